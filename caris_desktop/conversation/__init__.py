@@ -1,0 +1,1 @@
+"""Conversation Module: language models and speech."""

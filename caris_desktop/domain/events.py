@@ -1,0 +1,252 @@
+"""Discrete things that happen in a session. All of them are recorded, none may be lost.
+
+``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names live only in the study's database.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+
+LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
+CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]
+GoalState = Literal["requested", "active", "reached", "cancelled", "failed"]
+Speaker = Literal["robot", "participant", "wizard"]
+UtteranceOrigin = Literal["typed", "phrase", "filler", "assistant", "suggestion", "heard"]
+UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
+LlmOutcome = Literal["answered", "cancelled", "failed"]
+Severity = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChanged:
+    """The robot link changed its state; ``detail`` says why, in words for the wizard."""
+
+    stamp_ns: int
+    link: str
+    state: LinkState
+    address: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkQuality:
+    """Measured by ping: round trip time, and robot clock minus session clock with its uncertainty."""
+
+    stamp_ns: int
+    round_trip_ms: float
+    clock_offset_ms: float | None = None
+    clock_uncertainty_ms: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandSent:
+    """One velocity command that was handed to the socket, exactly as sent."""
+
+    stamp_ns: int
+    sequence: int
+    twist: Twist2D
+    source: CommandSource
+
+
+@dataclass(frozen=True, slots=True)
+class DriveEnded:
+    """Direct driving ended by itself rather than by the wizard letting go."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopRequested:
+    """The wizard pressed stop."""
+
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class EmergencyStopChanged:
+    """The latched emergency stop was set or cleared. ``by`` is wizard or robot."""
+
+    stamp_ns: int
+    latched: bool
+    by: Literal["wizard", "robot"]
+
+
+@dataclass(frozen=True, slots=True)
+class GoalChanged:
+    """A navigation goal changed its state."""
+
+    stamp_ns: int
+    goal_id: str
+    state: GoalState
+    target_in_map: Pose2D
+    place: str | None = None
+    distance_left_m: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class UtteranceChanged:
+    """Something is said. The same ``utterance_id`` returns with each new state."""
+
+    stamp_ns: int
+    utterance_id: str
+    speaker: Speaker
+    text: str
+    origin: UtteranceOrigin
+    state: UtteranceState
+    voice: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ChatMessage:
+    """One message of a prompt to a language model."""
+
+    role: Literal["system", "user", "assistant"]
+    content: str
+
+
+@dataclass(frozen=True, slots=True)
+class LlmExchange:
+    """One finished exchange with a language model."""
+
+    stamp_ns: int
+    exchange_id: str
+    provider: str
+    model: str
+    messages: tuple[ChatMessage, ...]
+    answer: str
+    outcome: LlmOutcome
+    asked_ns: int
+    first_token_ns: int | None
+    parameters: dict[str, float | int | str]
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerUsed:
+    """What was done with a language model's answer."""
+
+    stamp_ns: int
+    exchange_id: str
+    use: Literal["said", "edited", "dismissed"]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PersonAppeared:
+    """A track became a person for the wizard."""
+
+    stamp_ns: int
+    person_id: str
+    track: int
+
+
+@dataclass(frozen=True, slots=True)
+class PersonLeft:
+    """A person has not been seen for a while."""
+
+    stamp_ns: int
+    person_id: str
+    track: int
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRenamed:
+    """The wizard named a person. The name itself is only in the study's database."""
+
+    stamp_ns: int
+    person_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoTaken:
+    """``file_name`` is relative to the session folder."""
+
+    stamp_ns: int
+    camera: str
+    frame_sequence: int
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Marked:
+    """The wizard marked this moment."""
+
+    stamp_ns: int
+    label: str
+    kind: Literal["mark", "wizard_error"] = "mark"
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioOpened:
+    """A scenario became the current one."""
+
+    stamp_ns: int
+    file_name: str
+    title: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Values of ``stream`` that were not recorded."""
+
+    stamp_ns: int
+    stream: str
+    count: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something went wrong: what happened, what it means for the session, what to do."""
+
+    stamp_ns: int
+    severity: Severity
+    what: str
+    meaning: str
+    advice: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStarted:
+    """Recording began. ``folder`` is the session folder's name, not its path."""
+
+    stamp_ns: int
+    folder: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded:
+    """Recording ended; ``reason`` is wizard, console_closed, disk_full or recovered."""
+
+    stamp_ns: int
+    folder: str
+    reason: str
+
+
+Event = (
+    LinkChanged
+    | LinkQuality
+    | CommandSent
+    | DriveEnded
+    | StopRequested
+    | EmergencyStopChanged
+    | GoalChanged
+    | UtteranceChanged
+    | LlmExchange
+    | AnswerUsed
+    | PersonAppeared
+    | PersonLeft
+    | PersonRenamed
+    | PhotoTaken
+    | Marked
+    | ScenarioOpened
+    | Gap
+    | Problem
+    | SessionStarted
+    | SessionEnded
+)

@@ -1,0 +1,109 @@
+"""What the robot and its sensors tell.
+
+``stamp_ns`` is the session clock when the value reached this machine; ``robot_stamp_ns`` is the
+robot's own stamp (nanoseconds of its clock), where it sent one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserScan:
+    """One planar scan. ``ranges_m`` is float32, shape (beams,), ``inf`` where nothing returned, ``nan`` where invalid."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    frame_id: str
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    ranges_m: NDArray[np.float32]
+    robot_from_laser: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Dead reckoning: pose in the drifting odometry frame, velocity in the robot frame."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    pose_in_odom: Pose2D
+    twist: Twist2D
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPose:
+    """Where the robot believes it is in the map."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    pose_in_map: Pose2D
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyGrid:
+    """A map. ``cells`` is int8, shape (height, width), row 0 at the origin; -1 unknown, 0 free ... 100 occupied."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    resolution_m: float
+    origin_in_map: Pose2D
+    cells: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryState:
+    """``charge_fraction`` is 0..1, or None where the robot does not tell."""
+
+    stamp_ns: int
+    charge_fraction: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRef:
+    """A camera frame whose pixels lie in the shared frame ring named ``ring``.
+
+    The pixels are uint8 BGR, shape (height_px, width_px, 3). They are overwritten after a while: who reads them
+    learns from the ring whether they still were the ones meant.
+    """
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    camera: str
+    ring: str
+    slot: int
+    sequence: int
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class PersonBox:
+    """One person in one frame. ``track`` is the tracker's number, ``person_id`` the opaque identity."""
+
+    track: int
+    person_id: str
+    left_px: float
+    top_px: float
+    width_px: float
+    height_px: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class People:
+    """Everybody who is seen in one frame; ``stamp_ns`` is the stamp of that frame."""
+
+    stamp_ns: int
+    camera: str
+    frame_sequence: int
+    frame_width_px: int
+    frame_height_px: int
+    boxes: tuple[PersonBox, ...]
+    inference_ms: float

@@ -1,0 +1,65 @@
+"""The stream table: everything that flows through the program, declared once.
+
+Recorder, reader, exporters and live state are all driven by this table, so a new stream or event type is
+added here (and nowhere else) to be conflated, recorded, replayed and exported.
+"""
+
+import re
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, get_args
+
+from caris_desktop.domain import events, sensing
+
+
+class Delivery(Enum):
+    """How values travel from their source to the panels and the recorder."""
+
+    LATEST = "latest"  # the newest value wins in the panels; the recorder gets every one
+    LOSSLESS = "lossless"  # every value reaches everybody
+    MEDIA = "media"  # pixels in a shared ring; recorded as video
+
+
+@dataclass(frozen=True, slots=True)
+class StreamSpec:
+    """One stream. ``expected_period_s`` is None where silence means nothing (latched values, events)."""
+
+    name: str
+    value_type: type[Any]
+    delivery: Delivery
+    expected_period_s: float | None = None
+
+    @property
+    def topic(self) -> str:
+        """The channel's topic in the recording."""
+        return f"/{self.name}"
+
+    @property
+    def stale_after_s(self) -> float | None:
+        """Age from which a value is stale: max(0.5 s, three expected periods)."""
+        if self.expected_period_s is None:
+            return None
+        return max(0.5, 3.0 * self.expected_period_s)
+
+
+def _event_name(value_type: type[Any]) -> str:
+    return "event/" + re.sub(r"(?<=[a-z])(?=[A-Z])", "_", value_type.__name__).lower()
+
+
+STATE_STREAMS: tuple[StreamSpec, ...] = (
+    StreamSpec("scan", sensing.LaserScan, Delivery.LATEST, 0.1),
+    StreamSpec("odometry", sensing.Odometry, Delivery.LATEST, 0.1),
+    StreamSpec("pose", sensing.RobotPose, Delivery.LATEST, 0.2),
+    StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST),
+    StreamSpec("battery", sensing.BatteryState, Delivery.LATEST),
+    StreamSpec("people", sensing.People, Delivery.LATEST, 0.3),
+    StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1),
+)
+
+EVENT_STREAMS: tuple[StreamSpec, ...] = tuple(
+    StreamSpec(_event_name(value_type), value_type, Delivery.LOSSLESS) for value_type in get_args(events.Event)
+)
+
+STREAMS: tuple[StreamSpec, ...] = STATE_STREAMS + EVENT_STREAMS
+BY_TYPE: dict[type[Any], StreamSpec] = {spec.value_type: spec for spec in STREAMS}
+BY_NAME: dict[str, StreamSpec] = {spec.name: spec for spec in STREAMS}

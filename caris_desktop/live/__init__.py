@@ -1,0 +1,1 @@
+"""The running console: threads, child processes and the bridge to Qt."""

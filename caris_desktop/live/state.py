@@ -1,0 +1,128 @@
+"""LiveState: the current value of every stream and its age. Lives in the GUI thread; panels read only this."""
+
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
+from caris_desktop.live.status import (
+    AssistantStatus,
+    DriveStatus,
+    Freshness,
+    LinkStatus,
+    PerceptionStatus,
+    RecordingStatus,
+    SpeechStatus,
+)
+
+LOST_AFTER_S = 2.0
+_FRESHNESS_CHECK_MS = 100
+
+
+class LiveStream(QObject):
+    """One stream: ``changed(value)`` for each value that the GUI thread took, ``freshness_changed(str)`` as it ages."""
+
+    changed = Signal(object)
+    freshness_changed = Signal(str)
+
+    def __init__(self, spec: StreamSpec, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.spec = spec
+        self.value: Any = None
+        self.freshness: Freshness = "none"
+        self.arrivals = 0
+
+    def age_s(self) -> float | None:
+        """Seconds since the value reached this machine; None before the first."""
+        return None if self.value is None else (clock.now_ns() - self.value.stamp_ns) / 1e9
+
+    def update_value(self, value: Any) -> None:
+        self.value = value
+        self.arrivals += 1
+        self.update_freshness()
+        self.changed.emit(value)
+
+    def clear(self) -> None:
+        """Forget the value, so that nothing old is shown as if it were live."""
+        self.value = None
+        self.update_freshness()
+
+    def update_freshness(self) -> None:
+        age_s = self.age_s()
+        stale_after_s = self.spec.stale_after_s
+        freshness: Freshness
+        if age_s is None:
+            freshness = "none"
+        elif stale_after_s is None or age_s <= stale_after_s:
+            freshness = "fresh"
+        else:
+            freshness = "stale" if age_s <= LOST_AFTER_S else "lost"
+        if freshness != self.freshness:
+            self.freshness = freshness
+            self.freshness_changed.emit(freshness)
+
+
+class LiveValue(QObject):
+    """One piece of the console's own status: ``value`` and ``changed(value)``."""
+
+    changed = Signal(object)
+
+    def __init__(self, value: Any, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.value = value
+
+    def set(self, value: Any) -> None:
+        if value != self.value:
+            self.value = value
+            self.changed.emit(value)
+
+
+class LiveState(QObject):
+    """Everything that panels may show.
+
+    ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people`` and ``frame`` are LiveStreams; ``link``,
+    ``drive``, ``recording``, ``speech``, ``assistant``, ``perception``, ``goal`` (GoalChanged or None) and
+    ``persons`` (tuple of PersonStatus) are LiveValues. ``event_happened(event)`` carries each discrete event once.
+    """
+
+    event_happened = Signal(object)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._streams = {spec.name: LiveStream(spec, self) for spec in STATE_STREAMS}
+        self.scan = self._streams["scan"]
+        self.odometry = self._streams["odometry"]
+        self.pose = self._streams["pose"]
+        self.map = self._streams["map"]
+        self.battery = self._streams["battery"]
+        self.people = self._streams["people"]
+        self.frame = self._streams["frame"]
+        self.link = LiveValue(LinkStatus(), self)
+        self.drive = LiveValue(DriveStatus(), self)
+        self.recording = LiveValue(RecordingStatus(), self)
+        self.speech = LiveValue(SpeechStatus(), self)
+        self.assistant = LiveValue(AssistantStatus(), self)
+        self.perception = LiveValue(PerceptionStatus(), self)
+        self.goal = LiveValue(None, self)
+        self.persons = LiveValue((), self)
+        self._aging = QTimer(self)
+        self._aging.timeout.connect(self.check_freshness)
+        self._aging.start(_FRESHNESS_CHECK_MS)
+
+    def take(self, value: Any) -> None:
+        """Publish a value or event to the panels. GUI thread only."""
+        spec = BY_TYPE[type(value)]
+        if spec.delivery is Delivery.LOSSLESS:
+            self.event_happened.emit(value)
+        else:
+            self._streams[spec.name].update_value(value)
+
+    def check_freshness(self) -> None:
+        for stream in self._streams.values():
+            stream.update_freshness()
+
+    def clear_robot_streams(self) -> None:
+        """The link is gone: latched values follow it, nothing old stays on show as live."""
+        for name in ("scan", "odometry", "pose", "map", "battery"):
+            self._streams[name].clear()

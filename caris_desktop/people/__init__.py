@@ -1,0 +1,1 @@
+"""Who the people in front of the robot are."""

@@ -1,0 +1,1 @@
+"""Perception Module: cameras, detectors, trackers."""

@@ -1,0 +1,1 @@
+"""Session recorder, session reader and exporters."""

@@ -1,0 +1,1 @@
+"""Localization Module: robot link, profiles, motion lease, navigation."""

@@ -1,0 +1,1 @@
+"""ROS message definitions and their codecs; no sockets."""

@@ -1,0 +1,1 @@
+"""Participants, conditions and trials."""

@@ -1,0 +1,1 @@
+"""One module per dock panel; panels never import one another."""
