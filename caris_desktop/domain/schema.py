@@ -23,7 +23,8 @@ def to_jsonable(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         if value.dtype.kind != "f" or bool(np.isfinite(value).all()):
             return value.tolist()
-        return np.where(np.isfinite(value), value.astype(object), None).tolist()
+        flat = [item if math.isfinite(item) else None for item in value.ravel().tolist()]
+        return flat if value.ndim == 1 else np.array(flat, dtype=object).reshape(value.shape).tolist()
     if isinstance(value, (list, tuple)):
         return [to_jsonable(item) for item in value]
     if isinstance(value, dict):
@@ -90,7 +91,7 @@ def _build(kind: Any, data: Any) -> Any:
                 [math.inf if item is None else item for item in data] if None in data else data, dtype=dtype
             )
         return np.array(data, dtype=dtype)
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         if not isinstance(data, dict):
             raise ValueError(f"expected an object, found {type(data).__name__}")
         hints = typing.get_type_hints(kind)

@@ -14,7 +14,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
-    """One planar scan. ``ranges_m`` is float32, shape (beams,), ``inf`` where nothing returned, ``nan`` where invalid."""
+    """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid."""
 
     stamp_ns: int
     robot_stamp_ns: int | None

@@ -5,7 +5,9 @@ copied while the writer came round again finds out and reports the frame as gone
 """
 
 import struct
+from collections.abc import Iterable
 from multiprocessing import shared_memory
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ class FrameRing:
 
     def __init__(self, memory: shared_memory.SharedMemory, *, owner: bool) -> None:
         self._memory = memory
+        self._buffer = cast(memoryview, memory.buf)
         self._owner = owner
         self._next_sequence = 1
         self._slot_bytes = memory.size // SLOT_COUNT // 4096 * 4096
@@ -74,16 +77,32 @@ class FrameRing:
         return image_bgr if self._slot_sequence(ref.slot) == 2 * ref.sequence else None
 
     def close(self) -> None:
+        del self._buffer
         self._memory.close()
         if self._owner:
             self._memory.unlink()
 
     def _pixels(self, slot: int, height_px: int, width_px: int) -> NDArray[np.uint8]:
         offset = slot * self._slot_bytes + _SLOT_HEADER_BYTES
-        return np.ndarray((height_px, width_px, 3), np.uint8, self._memory.buf, offset)
+        return np.ndarray((height_px, width_px, 3), np.uint8, self._buffer, offset)
 
     def _slot_sequence(self, slot: int) -> int:
-        return int(_SEQUENCE.unpack_from(self._memory.buf, slot * self._slot_bytes)[0])
+        return int(_SEQUENCE.unpack_from(self._buffer, slot * self._slot_bytes)[0])
 
     def _set_slot_sequence(self, slot: int, value: int) -> None:
-        _SEQUENCE.pack_into(self._memory.buf, slot * self._slot_bytes, value)
+        _SEQUENCE.pack_into(self._buffer, slot * self._slot_bytes, value)
+
+
+class FrameRings:
+    """Reads from whichever ring a :class:`FrameRef` names."""
+
+    def __init__(self, rings: Iterable[FrameRing]) -> None:
+        self._rings = {ring.name: ring for ring in rings}
+
+    def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        ring = self._rings.get(ref.ring)
+        return None if ring is None else ring.read(ref)
+
+    def close(self) -> None:
+        for ring in self._rings.values():
+            ring.close()

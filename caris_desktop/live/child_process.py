@@ -1,0 +1,200 @@
+"""Child processes of the console: started here, watched here, ended here.
+
+A *process body* is a plain function ``body(connection, *arguments)`` of a feature room. It runs in a spawned child,
+talks over a duplex connection in pickled frozen dataclasses and returns when the connection ends.
+"""
+
+import contextlib
+import faulthandler
+import logging
+import multiprocessing
+import os
+import pickle
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.logs import configure_child_logging
+
+_log = logging.getLogger(__name__)
+_CONTEXT = multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True, slots=True)
+class RingToWrite:
+    """Stands among a body's arguments for the ring of this name; the child attaches it."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class RingsToRead:
+    """Stands among a body's arguments for a reader over these rings."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessBody:
+    """What runs in a child: a module-level function and its picklable arguments."""
+
+    name: str
+    target: Callable[..., None]
+    arguments: tuple[Any, ...] = ()
+
+
+class ChildProcess:
+    """One child with a reader thread of its own in the console.
+
+    ``on_message(value, raw)`` and ``on_exit(exit_code)`` are called in that reader thread; ``raw`` is the pickled
+    form, so that a value can be passed on to another child without pickling it again.
+    """
+
+    def __init__(
+        self,
+        body: ProcessBody,
+        *,
+        on_message: Callable[[Any, bytes], None],
+        on_exit: Callable[[int | None], None] | None = None,
+    ) -> None:
+        self.body = body
+        self._on_message = on_message
+        self._on_exit = on_exit
+        self._closing = False
+        self._send_lock = threading.Lock()
+        self._connection: Connection | None = None
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._reader: threading.Thread | None = None
+
+    @property
+    def pid(self) -> int | None:
+        return None if self._process is None else self._process.pid
+
+    def start(self) -> None:
+        ours, theirs = _CONTEXT.Pipe(duplex=True)
+        process = _CONTEXT.Process(
+            target=_run_body, args=(self.body, theirs), name=f"caris-{self.body.name}", daemon=True
+        )
+        process.start()
+        theirs.close()
+        self._connection, self._process = ours, process
+        self._reader = threading.Thread(
+            target=self._read, args=(ours, process), name=f"read-{self.body.name}", daemon=True
+        )
+        self._reader.start()
+
+    def send(self, message: Any) -> bool:
+        """Hand ``message`` over now, or not at all: False when the child is gone or does not read."""
+        return self.send_raw(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def send_raw(self, raw: bytes) -> bool:
+        connection = self._connection
+        if connection is None:
+            return False
+        with self._send_lock:
+            try:
+                if not _writable(connection):
+                    return False
+                connection.send_bytes(raw)
+            except (OSError, ValueError):
+                return False
+        return True
+
+    def send_raw_waiting(self, raw: bytes) -> bool:
+        """Like :meth:`send_raw`, but waits for room. Never in the GUI thread."""
+        connection = self._connection
+        if connection is None:
+            return False
+        with self._send_lock:
+            try:
+                connection.send_bytes(raw)
+            except (OSError, ValueError):
+                return False
+        return True
+
+    def stop(self, *, grace_s: float) -> None:
+        """End the child: close the connection, wait, then kill. Blocks up to ``grace_s`` and a little."""
+        self._closing = True
+        process, connection = self._process, self._connection
+        if process is None or connection is None:
+            return
+        if sys.platform == "win32":
+            connection.close()
+        else:
+            # Half-closing ends the child's reads while its last messages can still reach us.
+            with contextlib.suppress(OSError), _socket_of(connection) as half:
+                half.shutdown(_SHUT_WR)
+        process.join(grace_s)
+        if process.is_alive():
+            _log.warning("%s did not end within %.1f s: killed", self.body.name, grace_s)
+            process.kill()
+            process.join(1.0)
+        if self._reader is not None and self._reader is not threading.current_thread():
+            self._reader.join(2.0)
+        self._connection = None
+
+    def _read(self, connection: Connection, process: multiprocessing.process.BaseProcess) -> None:
+        while True:
+            try:
+                raw = connection.recv_bytes()
+            except (EOFError, OSError):
+                break
+            try:
+                self._on_message(pickle.loads(raw), raw)  # noqa: S301 - from our own child, over a private pipe
+            except Exception:
+                _log.exception("a message of %s could not be handled", self.body.name)
+        process.join(5.0)
+        connection.close()
+        if not self._closing:
+            _log.error("%s ended by itself with exit code %s", self.body.name, process.exitcode)
+            if self._on_exit is not None:
+                self._on_exit(process.exitcode)
+
+
+if sys.platform != "win32":
+    import socket
+
+    _SHUT_WR = socket.SHUT_WR
+
+    def _socket_of(connection: Connection) -> socket.socket:
+        return socket.socket(fileno=os.dup(connection.fileno()))
+
+
+def _writable(connection: Connection) -> bool:
+    if sys.platform == "win32":
+        return True
+    return bool(select.select([], [connection.fileno()], [], 0)[1])
+
+
+def _run_body(body: ProcessBody, connection: Connection) -> None:
+    """Child side. Ctrl+C and hang-up belong to the console, which ends its children in order."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    faulthandler.enable()
+    configure_child_logging(body.name)
+    rings: list[FrameRing | FrameRings] = []
+    arguments: list[Any] = []
+    for argument in body.arguments:
+        if isinstance(argument, RingToWrite):
+            ring = FrameRing.attach(argument.name)
+            rings.append(ring)
+            arguments.append(ring)
+        elif isinstance(argument, RingsToRead):
+            readers = FrameRings(FrameRing.attach(name) for name in argument.names)
+            rings.append(readers)
+            arguments.append(readers)
+        else:
+            arguments.append(argument)
+    try:
+        body.target(connection, *arguments)
+    except Exception:
+        _log.exception("%s failed", body.name)
+        raise
+    finally:
+        for attached in rings:
+            attached.close()

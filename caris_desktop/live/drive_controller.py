@@ -1,0 +1,169 @@
+"""Hold to drive: from what the wizard holds to lease messages, under the safety rules. GUI thread.
+
+The controller sends each change at once and renews the lease every 50 ms from a GUI timer, so that a stalled GUI
+stops renewing by itself. The link process is the one that ramps, repeats and sends zero.
+"""
+
+from dataclasses import replace
+
+from PySide6.QtCore import QObject, Qt, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
+from caris_desktop.domain.events import CommandSource, DriveEnded, EmergencyStopChanged
+from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.ports import RobotPort
+from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.model import Scenario
+
+RENEW_EVERY_MS = 50
+STALE_CAP_FRACTION = 0.3
+
+
+class DriveController(QObject):
+    """Holds what is pressed, decides whether and how fast that may move the robot, and says so in ``state.drive``."""
+
+    def __init__(self, state: LiveState, robot: RobotPort, scenario: Scenario, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._robot = robot
+        self._forward = self._left = self._turn = 0.0
+        self._source: CommandSource = "none"
+        self._held = False
+        self._sent_target = Twist2D()
+        self._renewal = QTimer(self)
+        self._renewal.setTimerType(Qt.TimerType.PreciseTimer)
+        self._renewal.setInterval(RENEW_EVERY_MS)
+        self._renewal.timeout.connect(self._renew)
+        self.use_scenario(scenario)
+        state.link.changed.connect(self._on_condition_changed)
+        state.scan.freshness_changed.connect(self._on_condition_changed)
+        state.frame.freshness_changed.connect(self._on_condition_changed)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self.release("The scenario changed")
+        self._permitted = scenario.permissions.driving
+        self._state.drive.set(
+            replace(
+                self._state.drive.value,
+                max_forward_mps=scenario.driving.max_forward_mps,
+                max_turn_radps=scenario.driving.max_turn_radps,
+            )
+        )
+        self._on_condition_changed()
+
+    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+        """Each of -1..1. Takes the lease, or changes what it holds."""
+        if not (forward or left or turn):
+            self.release()
+            return
+        self._forward, self._left, self._turn, self._source = forward, left, turn, source
+        if not self._state.drive.value.allowed:
+            self._held = False
+            return
+        self._held = True
+        self._send_target()
+        self._renewal.start()
+
+    def release(self, reason: str = "") -> None:
+        self._renewal.stop()
+        if self._held:
+            self._held = False
+            self._robot.send(Release(clock.now_ns(), reason))
+        self._forward = self._left = self._turn = 0.0
+        self._sent_target = Twist2D()
+        self._show_target()
+
+    def stop(self) -> None:
+        """Zero and cancel goals. Sent whether or not anything is held."""
+        self.release("Stop")
+        self._robot.send(StopMotion(clock.now_ns()))
+
+    def set_emergency_stop(self, *, latched: bool) -> bool:
+        """Latch or clear. Latching takes effect here even when the link is down; False when nobody else heard it."""
+        if latched:
+            self.release("Emergency stop")
+        self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
+        heard = self._robot.send(SetEmergencyStop(clock.now_ns(), latched))
+        self._on_condition_changed()
+        return heard
+
+    def set_speed_fraction(self, fraction: float) -> None:
+        fraction = min(1.0, max(0.1, fraction))
+        self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))
+        self._resend()
+
+    def on_robot_event(self, event: object) -> None:
+        """The link ended the lease, or the robot's own emergency stop changed."""
+        if isinstance(event, DriveEnded):
+            self._held = False
+            self._renewal.stop()
+            self._sent_target = Twist2D()
+            self._show_target()
+        elif isinstance(event, EmergencyStopChanged):
+            self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
+            self._on_condition_changed()
+
+    def _on_condition_changed(self, _value: object = None) -> None:
+        status = self._state.drive.value
+        link = self._state.link.value
+        reason = ""
+        if not self._permitted:
+            reason = "This scenario does not drive"
+        elif status.emergency_stop:
+            reason = "Emergency stop is on"
+        elif link.state != "connected":
+            reason = "Not connected to the robot"
+        cap_reason = ""
+        if self._state.scan.freshness != "fresh":
+            cap_reason = "slow: no fresh LIDAR"
+        elif self._state.frame.freshness != "fresh":
+            cap_reason = "slow: no fresh video"
+        self._state.drive.set(
+            replace(
+                status,
+                allowed=not reason,
+                reason=reason,
+                cap_reason="" if reason else cap_reason,
+                cap_fraction=STALE_CAP_FRACTION if cap_reason else 1.0,
+            )
+        )
+        if reason:
+            self.release(reason)
+        else:
+            self._resend()
+
+    def _target(self) -> Twist2D:
+        status = self._state.drive.value
+        scale = status.speed_fraction * status.cap_fraction
+        return Twist2D(
+            forward_mps=self._forward * status.max_forward_mps * scale,
+            left_mps=self._left * status.max_forward_mps * scale,
+            turn_radps=self._turn * status.max_turn_radps * scale,
+        )
+
+    def _send_target(self) -> None:
+        target = self._target()
+        if self._robot.send(Drive(clock.now_ns(), target, self._source)):
+            self._sent_target = target
+        else:
+            self._held = False
+            self._renewal.stop()
+        self._show_target()
+
+    def _resend(self) -> None:
+        if self._held and self._target() != self._sent_target:
+            self._send_target()
+
+    def _renew(self) -> None:
+        if not self._robot.send(RenewLease(clock.now_ns())):
+            self.release("The link does not take commands")
+
+    def _show_target(self) -> None:
+        self._state.drive.set(
+            replace(
+                self._state.drive.value,
+                target_forward_mps=self._sent_target.forward_mps,
+                target_turn_radps=self._sent_target.turn_radps,
+            )
+        )

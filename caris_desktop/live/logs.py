@@ -1,0 +1,59 @@
+"""Where the details go: one log file that the console and its children share."""
+
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+
+_ENVIRONMENT_KEY = "CARIS_LOG_FILE"
+_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s {who} %(name)s: %(message)s"
+_MAX_BYTES = 5_000_000
+
+
+def configure_logging(path: Path, *, verbose: bool = False) -> None:
+    """Log to ``path`` (the previous run's file is kept as ``.1`` once it is large) and warnings to stderr.
+
+    A log that cannot be written must not keep the console from starting: stderr then gets everything.
+    """
+    stderr = logging.StreamHandler(sys.stderr)
+    stderr.setLevel(logging.INFO if verbose else logging.WARNING)
+    handlers: list[logging.Handler] = [stderr]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and path.stat().st_size > _MAX_BYTES:
+            path.replace(path.with_suffix(path.suffix + ".1"))
+        handlers.append(logging.FileHandler(path, encoding="utf-8"))
+        os.environ[_ENVIRONMENT_KEY] = str(path)
+    except OSError as error:
+        os.environ.pop(_ENVIRONMENT_KEY, None)
+        print(f"The log {path} cannot be written ({error}); details go to this terminal only.", file=sys.stderr)
+    _install(handlers, "console")
+    sys.excepthook = lambda kind, value, trace: logging.getLogger("caris_desktop").critical(
+        "unhandled error", exc_info=(kind, value, trace)
+    )
+    threading.excepthook = lambda failure: logging.getLogger("caris_desktop").critical(
+        "unhandled error in thread %s",
+        failure.thread.name if failure.thread else "?",
+        exc_info=failure.exc_value,
+    )
+
+
+def configure_child_logging(name: str) -> None:
+    """The same file, from a child process; short lines appended are atomic enough."""
+    path = os.environ.get(_ENVIRONMENT_KEY)
+    handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")] if path else []
+    stderr = logging.StreamHandler(sys.stderr)
+    stderr.setLevel(logging.ERROR)
+    _install([*handlers, stderr], name)
+
+
+def _install(handlers: list[logging.Handler], who: str) -> None:
+    root = logging.getLogger()
+    for old in root.handlers[:]:
+        root.removeHandler(old)
+    for handler in handlers:
+        handler.setFormatter(logging.Formatter(_FORMAT.replace("{who}", who), datefmt="%Y-%m-%d %H:%M:%S"))
+        root.addHandler(handler)
+    root.setLevel(logging.INFO)
+    logging.getLogger("httpx").setLevel(logging.WARNING)

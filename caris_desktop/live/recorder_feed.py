@@ -1,0 +1,112 @@
+"""Everything that happens, on its way to the recorder process: a queue bounded in bytes, before any conflation."""
+
+import logging
+import pickle
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Gap
+from caris_desktop.domain.streams import BY_TYPE, Delivery
+from caris_desktop.live.child_process import ChildProcess
+
+_log = logging.getLogger(__name__)
+MAX_QUEUED_BYTES = 64 * 1024 * 1024
+
+
+class RecorderFeed:
+    """Any thread puts, one thread writes to the recorder's pipe.
+
+    When the recorder falls behind by ``max_bytes``, state values and frames are dropped and counted; events are
+    queued all the same. The count follows as a ``Gap`` event as soon as there is room.
+    """
+
+    def __init__(self, recorder: ChildProcess, *, max_bytes: int = MAX_QUEUED_BYTES) -> None:
+        self._recorder = recorder
+        self._max_bytes = max_bytes
+        self._queue: deque[bytes] = deque()
+        self._queued_bytes = 0
+        self._dropped: dict[str, int] = {}
+        self._recording = False
+        self._ended = False
+        self._latched: dict[str, bytes] = {}
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._write, name="recorder-feed", daemon=True)
+        self._thread.start()
+
+    def put(self, value: Any, raw: bytes | None = None) -> None:
+        """``raw`` is ``value`` pickled, where the caller has it already."""
+        spec = BY_TYPE[type(value)]
+        latched = spec.delivery is Delivery.LATEST and spec.expected_period_s is None
+        if not (self._recording or latched):
+            return
+        if raw is None:
+            raw = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+        with self._changed:
+            if latched:
+                self._latched[spec.name] = raw
+            if not self._recording:
+                return
+            if spec.delivery is not Delivery.LOSSLESS and self._queued_bytes + len(raw) > self._max_bytes:
+                self._dropped[spec.name] = self._dropped.get(spec.name, 0) + 1
+                return
+            self._append(raw)
+
+    def start(self, message: Any, *events: Any) -> None:
+        """Begin: ``message`` first, then the latched values as they stand, then everything that is put."""
+        with self._changed:
+            self._recording = True
+            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+            for raw in self._latched.values():
+                self._append(raw)
+            for event in events:
+                self._append(pickle.dumps(event, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def stop(self, message: Any) -> None:
+        """End: whatever was put before is still written, then ``message``."""
+        with self._changed:
+            self._recording = False
+            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def request(self, message: Any) -> None:
+        """A request to the recorder itself, such as a photo."""
+        with self._changed:
+            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def close(self, *, timeout_s: float = 5.0) -> None:
+        """Write out what is queued and end the thread."""
+        with self._changed:
+            self._ended = True
+            self._recording = False
+            self._changed.notify()
+        self._thread.join(timeout_s)
+
+    def _append(self, raw: bytes) -> None:
+        self._queue.append(raw)
+        self._queued_bytes += len(raw)
+        self._changed.notify()
+
+    def _write(self) -> None:
+        send: Callable[[bytes], bool] = self._recorder.send_raw_waiting
+        while True:
+            with self._changed:
+                while not self._queue and not self._ended:
+                    self._changed.wait()
+                if not self._queue:
+                    return
+                raw = self._queue.popleft()
+                self._queued_bytes -= len(raw)
+                if self._dropped and self._queued_bytes < self._max_bytes // 2:
+                    for stream, count in self._dropped.items():
+                        gap = Gap(clock.now_ns(), stream, count, "the recorder could not keep up")
+                        self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
+                    self._dropped.clear()
+            if not send(raw):
+                _log.error("the recorder is gone: %d values were not handed over", len(self._queue) + 1)
+                with self._changed:
+                    self._queue.clear()
+                    self._queued_bytes = 0
+                    if self._ended:
+                        return

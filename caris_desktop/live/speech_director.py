@@ -1,0 +1,108 @@
+"""What the robot says next: one queue in front of whichever voice the scenario uses. GUI thread."""
+
+import secrets
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, Protocol
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
+from caris_desktop.live.state import LiveState
+
+VoiceKind = Literal["robot", "computer"]
+
+
+class Voice(Protocol):
+    """Speaks one utterance at a time and reports it as UtteranceChanged events to whoever owns it."""
+
+    def say(self, utterance: UtteranceChanged) -> bool:
+        """False when this voice cannot take it now; nothing is queued then."""
+
+    def silence(self) -> bool:
+        """Interrupt what is being said."""
+
+
+class SpeechDirector(QObject):
+    """Queues utterances, hands one at a time to the voice and keeps ``state.speech``."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        voices: dict[VoiceKind, Voice],
+        publish: Callable[[UtteranceChanged], None],
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._voices = voices
+        self._publish = publish
+        self._kind: VoiceKind = "robot"
+        self._waiting: deque[UtteranceChanged] = deque()
+        self._now: UtteranceChanged | None = None
+
+    def use_voice(self, kind: VoiceKind) -> None:
+        self._kind = kind
+        self._state.speech.set(replace(self._state.speech.value, voice=kind))
+
+    def say(self, text: str, origin: UtteranceOrigin) -> str:
+        """The new utterance's id; empty text says nothing and gives an empty id."""
+        text = " ".join(text.split())
+        if not text:
+            return ""
+        utterance = UtteranceChanged(
+            clock.now_ns(), f"u-{secrets.token_hex(4)}", "robot", text, origin, "requested", voice=self._kind
+        )
+        self._publish(utterance)
+        self._waiting.append(utterance)
+        self._next()
+        return utterance.utterance_id
+
+    def silence(self) -> None:
+        dropped, self._waiting = list(self._waiting), deque()
+        for utterance in dropped:
+            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted"))
+        if self._now is not None:
+            self._voices[self._kind_of(self._now)].silence()
+        self._show()
+
+    def on_utterance(self, reported: UtteranceChanged) -> None:
+        """A voice reports on what it says; voices do not know where a sentence came from, so that is added here."""
+        now = self._now
+        if now is None or reported.utterance_id != now.utterance_id:
+            return
+        self._now = replace(now, stamp_ns=reported.stamp_ns, state=reported.state, detail=reported.detail)
+        if reported.state in ("finished", "interrupted", "failed"):
+            self._now = None
+            self._next()
+        self._show()
+
+    def on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
+        """The voice went away in mid-sentence."""
+        if self._now is not None and self._kind_of(self._now) == kind:
+            failed = replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail)
+            self._publish(failed)
+            self._now = None
+            self._next()
+            self._show()
+
+    def _next(self) -> None:
+        while self._now is None and self._waiting:
+            utterance = self._waiting.popleft()
+            if self._voices[self._kind_of(utterance)].say(utterance):
+                self._now = utterance
+            else:
+                self._publish(
+                    replace(
+                        utterance, stamp_ns=clock.now_ns(), state="failed", detail=f"the {self._kind} has no voice now"
+                    )
+                )
+        self._show()
+
+    def _kind_of(self, utterance: UtteranceChanged) -> VoiceKind:
+        return "computer" if utterance.voice == "computer" else "robot"
+
+    def _show(self) -> None:
+        self._state.speech.set(replace(self._state.speech.value, now=self._now, waiting=tuple(self._waiting)))
