@@ -1,0 +1,67 @@
+"""What differs between ROS 1 and ROS 2 on the wire of rosbridge: type names and the spelling of time."""
+
+from enum import Enum
+from typing import Any
+
+_NS_PER_S = 1_000_000_000
+_KINDS_IN_TYPE_NAMES = frozenset({"msg", "srv", "action"})
+
+
+class Dialect(Enum):
+    """Which ROS the other side runs."""
+
+    ROS1 = 1
+    ROS2 = 2
+
+
+def type_name(dialect: Dialect, package: str, name: str) -> str:
+    """The name of a message type: ``geometry_msgs/Twist`` or ``geometry_msgs/msg/Twist``."""
+    return f"{package}/{name}" if dialect is Dialect.ROS1 else f"{package}/msg/{name}"
+
+
+def service_type_name(dialect: Dialect, package: str, name: str) -> str:
+    """The name of a service type: ``std_srvs/SetBool`` or ``std_srvs/srv/SetBool``."""
+    return f"{package}/{name}" if dialect is Dialect.ROS1 else f"{package}/srv/{name}"
+
+
+def action_type_name(dialect: Dialect, package: str, name: str) -> str:
+    """The name of an action type: ``move_base_msgs/MoveBaseAction`` or ``nav2_msgs/action/NavigateToPose``."""
+    return f"{package}/{name}Action" if dialect is Dialect.ROS1 else f"{package}/action/{name}"
+
+
+def same_type(one: str, other: str) -> bool:
+    """Whether two type names mean the same type, in whichever dialect each of them is written."""
+    return _plain(one) == _plain(other)
+
+
+def encode_time(dialect: Dialect, time_ns: int) -> dict[str, int]:
+    """A ROS time: ``{secs, nsecs}`` or ``{sec, nanosec}``."""
+    seconds, nanoseconds = divmod(time_ns, _NS_PER_S)
+    if dialect is Dialect.ROS1:
+        return {"secs": seconds, "nsecs": nanoseconds}
+    return {"sec": seconds, "nanosec": nanoseconds}
+
+
+def decode_time(value: Any) -> int | None:
+    """Nanoseconds of a ROS time in either spelling; None for the zero time, which means "not stamped".
+
+    Raises
+    ------
+    ValueError
+        When ``value`` is not a ROS time.
+    """
+    if isinstance(value, dict):
+        for seconds_key, nanoseconds_key in (("secs", "nsecs"), ("sec", "nanosec")):
+            if seconds_key in value:
+                seconds, nanoseconds = value[seconds_key], value.get(nanoseconds_key, 0)
+                if _is_count(seconds) and _is_count(nanoseconds):
+                    return int(seconds) * _NS_PER_S + int(nanoseconds) or None
+    raise ValueError("a time is an object with secs and nsecs, or sec and nanosec, as whole numbers")
+
+
+def _plain(name: str) -> tuple[str, ...]:
+    return tuple(part for part in name.split("/") if part not in _KINDS_IN_TYPE_NAMES)
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63

@@ -1,0 +1,377 @@
+"""ROS messages as rosbridge carries them, to and from domain values.
+
+An encoder returns a plain message whose arrays are numpy arrays and whose blobs are bytes; ``rosbridge.encode_json``
+and ``rosbridge.encode_cbor`` write those as each form of the protocol wants them. A decoder takes what either form
+yields and raises :class:`MessageError`, and nothing else, for whatever is malformed.
+``stamp_ns`` of a decoder is the session clock when the message arrived; ``stamp_ns`` of an encoder is the ROS stamp.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.fields import (
+    Message,
+    MessageError,
+    blob,
+    count,
+    decode_heading,
+    decode_pose,
+    encode_header,
+    encode_heading,
+    encode_pose,
+    field,
+    floats,
+    frame_of,
+    int8s,
+    message_of,
+    number,
+    number_or_none,
+    objects,
+    part,
+    stamp_of,
+    text,
+    text_or_empty,
+    truth,
+)
+
+__all__ = [
+    "MAX_BEAMS",
+    "MAX_IMAGE_BYTES",
+    "MAX_MAP_CELLS",
+    "CompressedImage",
+    "Message",
+    "MessageError",
+    "Transform",
+    "decode_battery_state",
+    "decode_bool",
+    "decode_compressed_image",
+    "decode_heading",
+    "decode_laser_scan",
+    "decode_occupancy_grid",
+    "decode_odometry",
+    "decode_pose",
+    "decode_pose_stamped",
+    "decode_pose_with_covariance_stamped",
+    "decode_string",
+    "decode_tf_message",
+    "decode_twist",
+    "decode_twist_stamped",
+    "encode_battery_state",
+    "encode_bool",
+    "encode_compressed_image",
+    "encode_heading",
+    "encode_laser_scan",
+    "encode_occupancy_grid",
+    "encode_odometry",
+    "encode_pose",
+    "encode_pose_stamped",
+    "encode_pose_with_covariance_stamped",
+    "encode_string",
+    "encode_tf_message",
+    "encode_twist",
+    "encode_twist_stamped",
+]
+
+MAX_BEAMS = 100_000
+MAX_MAP_CELLS = 64_000_000
+MAX_IMAGE_BYTES = 32_000_000
+MAX_TRANSFORMS = 1_000
+_AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """The floor part of one geometry_msgs/TransformStamped: where the child frame is in the parent frame."""
+
+    parent_frame: str
+    child_frame: str
+    parent_from_child: Pose2D
+    robot_stamp_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class CompressedImage:
+    """One compressed camera image. ``encoding`` is what the robot calls it, usually ``jpeg`` or ``png``."""
+
+    encoding: str
+    content: bytes
+    robot_stamp_ns: int | None
+
+
+def encode_twist(twist: Twist2D) -> Message:
+    """geometry_msgs/Twist."""
+    return {
+        "linear": {"x": twist.forward_mps, "y": twist.left_mps, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": twist.turn_radps},
+    }
+
+
+def decode_twist(message: Any) -> Twist2D:
+    """geometry_msgs/Twist; NaN and infinity are refused."""
+    twist = message_of(message, "Twist")
+    linear, angular = part(twist, "linear", "Twist"), part(twist, "angular", "Twist")
+    return Twist2D(
+        number(linear, "x", "Twist.linear"),
+        number(linear, "y", "Twist.linear") if "y" in linear else 0.0,
+        number(angular, "z", "Twist.angular"),
+    )
+
+
+def encode_twist_stamped(dialect: Dialect, twist: Twist2D, *, stamp_ns: int, frame_id: str = "base_link") -> Message:
+    """geometry_msgs/TwistStamped."""
+    return {"header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id), "twist": encode_twist(twist)}
+
+
+def decode_twist_stamped(message: Any) -> tuple[Twist2D, int | None]:
+    """geometry_msgs/TwistStamped: the twist, and the sender's stamp in nanoseconds."""
+    stamped = message_of(message, "TwistStamped")
+    return decode_twist(field(stamped, "twist", "TwistStamped")), stamp_of(stamped, "TwistStamped")
+
+
+def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_time_s: float = 0.1) -> Message:
+    """sensor_msgs/LaserScan."""
+    beams = len(scan.ranges_m)
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=scan.frame_id),
+        "angle_min": scan.angle_min_rad,
+        "angle_max": scan.angle_min_rad + scan.angle_increment_rad * max(beams - 1, 0),
+        "angle_increment": scan.angle_increment_rad,
+        "time_increment": 0.0,
+        "scan_time": scan_time_s,
+        "range_min": scan.range_min_m,
+        "range_max": scan.range_max_m,
+        "ranges": np.asarray(scan.ranges_m, dtype=np.float32),
+        "intensities": np.zeros(0, dtype=np.float32),
+    }
+
+
+def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D = _AT_ORIGIN) -> LaserScan:
+    """sensor_msgs/LaserScan. JSON's null in ``ranges`` becomes ``inf``."""
+    scan = message_of(message, "LaserScan")
+    range_max_m = number_or_none(scan, "range_max", "LaserScan")
+    return LaserScan(
+        stamp_ns=stamp_ns,
+        robot_stamp_ns=stamp_of(scan, "LaserScan"),
+        frame_id=frame_of(scan, "LaserScan"),
+        angle_min_rad=number(scan, "angle_min", "LaserScan"),
+        angle_increment_rad=number(scan, "angle_increment", "LaserScan"),
+        range_min_m=number(scan, "range_min", "LaserScan"),
+        range_max_m=math.inf if range_max_m is None else range_max_m,
+        ranges_m=floats(scan, "ranges", "LaserScan", most=MAX_BEAMS),
+        robot_from_laser=robot_from_laser,
+    )
+
+
+def encode_odometry(
+    dialect: Dialect,
+    odometry: Odometry,
+    *,
+    stamp_ns: int,
+    frame_id: str = "odom",
+    child_frame_id: str = "base_link",
+) -> Message:
+    """nav_msgs/Odometry."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "child_frame_id": child_frame_id,
+        "pose": {"pose": encode_pose(odometry.pose_in_odom), "covariance": [0.0] * 36},
+        "twist": {"twist": encode_twist(odometry.twist), "covariance": [0.0] * 36},
+    }
+
+
+def decode_odometry(message: Any, *, stamp_ns: int) -> Odometry:
+    """nav_msgs/Odometry."""
+    odometry = message_of(message, "Odometry")
+    pose, twist = part(odometry, "pose", "Odometry"), part(odometry, "twist", "Odometry")
+    return Odometry(
+        stamp_ns=stamp_ns,
+        robot_stamp_ns=stamp_of(odometry, "Odometry"),
+        pose_in_odom=decode_pose(part(pose, "pose", "Odometry.pose"), "Odometry.pose.pose"),
+        twist=decode_twist(part(twist, "twist", "Odometry.twist")),
+    )
+
+
+def encode_pose_with_covariance_stamped(
+    dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map"
+) -> Message:
+    """geometry_msgs/PoseWithCovarianceStamped."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "pose": {"pose": encode_pose(pose_in_map), "covariance": [0.0] * 36},
+    }
+
+
+def decode_pose_with_covariance_stamped(message: Any, *, stamp_ns: int) -> RobotPose:
+    """geometry_msgs/PoseWithCovarianceStamped, whose frame is taken to be the map."""
+    what = "PoseWithCovarianceStamped"
+    stamped = message_of(message, what)
+    pose = part(part(stamped, "pose", what), "pose", f"{what}.pose")
+    return RobotPose(stamp_ns, stamp_of(stamped, what), decode_pose(pose, f"{what}.pose.pose"))
+
+
+def encode_pose_stamped(dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
+    """geometry_msgs/PoseStamped."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "pose": encode_pose(pose_in_map),
+    }
+
+
+def decode_pose_stamped(message: Any, *, stamp_ns: int) -> RobotPose:
+    """geometry_msgs/PoseStamped, whose frame is taken to be the map."""
+    stamped = message_of(message, "PoseStamped")
+    pose = part(stamped, "pose", "PoseStamped")
+    return RobotPose(stamp_ns, stamp_of(stamped, "PoseStamped"), decode_pose(pose, "PoseStamped.pose"))
+
+
+def encode_occupancy_grid(dialect: Dialect, grid: OccupancyGrid, *, stamp_ns: int, frame_id: str = "map") -> Message:
+    """nav_msgs/OccupancyGrid; ``data`` is row-major, int8."""
+    height, width = grid.cells.shape
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "info": {
+            "map_load_time": encode_header(dialect, stamp_ns=stamp_ns, frame_id="")["stamp"],
+            "resolution": grid.resolution_m,
+            "width": width,
+            "height": height,
+            "origin": encode_pose(grid.origin_in_map),
+        },
+        "data": np.ascontiguousarray(grid.cells, dtype=np.int8).ravel(),
+    }
+
+
+def decode_occupancy_grid(message: Any, *, stamp_ns: int) -> OccupancyGrid:
+    """nav_msgs/OccupancyGrid; the number of cells must be width times height."""
+    grid = message_of(message, "OccupancyGrid")
+    info = part(grid, "info", "OccupancyGrid")
+    width = count(info, "width", "OccupancyGrid.info", most=MAX_MAP_CELLS)
+    height = count(info, "height", "OccupancyGrid.info", most=MAX_MAP_CELLS)
+    resolution_m = number(info, "resolution", "OccupancyGrid.info")
+    if resolution_m <= 0.0:
+        raise MessageError("OccupancyGrid.info.resolution must be above zero")
+    if width * height > MAX_MAP_CELLS:
+        raise MessageError(f"OccupancyGrid has {width} x {height} cells; at most {MAX_MAP_CELLS} are accepted")
+    cells = int8s(grid, "data", "OccupancyGrid", most=MAX_MAP_CELLS)
+    if len(cells) != width * height:
+        raise MessageError(f"OccupancyGrid.data has {len(cells)} cells, but its size is {width} x {height}")
+    return OccupancyGrid(
+        stamp_ns=stamp_ns,
+        robot_stamp_ns=stamp_of(grid, "OccupancyGrid"),
+        resolution_m=resolution_m,
+        origin_in_map=decode_pose(part(info, "origin", "OccupancyGrid.info"), "OccupancyGrid.info.origin"),
+        cells=cells.reshape(height, width),
+    )
+
+
+def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]], *, stamp_ns: int) -> Message:
+    """tf2_msgs/TFMessage of (parent frame, child frame, parent from child)."""
+    return {
+        "transforms": [
+            {
+                "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=parent),
+                "child_frame_id": child,
+                "transform": {
+                    "translation": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
+                    "rotation": encode_heading(pose.heading_rad),
+                },
+            }
+            for parent, child, pose in transforms
+        ]
+    }
+
+
+def decode_tf_message(message: Any) -> tuple[Transform, ...]:
+    """tf2_msgs/TFMessage. A leading slash of a frame name (an old habit) is dropped."""
+    entries = objects(message_of(message, "TFMessage"), "transforms", "TFMessage", most=MAX_TRANSFORMS)
+    transforms = []
+    for index, entry in enumerate(entries):
+        what = f"TFMessage.transforms[{index}]"
+        transform = part(entry, "transform", what)
+        translation = part(transform, "translation", what)
+        pose = Pose2D(
+            number(translation, "x", f"{what}.translation"),
+            number(translation, "y", f"{what}.translation"),
+            decode_heading(part(transform, "rotation", what), f"{what}.rotation"),
+        )
+        child = text(entry, "child_frame_id", what).lstrip("/")
+        transforms.append(Transform(frame_of(entry, what).lstrip("/"), child, pose, stamp_of(entry, what)))
+    return tuple(transforms)
+
+
+def encode_battery_state(
+    dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0, charging: bool = False
+) -> Message:
+    """sensor_msgs/BatteryState; what is not known is NaN, as the message definition asks."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id="base_link"),
+        "voltage": voltage_v,
+        "current": math.nan,
+        "charge": math.nan,
+        "capacity": math.nan,
+        "design_capacity": math.nan,
+        "percentage": math.nan if battery.charge_fraction is None else battery.charge_fraction,
+        "power_supply_status": 1 if charging else 2,
+        "power_supply_health": 1,
+        "power_supply_technology": 3,
+        "present": True,
+        "cell_voltage": [],
+        "location": "",
+        "serial_number": "",
+    }
+
+
+def decode_battery_state(message: Any, *, stamp_ns: int) -> BatteryState:
+    """sensor_msgs/BatteryState. Some robots send percent instead of a fraction: above 1 up to 100 is read so."""
+    fraction = number_or_none(message_of(message, "BatteryState"), "percentage", "BatteryState")
+    if fraction is not None and 1.0 < fraction <= 100.0:
+        fraction /= 100.0
+    if fraction is not None and not 0.0 <= fraction <= 1.0:
+        raise MessageError("BatteryState.percentage must be between 0 and 1")
+    return BatteryState(stamp_ns, fraction)
+
+
+def encode_compressed_image(
+    dialect: Dialect, content: bytes, *, stamp_ns: int, encoding: str = "jpeg", frame_id: str = "camera"
+) -> Message:
+    """sensor_msgs/CompressedImage."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "format": encoding,
+        "data": content,
+    }
+
+
+def decode_compressed_image(message: Any) -> CompressedImage:
+    """sensor_msgs/CompressedImage: base64 text in JSON, bytes in CBOR. The pixels are not looked at."""
+    image = message_of(message, "CompressedImage")
+    return CompressedImage(
+        encoding=text_or_empty(image, "format", "CompressedImage"),
+        content=blob(image, "data", "CompressedImage", most=MAX_IMAGE_BYTES),
+        robot_stamp_ns=stamp_of(image, "CompressedImage"),
+    )
+
+
+def encode_string(value: str) -> Message:
+    """std_msgs/String."""
+    return {"data": value}
+
+
+def decode_string(message: Any) -> str:
+    """std_msgs/String."""
+    return text(message_of(message, "String"), "data", "String")
+
+
+def encode_bool(value: bool) -> Message:
+    """std_msgs/Bool."""
+    return {"data": value}
+
+
+def decode_bool(message: Any) -> bool:
+    """std_msgs/Bool."""
+    return truth(message_of(message, "Bool"), "data", "Bool")

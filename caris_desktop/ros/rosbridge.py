@@ -1,0 +1,264 @@
+"""Whole rosbridge operations, as JSON text and as CBOR bytes, and the fragments that large ones come in.
+
+CBOR arrays are RFC 8746 typed arrays and become numpy arrays, which costs no interpreter time per element.
+"""
+
+import base64
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import cbor2
+import numpy as np
+
+MAX_MESSAGE_BYTES = 128 * 1024 * 1024
+MAX_DEPTH = 60
+_MAX_FRAGMENTS = 100_000
+_MAX_PENDING_MESSAGES = 16
+
+_DTYPE_OF_TAG = {
+    64: ">u1",
+    65: ">u2",
+    66: ">u4",
+    67: ">u8",
+    68: ">u1",
+    69: "<u2",
+    70: "<u4",
+    71: "<u8",
+    72: ">i1",
+    73: ">i2",
+    74: ">i4",
+    75: ">i8",
+    77: "<i2",
+    78: "<i4",
+    79: "<i8",
+    80: ">f2",
+    81: ">f4",
+    82: ">f8",
+    84: "<f2",
+    85: "<f4",
+    86: "<f8",
+}
+_TAG_OF_DTYPE = {
+    "uint8": 64,
+    "uint16": 69,
+    "uint32": 70,
+    "uint64": 71,
+    "int8": 72,
+    "int16": 77,
+    "int32": 78,
+    "int64": 79,
+    "float16": 84,
+    "float32": 85,
+    "float64": 86,
+}
+# cbor2 would build dates, regular expressions, addresses, shared (cyclic) references ... from these
+_TAGS_NEVER_SENT = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 100, 256, 258, 260, 261, 1004, 43000, 55799)
+
+
+class ProtocolError(ValueError):
+    """What came over the socket is not a rosbridge operation; the text says why."""
+
+
+def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
+    """One operation from JSON text.
+
+    Raises
+    ------
+    ProtocolError
+        For bad JSON, anything but an object with a text ``op``, and texts beyond ``max_bytes``.
+    """
+    if len(text) > max_bytes:
+        raise ProtocolError(f"the message is larger than {max_bytes} bytes")
+    try:
+        operation = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ProtocolError(f"the message is not valid JSON: {error}") from error
+    return _operation(operation)
+
+
+def encode_json(operation: dict[str, Any]) -> str:
+    """JSON text as rosbridge writes it: arrays as lists, ``inf`` and ``nan`` as null, bytes as base64."""
+    try:
+        return json.dumps(_plain(operation), separators=(",", ":"), allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ProtocolError(f"the message cannot be written as JSON: {error}") from error
+
+
+def decode_cbor(content: bytes, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
+    """One operation from CBOR; typed arrays become read-only numpy arrays.
+
+    Raises
+    ------
+    ProtocolError
+        For bad CBOR, unknown tags, anything but an object with a text ``op``, and content beyond ``max_bytes``.
+    """
+    if len(content) > max_bytes:
+        raise ProtocolError(f"the message is larger than {max_bytes} bytes")
+    try:
+        operation = cbor2.loads(
+            content,
+            tag_hook=_typed_array,
+            semantic_decoders=_REFUSING,
+            max_depth=MAX_DEPTH,
+            strict_hashable_types=True,
+        )
+    except (cbor2.CBORError, ValueError, TypeError, OverflowError, MemoryError, RecursionError, EOFError) as error:
+        raise ProtocolError(f"the message is not valid CBOR: {error}") from error
+    return _operation(operation)
+
+
+def encode_cbor(operation: dict[str, Any]) -> bytes:
+    """CBOR bytes; one-dimensional numpy arrays become typed arrays, little-endian."""
+    try:
+        return cbor2.dumps(operation, default=_encode_numpy)
+    except (cbor2.CBORError, TypeError, ValueError, RecursionError) as error:
+        raise ProtocolError(f"the message cannot be written as CBOR: {error}") from error
+
+
+class FragmentAssembler:
+    """Puts ``fragment`` operations together again. Bounded in bytes: the oldest unfinished message gives way.
+
+    Parameters
+    ----------
+    max_bytes
+        Most that all unfinished messages together may hold.
+    """
+
+    def __init__(self, *, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._pending: dict[str, tuple[int, dict[int, str]]] = {}
+        self._held_bytes = 0
+
+    @property
+    def held_bytes(self) -> int:
+        return self._held_bytes
+
+    def add(self, fragment: dict[str, Any]) -> dict[str, Any] | None:
+        """The whole operation when ``fragment`` was the last missing one, else None.
+
+        Raises
+        ------
+        ProtocolError
+            For a malformed fragment, one that contradicts an earlier one, and a message beyond the limit.
+        """
+        key, number, total, data = _fragment_parts(fragment)
+        if len(data) > self._max_bytes:
+            raise ProtocolError(f"the fragment is larger than {self._max_bytes} bytes")
+        expected, pieces = self._pending.setdefault(key, (total, {}))
+        if expected != total or (number in pieces and pieces[number] != data):
+            self._drop(key)
+            raise ProtocolError("the fragment contradicts an earlier one of the same message")
+        if number not in pieces:
+            pieces[number] = data
+            self._held_bytes += len(data)
+        if len(pieces) == total:
+            text = "".join(pieces[index] for index in range(total))
+            self._drop(key)
+            return decode_json(text, max_bytes=self._max_bytes)
+        while self._held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
+            oldest = next(iter(self._pending))
+            self._drop(oldest)
+            if oldest == key:
+                raise ProtocolError(f"the message in fragments is larger than {self._max_bytes} bytes")
+        return None
+
+    def clear(self) -> None:
+        """Forget everything, as after a reconnect."""
+        self._pending.clear()
+        self._held_bytes = 0
+
+    def _drop(self, key: str) -> None:
+        _, pieces = self._pending.pop(key)
+        self._held_bytes -= sum(len(piece) for piece in pieces.values())
+
+
+def fragments_of(text: str, *, message_id: str, size: int) -> list[dict[str, Any]]:
+    """``text`` cut into ``fragment`` operations of at most ``size`` characters each."""
+    if size < 1:
+        raise ValueError("a fragment holds at least one character")
+    total = max(1, math.ceil(len(text) / size))
+    return [
+        {
+            "op": "fragment",
+            "id": message_id,
+            "data": text[index * size : (index + 1) * size],
+            "num": index,
+            "total": total,
+        }
+        for index in range(total)
+    ]
+
+
+def _operation(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ProtocolError("the message is not an object")
+    if not isinstance(value.get("op"), str):
+        raise ProtocolError("the message has no 'op' that says what it is")
+    return value
+
+
+def _fragment_parts(fragment: dict[str, Any]) -> tuple[str, int, int, str]:
+    key, number, total, data = (fragment.get(name) for name in ("id", "num", "total", "data"))
+    if not isinstance(key, str) or not isinstance(data, str):
+        raise ProtocolError("a fragment needs a text 'id' and a text 'data'")
+    if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
+        raise ProtocolError("a fragment needs a number 'num'")
+    if isinstance(total, bool) or not isinstance(total, (int, float)) or not 0 < total <= _MAX_FRAGMENTS:
+        raise ProtocolError(f"a fragment's 'total' must be between 1 and {_MAX_FRAGMENTS}")
+    # rosbridge_suite divides without rounding, so 4.2953 means five fragments
+    whole = math.ceil(total)
+    if not 0 <= number < whole or number != int(number):
+        raise ProtocolError(f"fragment {number} of {whole} cannot be")
+    return key, int(number), whole, data
+
+
+def _typed_array(tag: Any, immutable: bool = False) -> Any:
+    dtype = _DTYPE_OF_TAG.get(tag.tag)
+    if dtype is None:
+        raise ValueError(f"tag {tag.tag} has no meaning in rosbridge")
+    if not isinstance(tag.value, bytes):
+        raise TypeError(f"the typed array with tag {tag.tag} holds no bytes")
+    array = np.frombuffer(tag.value, dtype=dtype)
+    return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
+
+
+def _refuse(number: int) -> Callable[..., Any]:
+    def refuse(*_: Any) -> Any:
+        raise ValueError(f"tag {number} has no meaning in rosbridge")
+
+    return refuse
+
+
+_REFUSING: Any = {number: _refuse(number) for number in _TAGS_NEVER_SENT}
+
+
+def _encode_numpy(encoder: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.name in _TAG_OF_DTYPE:
+        little = value.astype(value.dtype.newbyteorder("<"), copy=False)
+        encoder.encode(cbor2.CBORTag(_TAG_OF_DTYPE[value.dtype.name], little.tobytes()))
+    elif isinstance(value, np.ndarray):
+        encoder.encode(value.tolist())
+    elif isinstance(value, np.generic):
+        encoder.encode(value.item())
+    else:
+        raise TypeError(f"{type(value).__name__} has no form in rosbridge")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            return _plain(value.tolist())
+        return value.tolist()
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, (bytes, bytearray)):
+        return base64.b64encode(value).decode("ascii")
+    return value
