@@ -1,0 +1,92 @@
+"""Prepares a child process for ultralytics: no calls home, no installs, few threads, and a torchvision that loads.
+
+Everything here changes process-wide state, so it is for the inference process only, never for the console.
+"""
+
+import importlib
+import importlib.machinery
+import importlib.util
+import logging
+import os
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+log = logging.getLogger(__name__)
+
+
+def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
+    """Call before the first import of ultralytics or torch; afterwards both can be imported.
+
+    Parameters
+    ----------
+    threads
+        Threads that one inference may use, at least 1, whatever runtime the weights need.
+    cache_dir
+        Where ultralytics keeps its settings and fonts; the user's cache folder when None.
+    """
+    if cache_dir is None:
+        import platformdirs
+
+        cache_dir = platformdirs.user_cache_path("caris-desktop") / "ultralytics"
+    cache_dir.mkdir(parents=True, exist_ok=True)
+    os.environ["YOLO_CONFIG_DIR"] = str(cache_dir)
+    os.environ["YOLO_OFFLINE"] = "true"
+    os.environ["YOLO_AUTOINSTALL"] = "false"
+    os.environ["YOLO_VERBOSE"] = "false"
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+
+    import torch
+
+    torch.set_num_threads(threads)
+    ensure_torchvision()
+
+    import ultralytics.utils
+
+    if ultralytics.utils.SETTINGS["sync"]:
+        ultralytics.utils.SETTINGS.update({"sync": False})
+    _limit_runtimes(threads)
+
+
+def ensure_torchvision() -> bool:
+    """Register a stand-in for torchvision where the installed one does not load. True when the real one does.
+
+    A torchvision built for CUDA does not load beside a CPU build of torch. Ultralytics needs it for one function
+    only, non-maximum suppression, of which it has its own version.
+    """
+    try:
+        importlib.import_module("torchvision")
+    except (ImportError, RuntimeError, OSError) as error:
+        log.info("torchvision does not load (%s); using ultralytics' own suppression", error)
+        for name in [name for name in sys.modules if name.split(".")[0] == "torchvision"]:
+            del sys.modules[name]
+        sys.modules.update(_torchvision_stand_in())
+        return False
+    return True
+
+
+def _torchvision_stand_in() -> dict[str, types.ModuleType]:
+    def nms(boxes: Any, scores: Any, iou_threshold: float) -> Any:
+        from ultralytics.utils.nms import TorchNMS
+
+        return TorchNMS.nms(boxes, scores, iou_threshold)
+
+    package, ops = types.ModuleType("torchvision"), types.ModuleType("torchvision.ops")
+    for module in (package, ops):
+        module.__spec__ = importlib.machinery.ModuleSpec(module.__name__, None)
+    package.__path__ = []
+    vars(ops)["nms"] = nms
+    vars(package)["ops"] = ops
+    return {"torchvision": package, "torchvision.ops": ops}
+
+
+def _limit_runtimes(threads: int) -> None:
+    """Thread counts of the runtimes that ultralytics opens itself, which offers no setting for them."""
+    from ultralytics.nn import autobackend
+    from ultralytics.nn.backends import litert
+
+    from caris_desktop.perception.onnx_backend import onnx_backend_class
+
+    litert.NUM_THREADS = threads
+    autobackend.AutoBackend._BACKEND_MAP["onnx"] = onnx_backend_class(threads=threads)
