@@ -8,7 +8,7 @@ def onnx_backend_class(*, threads: int) -> type[Any]:
     import onnxruntime
     from ultralytics.nn.backends.onnx import ONNXBackend
 
-    class QuietOnnxBackend(ONNXBackend):
+    class QuietOnnxBackend(ONNXBackend):  # type: ignore[misc]  # ultralytics is untyped
         def __init__(self, weight: Any, device: Any, fp16: bool = False) -> None:
             options = onnxruntime.SessionOptions()
             options.intra_op_num_threads = threads
