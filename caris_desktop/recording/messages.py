@@ -1,0 +1,78 @@
+"""What the console and the recorder process say to one another.
+
+Besides these, the console sends every domain value of the stream table as it happens, and the recorder sends back
+the events that it makes itself: ``SessionStarted``, ``SessionEnded``, ``PhotoTaken``, ``Gap`` and ``Problem``. The
+recorder has written those already; they are for the panels and need not be sent to it again.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.sensing import FrameRef
+
+RecorderState = Literal["idle", "recording", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """What heads ``session.json``. ``trial`` holds the answers of the start dialog, each under its field's name."""
+
+    anchor: ClockAnchor
+    program_version: str
+    scenario_title: str = ""
+    scenario_file: str = ""
+    scenario_sha256: str = ""
+    robot_profile: str = ""
+    robot_address: str = ""
+    trial: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class StartRecording:
+    """Begin a session in ``folder``, which is made if it is not there and must be empty. Ends a running one."""
+
+    folder: Path
+    header: SessionHeader
+    video: bool = True
+    photos: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SetRecordingPermissions:
+    """What may be recorded from now on; sent when the scenario changes during a session."""
+
+    video: bool
+    photos: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TakePhoto:
+    """Keep this frame as ``photos/NUMBER.png``; answered by ``PhotoTaken``, or by a ``Problem``."""
+
+    ref: FrameRef
+
+
+@dataclass(frozen=True, slots=True)
+class StopRecording:
+    """End the session; everything sent before is in it. ``reason`` goes into ``SessionEnded``."""
+
+    reason: str = "wizard"
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderReport:
+    """How the recording stands: at each change and about once per second while recording.
+
+    ``dropped`` counts what is missing for each stream. ``detail`` says in words what is wrong, if anything.
+    """
+
+    stamp_ns: int
+    state: RecorderState
+    folder: Path | None = None
+    started_ns: int = 0
+    written_bytes: int = 0
+    free_bytes: int | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+    detail: str = ""

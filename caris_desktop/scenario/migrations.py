@@ -1,0 +1,44 @@
+"""Older scenario files, brought up to the present format one version at a time."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from caris_desktop.scenario.model import SCENARIO_VERSION
+
+Migration = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 0 is a file that does not say its version; nothing else differs."""
+    return data
+
+
+MIGRATIONS: Mapping[int, Migration] = {0: _number_the_version}
+
+
+def migrate(
+    data: dict[str, Any],
+    *,
+    migrations: Mapping[int, Migration] = MIGRATIONS,
+    newest: int = SCENARIO_VERSION,
+) -> dict[str, Any]:
+    """``data`` as the newest version would hold it; the argument is left alone.
+
+    Raises
+    ------
+    ValueError
+        If the version is no whole number, or newer than ``newest``.
+    """
+    version = data.get("version", 0)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 0:
+        raise ValueError(f"the version must be a whole number, found {version!r}. Allowed: {newest}")
+    if version > newest:
+        raise ValueError(
+            f"the file has version {version}, this program reads up to version {newest}. "
+            "Update CARIS Desktop, or open an older copy of the file."
+        )
+    migrated = dict(data)
+    for step in range(version, newest):
+        migrated = migrations[step](dict(migrated))
+        migrated["version"] = step + 1
+    return migrated
