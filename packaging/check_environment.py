@@ -1,0 +1,29 @@
+"""Imports what the console cannot do without and makes sure that no OpenCV with a Qt of its own is installed."""
+
+import importlib
+import importlib.metadata
+import sys
+
+NEEDED = ("PySide6.QtWidgets", "cv2", "av", "onnxruntime", "sounddevice", "mcap", "roslibpy", "yaml")
+
+
+def problems() -> list[str]:
+    found = []
+    for name in NEEDED:
+        try:
+            importlib.import_module(name)
+        except (ImportError, OSError) as error:
+            found.append(f"{name} does not load: {error}")
+    installed = {(distribution.metadata["Name"] or "").lower() for distribution in importlib.metadata.distributions()}
+    with_qt = sorted(name for name in installed if name.startswith("opencv-") and not name.endswith("-headless"))
+    if with_qt:
+        found.append(
+            f"{', '.join(with_qt)}: its own Qt breaks the window; only opencv-python-headless may be installed"
+        )
+    return found
+
+
+if __name__ == "__main__":
+    lines = problems()
+    print("\n".join(lines))
+    sys.exit(bool(lines))
