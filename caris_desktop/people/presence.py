@@ -150,7 +150,7 @@ class Presence:
         self._rows[person_id] = PersonRow(
             person_id,
             track,
-            name or unnamed_label(len(self._rows) + 1),
+            unnamed_label(len(self._rows) + 1),
             here=True,
             since_ns=now_ns,
             last_seen_ns=now_ns,

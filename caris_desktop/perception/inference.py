@@ -1,21 +1,33 @@
 """The process body of inference: newest camera frame in, people out."""
 
+import contextlib
+import logging
+import os
+import sys
+import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Literal
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.perception.tracker import PersonTracker, TrackerName
+from caris_desktop.perception.weights import WeightsError, find_weights
 
-TrackerName = Literal["bytetrack", "botsort"]
+log = logging.getLogger(__name__)
+
+_FAILURES_AT_MOST = 5
 
 
 @dataclass(frozen=True, slots=True)
 class InferenceSettings:
     """What a run of inference needs; picklable.
 
-    ``weights_path`` is what the user configured, None to search (weights.find_weights, done in the child).
+    ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
+    ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
+    room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
     """
 
     weights_path: Path | None = None
@@ -23,6 +35,7 @@ class InferenceSettings:
     tracker: TrackerName = "bytetrack"
     confidence: float = 0.1
     max_hz: float = 30.0
+    max_load: float = 0.8
     threads: int = 2
     niceness: int = 10
 
@@ -38,11 +51,158 @@ class InferenceReady:
 
 @dataclass(frozen=True, slots=True)
 class InferenceFailed:
-    """Inference cannot run; the process ends after sending this."""
+    """Inference cannot run (any more); the process ends after sending this."""
 
     stamp_ns: int
     problem: Problem
 
 
+@dataclass(frozen=True, slots=True)
+class FrameSkipped:
+    """The frame's pixels were overwritten before they could be read, or could not be processed: no ``People``."""
+
+    stamp_ns: int
+    camera: str
+    frame_sequence: int
+
+
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
-    """Receives ``FrameRef``s, sends ``InferenceReady`` or ``InferenceFailed``, then ``People`` per processed frame."""
+    """Process body: receives ``FrameRef``s and answers with ``People`` for the newest of them.
+
+    Sends ``InferenceReady`` or ``InferenceFailed`` first. Of the frames that wait, only the newest is processed; each
+    processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. Returns when the
+    connection ends.
+    """
+    lower_priority(settings.niceness)
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        _serve(connection, frames, settings)
+
+
+def lower_priority(niceness: int) -> None:
+    """Let the console and the link go first when the processor is busy."""
+    if sys.platform != "win32":
+        os.nice(niceness)
+    else:
+        import psutil
+
+        psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+
+
+def _serve(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
+    started_ns = clock.now_ns()
+    try:
+        weights = find_weights(settings.weights_path, allow_download=settings.allow_download)
+        tracker = PersonTracker(
+            weights, tracker=settings.tracker, confidence=settings.confidence, threads=settings.threads
+        )
+    except WeightsError as error:
+        log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
+        connection.send(InferenceFailed(clock.now_ns(), _weights_problem(error)))
+        return
+    except Exception:
+        log.exception("the detector could not be started")
+        connection.send(InferenceFailed(clock.now_ns(), _start_problem()))
+        return
+    load_s = (clock.now_ns() - started_ns) / 1e9
+    log.info("detector %s ready after %.1f s", weights.path, load_s)
+    connection.send(InferenceReady(clock.now_ns(), weights.label, load_s))
+    _follow(connection, frames, tracker, settings)
+
+
+def _follow(connection: Connection, frames: FrameReader, tracker: PersonTracker, settings: InferenceSettings) -> None:
+    camera: str | None = None
+    failures = 0
+    while True:
+        ref = newest(connection)
+        began_ns = clock.now_ns()
+        if camera not in (None, ref.camera):
+            tracker.reset()
+        camera = ref.camera
+        image_bgr = frames.read(ref)
+        if image_bgr is None:
+            connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
+            continue
+        try:
+            tracked = tracker.track(image_bgr)
+        except Exception:
+            failures += 1
+            log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
+            if failures >= _FAILURES_AT_MOST:
+                connection.send(InferenceFailed(clock.now_ns(), _processing_problem()))
+                return
+            connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
+            continue
+        failures = 0
+        work_s = (clock.now_ns() - began_ns) / 1e9
+        connection.send(
+            People(
+                stamp_ns=ref.stamp_ns,
+                camera=ref.camera,
+                frame_sequence=ref.sequence,
+                frame_width_px=ref.width_px,
+                frame_height_px=ref.height_px,
+                boxes=tuple(
+                    PersonBox(
+                        box.track,
+                        "",
+                        box.left_px,
+                        box.top_px,
+                        box.width_px,
+                        box.height_px,
+                        box.confidence,
+                    )
+                    for box in tracked
+                ),
+                inference_ms=work_s * 1e3,
+            )
+        )
+        time.sleep(rest_s(work_s, settings))
+
+
+def newest(connection: Connection) -> FrameRef:
+    """Wait for a frame, drop all that wait but the last. Raises EOFError when the connection ends."""
+    ref: FrameRef = connection.recv()
+    while connection.poll():
+        ref = connection.recv()
+    return ref
+
+
+def rest_s(work_s: float, settings: InferenceSettings) -> float:
+    """How long to leave the processor alone after ``work_s`` of work.
+
+    A tenth of the period is left over for jitter, else a camera at exactly ``max_hz`` would lose frames.
+    """
+    for_rate = 0.9 / settings.max_hz - work_s
+    for_load = work_s * (1.0 - settings.max_load) / settings.max_load
+    return max(0.0, for_rate, for_load)
+
+
+def _weights_problem(error: WeightsError) -> Problem:
+    searched = f" Searched: {'; '.join(error.searched)}." if error.searched else ""
+    return Problem(
+        clock.now_ns(),
+        "error",
+        f"{error}.",
+        f"People are not recognised; everything else works.{searched}",
+        f"{error.advice}.",
+    )
+
+
+def _start_problem() -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "error",
+        "The person detector could not be started.",
+        "People are not recognised; everything else works.",
+        "Run the set-up again; the log has the details.",
+    )
+
+
+def _processing_problem() -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "error",
+        "The person detector failed on several camera frames in a row.",
+        "People are not recognised any more; everything else works.",
+        "Restart the program; the log has the details.",
+    )
