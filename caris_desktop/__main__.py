@@ -1,10 +1,17 @@
 """Entry point: arguments to the right part of the application."""
 
+import multiprocessing
 import sys
 
 
-def main() -> int:
-    return 0
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; the exit status is 0 when it did what was asked."""
+    multiprocessing.freeze_support()
+    words = sys.argv[1:] if arguments is None else arguments
+    # Late imports: the window must not wait for what only another command needs, nor a child process for any of it.
+    from caris_desktop.app import commands
+
+    return commands.run(words)
 
 
 if __name__ == "__main__":

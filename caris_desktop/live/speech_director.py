@@ -74,6 +74,7 @@ class SpeechDirector(QObject):
         if now is None or reported.utterance_id != now.utterance_id:
             return
         self._now = replace(now, stamp_ns=reported.stamp_ns, state=reported.state, detail=reported.detail)
+        self._publish(self._now)
         if reported.state in ("finished", "interrupted", "failed"):
             self._now = None
             self._next()

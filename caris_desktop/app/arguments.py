@@ -1,0 +1,38 @@
+"""The command line: which part of the program runs, and with what."""
+
+import argparse
+from pathlib import Path
+
+from caris_desktop import __version__
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Sub-commands add their own arguments where they are implemented; imports stay light for a fast start."""
+    parser = argparse.ArgumentParser(
+        prog="caris-desktop",
+        description="An operator console for Wizard-of-Oz studies with mobile robots.",
+        epilog="Other commands: simulate, rehearse, export, check. Each has its own --help.",
+    )
+    parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")
+    add_console_arguments(parser)
+    return parser
+
+
+def add_console_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scenario", metavar="FILE", help="scenario file, or the name of one (default: the last one, or tour-guide)"
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="PROFILE|ws://HOST:PORT",
+        help="robot profile name or file, or a rosbridge address (default: what the scenario names)",
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="SOURCE",
+        help="use this camera instead of the robot's: a number, a device, a video file, a stream address, or oak",
+    )
+    parser.add_argument("--study", metavar="DIR", type=Path, help="folder of the study (sessions and people)")
+    parser.add_argument("--demo", action="store_true", help="start a simulated robot and connect to it")
+    parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
+    parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")

@@ -1,0 +1,38 @@
+"""The commands of the program. The console needs Qt; the others are composed without it."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from caris_desktop.app.arguments import build_parser
+
+# Each module offers add_arguments(parser) and run(arguments) -> exit status.
+COMMANDS = {
+    "simulate": ("caris_desktop.simulator.command", "a simulated robot behind a rosbridge websocket"),
+    "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
+    "export": ("caris_desktop.recording.command", "a recorded session as files for analysis"),
+    "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
+}
+
+
+def run(words: Sequence[str]) -> int:
+    """Dispatch to a command; without one, open the console."""
+    if words and words[0] in COMMANDS:
+        module_name, description = COMMANDS[words[0]]
+        command = importlib.import_module(module_name)
+        parser = argparse.ArgumentParser(prog=f"caris-desktop {words[0]}")
+        parser.description = description[0].upper() + description[1:] + "."
+        command.add_arguments(parser)
+        status = command.run(parser.parse_args(list(words[1:])))
+        return int(status)
+    if words and not words[0].startswith("-"):
+        print(
+            f"There is no command '{words[0]}'. Commands: {', '.join(COMMANDS)}; without one the console opens.",
+            file=sys.stderr,
+        )
+        return 2
+    arguments = build_parser().parse_args(list(words))
+    from caris_desktop.app import console_command
+
+    return console_command.run(arguments)

@@ -1,0 +1,153 @@
+"""Which concrete part plays which role: the adapter table of a run. Without Qt windows, so every command can use it."""
+
+import functools
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import platformdirs
+
+from caris_desktop import __version__
+from caris_desktop.conversation.embedded_server import run_embedded_server
+from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
+from caris_desktop.conversation.prompts import assistant_messages
+from caris_desktop.conversation.speech import run_speech
+from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.conversation.transcript import Conversation
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import ChatMessage
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.console import IntentRefused, Parts, RobotConnection
+from caris_desktop.people.presence import Presence
+from caris_desktop.people.register import PeopleRegister
+from caris_desktop.perception.cameras import run_camera
+from caris_desktop.perception.inference import InferenceSettings, run_inference
+from caris_desktop.recording.export import ExportError
+from caris_desktop.recording.messages import SessionHeader
+from caris_desktop.recording.recorder_process import run_recorder
+from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
+from caris_desktop.robot.profile import ProfileError, load_profile
+from caris_desktop.scenario.file import ScenarioError, load_scenario
+from caris_desktop.scenario.library import find_scenario as find_scenario_file
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.study.folder import StudyFolder, StudyFolderError
+from caris_desktop.study.trial import TrialDetails
+
+
+class StartRefused(Exception):
+    """The program cannot start as asked; the text says why and what to do."""
+
+
+def log_file() -> Path:
+    return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
+
+
+def find_scenario(name_or_path: str) -> Scenario:
+    """Raises StartRefused."""
+    try:
+        return load_scenario(find_scenario_file(name_or_path))
+    except ScenarioError as error:
+        raise StartRefused(str(error)) from error
+
+
+def open_study(folder: Path | None) -> StudyFolder:
+    """Raises StartRefused."""
+    try:
+        return StudyFolder.open(folder)
+    except StudyFolderError as error:
+        raise StartRefused(str(error)) from error
+
+
+def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, perception: bool = True) -> Parts:
+    """The parts of a console run."""
+    return Parts(
+        inference=ProcessBody("inference", run_inference, (InferenceSettings(),)) if perception else None,
+        recorder=ProcessBody("recorder", run_recorder),
+        speech=ProcessBody("speech", run_speech, (SpeechSettings(),)),
+        language_model_server=ProcessBody("language-model", run_embedded_server),
+        camera=None if camera is None else ProcessBody("camera", run_camera, (camera,)),
+        open_presence=lambda: Presence(PeopleRegister(study.people_path)),
+        stream_chat=stream_chat,
+        resolve_endpoint=_resolve_endpoint,
+        build_prompt=_build_prompt,
+        load_scenario=_load_scenario,
+        new_session=functools.partial(_new_session, study),
+        export_session=export_session,
+    )
+
+
+def robot_connection(name_or_path_or_url: str, *, address: str | None = None, own_camera: bool) -> RobotConnection:
+    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartRefused."""
+    try:
+        profile = load_profile(name_or_path_or_url)
+    except ProfileError as error:
+        raise StartRefused(str(error)) from error
+    if own_camera:
+        profile = replace(profile, cameras=())
+    settings = LinkSettings(profile, address or profile.address)
+    return RobotConnection(
+        name=profile.title,
+        address=settings.address,
+        control=ProcessBody("control", run_control_link, (settings,)),
+        media=ProcessBody("media", run_media_link, (settings,)),
+    )
+
+
+def export_session(folder: Path) -> Path:
+    """Export as CSV beside the session's files; gives the folder of the tables. Raises IntentRefused."""
+    from caris_desktop.recording.export import export_session as export
+
+    out = folder / "export-csv"
+    number = 2
+    while out.exists():
+        out = folder / f"export-csv-{number}"
+        number += 1
+    try:
+        export(folder, "csv", out)
+    except ExportError as error:
+        raise IntentRefused("The session was not exported.", str(error), "The session itself is unharmed.") from error
+    return out
+
+
+def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
+    return resolve_endpoint(model, embedded_url=embedded_url)
+
+
+def _build_prompt(
+    scenario: Scenario, conversation: Conversation, people: tuple[str, ...], question: str
+) -> tuple[ChatMessage, ...]:
+    return tuple(
+        assistant_messages(
+            system_prompt=scenario.assistant.system_prompt,
+            conversation=conversation.turns,
+            people=people,
+            question=question,
+        )
+    )
+
+
+def _load_scenario(path: Path) -> Scenario:
+    try:
+        return load_scenario(path)
+    except ScenarioError as error:
+        raise IntentRefused(
+            "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
+        ) from error
+
+
+def _new_session(
+    study: StudyFolder, details: TrialDetails, scenario: Scenario, robot: RobotConnection | None
+) -> tuple[Path, SessionHeader]:
+    try:
+        folder = study.new_session_folder(details)
+    except StudyFolderError as error:
+        raise IntentRefused(error.what, error.meaning, error.advice) from error
+    return folder, SessionHeader(
+        anchor=ClockAnchor.take(),
+        program_version=__version__,
+        scenario_title=scenario.title,
+        scenario_file=scenario.path.name if scenario.path else "",
+        scenario_sha256=scenario.sha256,
+        robot_profile=robot.name if robot else "",
+        robot_address=robot.address if robot else "",
+        trial=asdict(details),
+    )

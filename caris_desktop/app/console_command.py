@@ -1,0 +1,116 @@
+"""The console itself: from arguments to a running window and back."""
+
+import argparse
+import logging
+import signal
+import sys
+from collections.abc import Callable
+
+from PySide6.QtCore import QSettings, QTimer
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop import __version__
+from caris_desktop.app import composition
+from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.live.console import Console
+from caris_desktop.live.logs import configure_logging
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import apply_theme
+
+_log = logging.getLogger(__name__)
+
+
+class ConsoleRun:
+    """One run of the console: the application, its window and what must be ended with it.
+
+    The window comes first; everything that it does not need to accept a key starts once it is shown.
+    """
+
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        *,
+        settings: QSettings | None = None,
+        robot: Callable[[Console], DemoRobot] | None = None,
+    ) -> None:
+        existing = QApplication.instance()
+        self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
+        self.application.setApplicationName("CARIS Desktop")
+        self.application.setApplicationVersion(__version__)
+        self.settings = settings or QSettings("CARIS", "CARIS Desktop")
+        self._arguments = arguments
+        scenario = composition.find_scenario(arguments.scenario or self.settings.value("scenario", "tour-guide"))
+        study = composition.open_study(arguments.study)
+        self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
+        apply_theme(self.application, arguments.theme or str(self.settings.value("theme", "system")))
+        self.window = MainWindow(self.console, settings=self.settings)
+        self.demo_robot: DemoRobot | None = None
+        self._make_demo_robot = robot
+        if robot is None and arguments.demo:
+            self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
+        self.console.scenario_changed.connect(self._on_scenario_changed)
+
+    def show(self) -> None:
+        self.window.show()
+        QTimer.singleShot(0, self._start_rest)
+
+    def close(self) -> None:
+        self.console.shutdown()
+        if self.demo_robot is not None:
+            self.demo_robot.stop()
+
+    def _start_rest(self) -> None:
+        self.console.start()
+        arguments = self._arguments
+        if self._make_demo_robot is not None:
+            self.demo_robot = self._make_demo_robot(self.console)
+            self.demo_robot.start()
+            return
+        try:
+            self.console.connect_robot(
+                composition.robot_connection(
+                    arguments.robot or self.console.scenario.robot, own_camera=arguments.camera is not None
+                )
+            )
+        except composition.StartRefused as refusal:
+            self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
+
+    def _on_scenario_changed(self, scenario: composition.Scenario) -> None:
+        if scenario.path is not None:
+            self.settings.setValue("scenario", str(scenario.path))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Open the window and stay until it is closed."""
+    configure_logging(composition.log_file(), verbose=arguments.verbose)
+    _log.info("CARIS Desktop %s starts", __version__)
+    try:
+        console_run = ConsoleRun(arguments)
+    except composition.StartRefused as refusal:
+        print(refusal, file=sys.stderr)
+        return 2
+    # A terminal's Ctrl+C closes the window in order; the timer lets Python see the signal between Qt events.
+    signal.signal(signal.SIGINT, lambda *_: console_run.application.closeAllWindows())
+    signal.signal(signal.SIGTERM, lambda *_: console_run.application.closeAllWindows())
+    heartbeat = QTimer()
+    heartbeat.timeout.connect(_let_python_run)
+    heartbeat.start(200)
+    console_run.show()
+    try:
+        return console_run.application.exec()
+    finally:
+        console_run.close()
+
+
+def _let_python_run() -> None:
+    """Entered so that pending Python signal handlers get their turn."""
+
+
+def default_arguments(**changes: object) -> argparse.Namespace:
+    """The console's arguments as if nothing was given on the command line."""
+    values: dict[str, object] = {
+        "scenario": None, "robot": None, "camera": None, "study": None, "demo": False, "theme": None, "verbose": False,
+    }
+    return argparse.Namespace(**{**values, **changes})
+
+

@@ -1,0 +1,46 @@
+"""A simulated robot of the console's own: started beside it, connected when it is ready, ended with it."""
+
+import sys
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from caris_desktop.app import composition
+from caris_desktop.live.console import Console
+from caris_desktop.live.simulated_robot import SimulatedRobotProcess
+
+
+class DemoRobot(QObject):
+    """GUI thread; the process reports through signals."""
+
+    _ready = Signal(str)
+    _failed = Signal(str)
+
+    def __init__(self, console: Console, *, camera: str | None = None, seed: int | None = None) -> None:
+        super().__init__(console)
+        self._console = console
+        self._camera = camera
+        command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0"]
+        if seed is not None:
+            command += ["--seed", str(seed)]
+        self.process = SimulatedRobotProcess(command, on_ready=self._ready.emit, on_failed=self._failed.emit)
+        self._ready.connect(self._on_ready, Qt.ConnectionType.QueuedConnection)
+        self._failed.connect(self._on_failed, Qt.ConnectionType.QueuedConnection)
+
+    def start(self) -> None:
+        self.process.start()
+
+    def stop(self) -> None:
+        self.process.stop()
+
+    def _on_ready(self, address: str) -> None:
+        self._console.connect_robot(
+            composition.robot_connection("simulated", address=address, own_camera=self._camera is not None)
+        )
+
+    def _on_failed(self, detail: str) -> None:
+        self._console.problem(
+            "error",
+            f"The simulated robot did not start: {detail}.",
+            "There is no robot to drive; everything else works.",
+            "Run 'caris-desktop simulate' in a terminal to see why.",
+        )

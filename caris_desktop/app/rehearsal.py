@@ -1,0 +1,354 @@
+"""A scripted wizard: plays a scenario through the real window, with Qt input events and nothing else.
+
+The script looks at what the panels show (``LiveState``) the way a wizard looks at the screen; it acts only by
+pressing keys and clicking widgets.
+"""
+
+import json
+import logging
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.live.console import Console
+from caris_desktop.scenario.model import Place
+from caris_desktop.ui.main_window import MainWindow
+
+_log = logging.getLogger(__name__)
+_STEP_MS = 40
+_TYPE_EVERY_STEPS = 2
+_KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
+
+
+class RehearsalFailed(Exception):
+    """A step did not come about; the text says which and what was seen instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """The script waits for ``condition``."""
+
+    what: str
+    condition: Callable[[], bool]
+    timeout_s: float = 20.0
+
+
+Script = Generator[Until | None, None, None]
+
+
+class Rehearsal(QObject):
+    """Runs the script step by step between Qt events. ``finished(error text or "")`` at its end."""
+
+    finished = Signal(str)
+
+    def __init__(self, window: MainWindow, console: Console, out: Path, *, seconds: float) -> None:
+        super().__init__(window)
+        self._window = window
+        self._console = console
+        self._state = console.state
+        self._out = out
+        self._seconds = seconds
+        self._held: set[Qt.Key] = set()
+        self._script = self._play()
+        self._waiting: Until | None = None
+        self._deadline_ns = 0
+        self._started_ns = clock.now_ns()
+        self.steps: list[dict[str, object]] = []
+        self.screenshots: list[Path] = []
+        self.session_folder: Path | None = None
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._step)
+
+    def start(self) -> None:
+        self._timer.start(_STEP_MS)
+
+    # The script
+
+    def _play(self) -> Script:
+        state, scenario = self._state, self._console.scenario
+        yield Until("the robot is connected", lambda: state.link.value.state == "connected", 30.0)
+        yield Until("video arrives", lambda: state.frame.freshness == "fresh", 30.0)
+        yield Until("the LIDAR arrives", lambda: state.scan.freshness == "fresh")
+        yield Until("the person detector is ready", lambda: state.perception.value.state == "ready", 90.0)
+        if scenario.permissions.assistant:
+            yield Until("the language model is ready", lambda: state.assistant.value.state == "ready", 90.0)
+        self._note("everything is ready")
+
+        yield from self._start_recording()
+        yield from self._greet()
+        if scenario.permissions.photos:
+            yield from self._take_photo()
+        if scenario.permissions.driving:
+            yield from self._drive_while_speaking()
+        if scenario.permissions.assistant:
+            yield from self._ask_assistant()
+        if scenario.permissions.driving and scenario.places:
+            yield from self._go_to_place_and_stop()
+        self._press(Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
+        self._note("marked the moment")
+        while self._elapsed_s() < self._seconds:
+            yield None
+        yield Until("the robot is quiet", lambda: state.speech.value.now is None, 30.0)
+        self._screenshot("before-the-end")
+        self.session_folder = self._console.session_folder
+        self._click("record_button")
+        yield Until("the recording is closed", lambda: state.recording.value.state == "idle", 20.0)
+        self._note("recording closed")
+        self._screenshot("end")
+
+    def _start_recording(self) -> Script:
+        self._click("record_button")
+        yield Until("the start dialog is open", lambda: self._find("start_dialog") is not None)
+        for name, text in (("start_participant", "P07"), ("start_condition", "B"), ("start_wizard", "W1")):
+            field = self._find(name)
+            if isinstance(field, QLineEdit):
+                self._click(name)
+                field.selectAll()
+                yield from self._type(field, text)
+        self._screenshot("start-dialog")
+        self._click("start_dialog_begin")
+        yield Until("recording runs", lambda: self._state.recording.value.state == "recording")
+        self._note("recording")
+
+    def _greet(self) -> Script:
+        state = self._state
+        yield Until("a person was detected", lambda: any(row.here for row in state.persons.value), 40.0)
+        self._note(f"{sum(row.here for row in state.persons.value)} person(s) here")
+        self._press(Qt.Key.Key_F1)
+        yield Until("the greeting is spoken", lambda: state.speech.value.now is not None)
+        self._screenshot("greeting")
+        yield Until("the greeting was said", lambda: state.speech.value.now is None, 20.0)
+        self._note("greeted")
+
+    def _take_photo(self) -> Script:
+        folder = self._console.session_folder
+        self._press(Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
+        yield Until("the photo is on disk", lambda: bool(folder and list((folder / "photos").glob("*.png"))))
+        self._note("photo taken")
+
+    def _drive_while_speaking(self) -> Script:
+        state = self._state
+        yield Until("the robot knows where it is", lambda: state.pose.value is not None)
+        self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
+        field = self._find("speak_field")
+        if not isinstance(field, QLineEdit):
+            raise RehearsalFailed("there is no field to type what the robot says")
+        yield from self._type(field, "Please follow me, I would like to show you around.")
+        self._press(Qt.Key.Key_Return, target=field)
+        yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
+        self._press(Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
+        start = state.pose.value.pose_in_map
+        target = self._nearest_place(start)
+        self._note("driving" + (f" towards {target.name}" if target else ""))
+        driven_while_speaking = False
+        photographed = False
+        until_ns = clock.now_ns() + 14_000_000_000
+        while clock.now_ns() < until_ns:
+            pose = state.pose.value.pose_in_map if state.pose.value else start
+            driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
+            spoken = state.speech.value.now is not None
+            moving = bool(state.odometry.value and state.odometry.value.twist.moving)
+            driven_while_speaking = driven_while_speaking or (spoken and moving)
+            if not photographed and spoken and moving and driven_m > 0.3:
+                self._screenshot("driving")
+                photographed = True
+            if self._at(pose, target) or (driven_m > 2.5 and not spoken):
+                break
+            self._hold(self._keys_towards(pose, target))
+            yield None
+        self._hold(set())
+        yield Until("the robot stands", lambda: not state.odometry.value.twist.moving, 10.0)
+        pose = state.pose.value.pose_in_map
+        driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
+        self._note(f"drove {driven_m:.1f} m by key, {'while' if driven_while_speaking else 'not while'} speaking")
+        if driven_m < 0.2:
+            raise RehearsalFailed(f"the robot hardly moved ({driven_m:.2f} m) although keys were held")
+
+    def _ask_assistant(self) -> Script:
+        state = self._state
+        field = self._find("assistant_field")
+        if not isinstance(field, QLineEdit):
+            raise RehearsalFailed("there is no field to ask the assistant")
+        self._click("assistant_field")
+        yield from self._type(field, "What could I say to make a visitor feel welcome?")
+        self._press(Qt.Key.Key_Return, target=field)
+        yield Until("the assistant answers", lambda: bool(state.assistant.value.answer), 40.0)
+        yield Until("the answer is complete", lambda: state.assistant.value.state != "answering", 60.0)
+        self._screenshot("assistant")
+        if state.assistant.value.state == "failed":
+            raise RehearsalFailed(f"the assistant failed: {state.assistant.value.detail}")
+        self._note("the assistant answered")
+        self._click("assistant_say")
+        yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
+        self._press(Qt.Key.Key_F12)
+        yield Until("the robot is silent", lambda: state.speech.value.now is None)
+        self._note("answer said, then silenced")
+
+    def _go_to_place_and_stop(self) -> Script:
+        state = self._state
+        pose = state.pose.value.pose_in_map
+        place = max(self._console.scenario.places, key=lambda place: _distance_m(pose, place.pose_in_map))
+        button = self._find(f"go_to_{place.name}")
+        if button is None:
+            _log.info("no button for %s on the map", place.name)
+            return
+        self._click(f"go_to_{place.name}")
+        yield Until(
+            "the robot navigates",
+            lambda: state.goal.value is not None and state.goal.value.state == "active" and self._moving(),
+            15.0,
+        )
+        until_ns = clock.now_ns() + 4_000_000_000
+        while clock.now_ns() < until_ns and state.goal.value.state == "active":
+            yield None
+        self._screenshot("going-to-a-place")
+        self._press(Qt.Key.Key_Escape)
+        yield Until("stop halts the robot", lambda: not self._moving(), 5.0)
+        yield Until("the goal is cancelled", lambda: state.goal.value.state in ("cancelled", "reached"), 5.0)
+        self._note(f"sent to {place.name}, stopped with Esc")
+
+    # The wizard's hands
+
+    def _find(self, name: str) -> QWidget | None:
+        for top in QApplication.topLevelWidgets():
+            if top.isVisible():
+                found = top if top.objectName() == name else top.findChild(QWidget, name)
+                if isinstance(found, QWidget) and found.isVisible():
+                    return found
+        return None
+
+    def _click(self, name: str) -> None:
+        widget = self._find(name)
+        if widget is None:
+            raise RehearsalFailed(f"there is no '{name}' in the window")
+        middle = QPoint(widget.width() // 2, widget.height() // 2)
+        QTest.mouseClick(widget, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, middle)
+
+    def _press(
+        self,
+        key: Qt.Key,
+        modifiers: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier,
+        *,
+        target: QWidget | None = None,
+    ) -> None:
+        QTest.keyClick(target or self._focus(), key, modifiers)
+
+    def _type(self, field: QWidget, text: str) -> Script:
+        for character in text:
+            QTest.keyClicks(field, character)
+            for _ in range(_TYPE_EVERY_STEPS - 1):
+                yield None
+
+    def _hold(self, keys: set[Qt.Key]) -> None:
+        """Hold exactly these drive keys, as fingers would."""
+        for key in self._held - keys:
+            QTest.keyRelease(self._focus(), key)
+        for key in keys - self._held:
+            QTest.keyPress(self._focus(), key)
+        self._held = set(keys)
+
+    def _focus(self) -> QWidget:
+        return QApplication.focusWidget() or self._window
+
+    def _keys_towards(self, pose: Pose2D, target: Place | None) -> set[Qt.Key]:
+        if target is None:
+            ahead = self._clear_ahead_m(0.0)
+            return {_KEYS["forward"]} if ahead > 0.8 else {_KEYS["left"]}
+        bearing = math.atan2(target.pose_in_map.y_m - pose.y_m, target.pose_in_map.x_m - pose.x_m)
+        off = wrap_angle(bearing - pose.heading_rad)
+        keys: set[Qt.Key] = set()
+        if abs(off) > math.radians(8):
+            keys.add(_KEYS["left"] if off > 0 else _KEYS["right"])
+        if abs(off) < math.radians(30):
+            keys.add(_KEYS["forward"])
+        return keys
+
+    # The wizard's eyes
+
+    def _nearest_place(self, pose: Pose2D) -> Place | None:
+        """The nearest place that the LIDAR has a free line to; None when there is none."""
+        for place in sorted(self._console.scenario.places, key=lambda place: _distance_m(pose, place.pose_in_map)):
+            distance_m = _distance_m(pose, place.pose_in_map)
+            bearing = math.atan2(place.pose_in_map.y_m - pose.y_m, place.pose_in_map.x_m - pose.x_m)
+            if distance_m > 1.0 and self._clear_ahead_m(wrap_angle(bearing - pose.heading_rad)) > distance_m:
+                return place
+        return None
+
+    def _clear_ahead_m(self, bearing_in_robot_rad: float) -> float:
+        """Free distance in a corridor of the robot's width in that direction, by the last scan."""
+        scan = self._state.scan.value
+        nearest_m = math.inf
+        for index, range_m in enumerate(scan.ranges_m):
+            angle = scan.angle_min_rad + index * scan.angle_increment_rad + scan.robot_from_laser.heading_rad
+            off = wrap_angle(angle - bearing_in_robot_rad)
+            if math.isfinite(range_m) and abs(off) < math.pi / 2 and abs(range_m * math.sin(off)) < 0.35:
+                nearest_m = min(nearest_m, float(range_m * math.cos(off)))
+        return nearest_m
+
+    def _moving(self) -> bool:
+        return bool(self._state.odometry.value and self._state.odometry.value.twist.moving)
+
+    def _at(self, pose: Pose2D, target: Place | None) -> bool:
+        return target is not None and _distance_m(pose, target.pose_in_map) < 0.4
+
+    # Running
+
+    def _step(self) -> None:
+        try:
+            if self._waiting is not None:
+                if not self._waiting.condition():
+                    if clock.now_ns() > self._deadline_ns:
+                        raise RehearsalFailed(f"waited {self._waiting.timeout_s:.0f} s in vain: {self._waiting.what}")
+                    return
+                self._waiting = None
+            self._waiting = next(self._script)
+            if self._waiting is not None:
+                self._deadline_ns = clock.now_ns() + int(self._waiting.timeout_s * 1e9)
+        except StopIteration:
+            self._end("")
+        except RehearsalFailed as failure:
+            self._end(str(failure))
+        except Exception as error:
+            _log.exception("the rehearsal failed")
+            self._end(f"{type(error).__name__}: {error}")
+
+    def _end(self, failure: str) -> None:
+        self._timer.stop()
+        self._hold(set())
+        if failure:
+            self._screenshot("failed")
+        (self._out / "rehearsal.json").write_text(
+            json.dumps({"failure": failure, "steps": self.steps}, indent=2), encoding="utf-8"
+        )
+        self.finished.emit(failure)
+
+    def _note(self, what: str) -> None:
+        self.steps.append({"at_s": round(self._elapsed_s(), 1), "what": what})
+        print(f"{self._elapsed_s():6.1f} s  {what}", flush=True)
+
+    def _elapsed_s(self) -> float:
+        return (clock.now_ns() - self._started_ns) / 1e9
+
+    def _screenshot(self, name: str) -> None:
+        path = self._out / "screenshots" / f"{len(self.screenshots) + 1:02d}-{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        modal = QApplication.activeModalWidget()
+        screen = self._window.screen()
+        # A grab of the screen shows dialogs and popups too; the offscreen platform has only the window's own picture.
+        if modal is not None and QApplication.platformName() != "offscreen":
+            picture = screen.grabWindow(0)
+        else:
+            picture = self._window.grab()
+        if picture.save(str(path)):
+            self.screenshots.append(path)
+
+
+def _distance_m(pose: Pose2D, other: Pose2D) -> float:
+    return math.hypot(other.x_m - pose.x_m, other.y_m - pose.y_m)

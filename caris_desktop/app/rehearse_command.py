@@ -1,0 +1,85 @@
+"""``caris-desktop rehearse``: a scripted wizard plays a scenario in the real console on a simulated robot."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from caris_desktop.app import composition
+from caris_desktop.live.logs import configure_logging
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenario", metavar="SCENARIO", help="scenario file or name")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where everything is put")
+    parser.add_argument("--seconds", metavar="N", type=float, default=0.0, help="play at least this long")
+    parser.add_argument("--seed", metavar="N", type=int, default=7, help="seed of the simulated robot")
+    parser.add_argument("--camera", metavar="SOURCE", help="use this camera instead of the simulated robot's")
+    parser.add_argument("--theme", choices=("system", "dark", "light"), default="dark")
+    parser.add_argument("--size", metavar="WxH", default="1920x1080", help="size of the window")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit status 0 when every step came about."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("win32", "darwin")):
+        os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    out: Path = arguments.out.resolve()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        width_px, height_px = (int(number) for number in arguments.size.split("x"))
+    except OSError as error:
+        print(f"Nothing can be written to {out}: {error}. Choose another --out.", file=sys.stderr)
+        return 2
+    except ValueError:
+        print(f"--size {arguments.size} is not a size such as 1920x1080.", file=sys.stderr)
+        return 2
+    configure_logging(out / "console.log")
+
+    from PySide6.QtCore import QSettings
+
+    from caris_desktop.app.console_command import ConsoleRun, default_arguments
+    from caris_desktop.app.demo_robot import DemoRobot
+    from caris_desktop.app.rehearsal import Rehearsal
+
+    try:
+        console_run = ConsoleRun(
+            default_arguments(
+                scenario=arguments.scenario, study=out / "study", camera=arguments.camera, theme=arguments.theme
+            ),
+            settings=QSettings(str(out / "settings.ini"), QSettings.Format.IniFormat),
+            robot=lambda console: DemoRobot(console, camera=arguments.camera, seed=arguments.seed),
+        )
+    except composition.StartRefused as refusal:
+        print(refusal, file=sys.stderr)
+        return 2
+    console_run.window.resize(width_px, height_px)
+    rehearsal = Rehearsal(console_run.window, console_run.console, out, seconds=arguments.seconds)
+    failures: list[str] = []
+
+    def on_finished(failure: str) -> None:
+        failures.append(failure)
+        console_run.application.exit(0)
+
+    rehearsal.finished.connect(on_finished)
+    console_run.show()
+    rehearsal.start()
+    try:
+        console_run.application.exec()
+    finally:
+        console_run.close()
+    failure = failures[0] if failures else "the window was closed"
+    exported: Path | None = None
+    if not failure and rehearsal.session_folder is not None:
+        try:
+            exported = composition.export_session(rehearsal.session_folder)
+        except composition.IntentRefused as refusal:
+            failure = str(refusal)
+    print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
+    print(f"Exports:     {exported or 'none'}")
+    print(f"Screenshots: {out / 'screenshots'}")
+    print(f"Log:         {out / 'console.log'}")
+    if failure:
+        print(f"The rehearsal stopped: {failure}", file=sys.stderr)
+        return 1
+    print("The rehearsal is complete.")
+    return 0

@@ -1,0 +1,635 @@
+"""The running console: starts the threads and child processes, carries values to the panels, and the wizard's
+intents to the adapters. GUI thread, except where a method says otherwise.
+"""
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal
+
+from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
+from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
+from caris_desktop.conversation.transcript import Conversation
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import CancelGoal, GoTo, RobotCommand, Say, Silence
+from caris_desktop.domain.events import (
+    ChatMessage,
+    CommandSource,
+    DriveEnded,
+    EmergencyStopChanged,
+    GoalChanged,
+    LinkChanged,
+    LinkQuality,
+    Marked,
+    Problem,
+    ScenarioOpened,
+    Severity,
+    StopRequested,
+    UtteranceChanged,
+    UtteranceOrigin,
+)
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
+from caris_desktop.live.drive_controller import DriveController
+from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.mailbox import Mailbox
+from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.live.recorder_feed import RecorderFeed
+from caris_desktop.live.speech_director import SpeechDirector
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus, LinkStatus
+from caris_desktop.people.presence import Presence
+from caris_desktop.recording.messages import (
+    RecorderReport,
+    SessionHeader,
+    SetRecordingPermissions,
+    StartRecording,
+    StopRecording,
+    TakePhoto,
+)
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.study.trial import TrialDetails
+
+_log = logging.getLogger(__name__)
+_RESTART_AFTER_MS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConnection:
+    """One robot to connect to; the bodies are what runs in the link processes."""
+
+    name: str
+    address: str
+    control: ProcessBody
+    media: ProcessBody | None
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The concrete adapters of a run, chosen in ``app``. A ``None`` part is not there in this run."""
+
+    inference: ProcessBody | None
+    recorder: ProcessBody
+    speech: ProcessBody
+    language_model_server: ProcessBody
+    camera: ProcessBody | None
+    open_presence: Callable[[], Presence]
+    stream_chat: StreamChat
+    resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
+    build_prompt: Callable[[Scenario, Conversation, tuple[str, ...], str], tuple[ChatMessage, ...]]
+    load_scenario: Callable[[Path], Scenario]
+    new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
+    export_session: Callable[[Path], Path]
+
+
+class IntentRefused(Exception):
+    """An adapter refused what the wizard asked; the three parts of a message to the wizard."""
+
+    def __init__(self, what: str, meaning: str, advice: str) -> None:
+        super().__init__(f"{what} {meaning} {advice}")
+        self.what, self.meaning, self.advice = what, meaning, advice
+
+
+class Console(QObject):
+    """Implements WizardIntents. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
+
+    scenario_changed = Signal(object)
+    session_exported = Signal(object)
+    _woken = Signal()
+    _child_spoke = Signal(object)
+    _child_ended = Signal(object)
+
+    def __init__(self, parts: Parts, scenario: Scenario, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._parts = parts
+        self._scenario = scenario
+        self._state = LiveState(self)
+        self._connection: RobotConnection | None = None
+        self._session_folder: Path | None = None
+        self._embedded_url: str | None = None
+        self._children: dict[str, ChildProcess] = {}
+        self._exports: list[Future[None]] = []
+        self._shut_down = False
+        self._recording_video = False
+        self._conversation = Conversation()
+
+        self._media_ring = FrameRing.create()
+        self._camera_ring = FrameRing.create() if parts.camera else None
+        rings = [self._media_ring] + ([self._camera_ring] if self._camera_ring else [])
+        self._frames = FrameRings(rings)
+        self._rings_to_read = RingsToRead(tuple(ring.name for ring in rings))
+
+        self._mailbox = Mailbox(self._woken.emit)
+        self._woken.connect(self._drain_mailbox, Qt.ConnectionType.QueuedConnection)
+        self._child_spoke.connect(self._on_child_message, Qt.ConnectionType.QueuedConnection)
+        self._child_ended.connect(self._on_child_ended, Qt.ConnectionType.QueuedConnection)
+
+        self._recorder = ChildProcess(
+            replace(parts.recorder, arguments=(*parts.recorder.arguments, self._rings_to_read)),
+            on_message=self._on_recorder_message,
+            on_exit=lambda _code: self._child_ended.emit("recorder"),
+        )
+        self._feed = RecorderFeed(self._recorder)
+        self._asyncio = AsyncioThread()
+        self._drive = DriveController(self._state, self, scenario, self)
+        self._speech = SpeechDirector(
+            self._state, {"robot": _RobotVoice(self), "computer": _ComputerVoice(self)}, self.publish, self
+        )
+        self._assistant = AssistantDirector(self._state, self._asyncio, parts.stream_chat, self.publish, self)
+        self._perception_thread = QThread(self)
+        self._perception: PerceptionWorker | None = None
+        self._apply_scenario()
+
+    # What panels read
+
+    @property
+    def state(self) -> LiveState:
+        return self._state
+
+    @property
+    def scenario(self) -> Scenario:
+        return self._scenario
+
+    @property
+    def frames(self) -> FrameRings:
+        return self._frames
+
+    @property
+    def session_folder(self) -> Path | None:
+        """The current session's folder, or the last one's."""
+        return self._session_folder
+
+    @property
+    def child_pids(self) -> dict[str, int]:
+        """Process ids of the children, by body name."""
+        children = {**self._children, "recorder": self._recorder}
+        return {name: child.pid for name, child in children.items() if child.pid is not None}
+
+    # Start and end
+
+    def start(self) -> None:
+        """Start what the window does not need to be usable: all child processes and the perception thread."""
+        self._recorder.start()
+        if self._parts.camera is not None and self._camera_ring is not None:
+            body = self._parts.camera
+            self._start_child(
+                replace(body, arguments=(*body.arguments, RingToWrite(self._camera_ring.name))), self._on_robot_message
+            )
+        self._start_child(self._parts.speech, self._on_voice_message)
+        if self._parts.inference is not None:
+            body = self._parts.inference
+            worker = PerceptionWorker(
+                replace(body, arguments=(self._rings_to_read, *body.arguments)),
+                self._parts.open_presence,
+                self.publish,
+            )
+            worker.moveToThread(self._perception_thread)
+            worker.status_changed.connect(self._state.perception.set, Qt.ConnectionType.QueuedConnection)
+            worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
+            self._perception_thread.started.connect(worker.run)
+            self._perception = worker
+            self._perception_thread.setObjectName("perception")
+            self._perception_thread.start(QThread.Priority.LowPriority)
+        self._start_language_model()
+
+    def connect_robot(self, connection: RobotConnection) -> None:
+        """Connect, or connect to another robot instead."""
+        for name in ("control", "media"):
+            child = self._children.pop(name, None)
+            if child is not None:
+                child.stop(grace_s=1.0)
+        self._connection = connection
+        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
+        self._start_child(connection.control, self._on_robot_message)
+        if connection.media is not None:
+            media = connection.media
+            self._start_child(
+                replace(media, arguments=(*media.arguments, RingToWrite(self._media_ring.name))),
+                self._on_robot_message,
+            )
+
+    def shutdown(self) -> None:
+        """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
+        if self._shut_down:
+            return
+        self._shut_down = True
+        self._drive.release("The console closes")
+        self._assistant.cancel()
+        control = self._children.pop("control", None)
+        if control is not None:
+            control.stop(grace_s=2.0)
+        if self._state.recording.value.state in ("starting", "recording"):
+            self.stop_session()
+        for child in self._children.values():
+            child.stop(grace_s=1.5)
+        if self._perception is not None:
+            self._perception.stop()
+            if not self._perception_thread.wait(5000):
+                _log.error("the perception thread did not end")
+        for export in self._exports:
+            export.cancel()
+        self._asyncio.stop()
+        self._feed.close()
+        self._recorder.stop(grace_s=5.0)
+        self._frames.close()
+
+    # Values on their way
+
+    def publish(self, value: Any, raw: bytes | None = None) -> None:
+        """Take a domain value from any thread to the recorder, the panels and, for frames, to perception."""
+        if isinstance(value, FrameRef):
+            if self._recording_video:
+                self._feed.put(value, raw)
+            if self._perception is not None:
+                self._perception.offer(value)
+        else:
+            self._feed.put(value, raw)
+        self._mailbox.put(value)
+
+    def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
+        """Tell the wizard, and the record."""
+        _log.warning("%s %s %s", what, meaning, advice)
+        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice))
+
+    def send(self, command: RobotCommand) -> bool:
+        """RobotPort: to the control link, now or not at all."""
+        control = self._children.get("control")
+        return control is not None and control.send(command)
+
+    def send_to_speech(self, message: Speak | SilenceSpeech) -> bool:
+        speech = self._children.get(self._parts.speech.name)
+        return speech is not None and speech.send(message)
+
+    def _on_robot_message(self, value: Any, raw: bytes) -> None:  # reader threads
+        if isinstance(value, UtteranceChanged) or type(value) not in BY_TYPE:
+            self._child_spoke.emit(value)
+        else:
+            self.publish(value, raw)
+
+    def _on_voice_message(self, value: Any, raw: bytes) -> None:  # reader threads
+        self._on_robot_message(value, raw)
+
+    def _on_recorder_message(self, value: Any, raw: bytes) -> None:  # reader thread
+        if isinstance(value, RecorderReport):
+            self._child_spoke.emit(value)
+        else:  # the recorder has written its own events already
+            self._mailbox.put(value)
+
+    def _drain_mailbox(self) -> None:
+        events, latest = self._mailbox.drain()
+        for event in events:
+            self._before_panels(event)
+            self._state.take(event)
+        for value in latest:
+            self._state.take(value)
+
+    def _before_panels(self, event: Any) -> None:
+        if isinstance(event, LinkChanged):
+            self._on_link_changed(event)
+        elif isinstance(event, LinkQuality):
+            self._state.link.set(replace(self._state.link.value, round_trip_ms=event.round_trip_ms))
+        elif isinstance(event, (DriveEnded, EmergencyStopChanged)):
+            self._drive.on_robot_event(event)
+        elif isinstance(event, GoalChanged):
+            self._state.goal.set(event)
+        elif isinstance(event, UtteranceChanged):
+            self._conversation.add(event)
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        if event.link == "media":
+            if event.state != "connected":
+                self._state.frame.clear()
+                self._state.map.clear()
+            return
+        self._state.link.set(
+            replace(
+                self._state.link.value,
+                state=event.state,
+                address=event.address,
+                detail=event.detail,
+                round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
+            )
+        )
+        if event.state != "connected":
+            self._state.clear_robot_streams()
+            self._speech.on_voice_lost("robot", "the link was lost")
+
+    def _on_child_message(self, message: Any) -> None:
+        if isinstance(message, UtteranceChanged):
+            self._speech.on_utterance(message)
+        elif isinstance(message, RecorderReport):
+            self._on_recorder_report(message)
+        elif isinstance(message, SpeechReady):
+            status = self._state.speech.value
+            self._state.speech.set(
+                replace(status, ready=True, detail="" if message.audible else "no sound device: nobody hears it")
+            )
+        elif isinstance(message, SpeechFailed):
+            self.publish(message.problem)
+            self._speech.on_voice_lost("computer", message.problem.what)
+        elif isinstance(message, EmbeddedReady):
+            self._embedded_url = message.url
+            self._use_language_model()
+        elif isinstance(message, EmbeddedFailed):
+            self.publish(message.problem)
+            self._assistant.show_status(AssistantStatus(state="failed", detail=message.problem.what))
+        else:
+            _log.info("%r", message)
+
+    def _on_child_ended(self, name: str) -> None:
+        if self._shut_down:
+            return
+        child = self._children.pop(name, None)
+        if name == "recorder":
+            self._state.recording.set(replace(self._state.recording.value, state="failed", detail="it stopped"))
+            self._recording_video = False
+            self.problem(
+                "error",
+                "The recorder stopped unexpectedly.",
+                "The session up to now is on disk; nothing after this moment is recorded.",
+                "Restart the program to record again.",
+            )
+        elif child is not None and name in ("control", "media"):
+            self._on_link_changed(
+                LinkChanged(clock.now_ns(), name, "lost", self._state.link.value.address, "the link process stopped")
+            )
+            QTimer.singleShot(_RESTART_AFTER_MS, self._reconnect)
+        elif child is not None and name == self._parts.speech.name:
+            self._speech.on_voice_lost("computer", "speech stopped unexpectedly")
+            self._start_child(self._parts.speech, self._on_voice_message)
+        elif child is not None and name == self._parts.language_model_server.name:
+            self._embedded_url = None
+            self._assistant.show_status(
+                AssistantStatus(state="failed", detail="The language model stopped. Open the scenario again.")
+            )
+
+    def _reconnect(self) -> None:
+        if self._connection is not None and not self._shut_down:
+            self.connect_robot(self._connection)
+
+    def _start_child(self, body: ProcessBody, on_message: Callable[[Any, bytes], None]) -> None:
+        child = ChildProcess(
+            body, on_message=on_message, on_exit=lambda _code, name=body.name: self._child_ended.emit(name)
+        )
+        self._children[body.name] = child
+        child.start()
+
+    # Driving
+
+    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+        self._drive.drive(forward=forward, left=left, turn=turn, source=source)
+
+    def release_drive(self, reason: str = "") -> None:
+        self._drive.release(reason)
+
+    def set_speed_fraction(self, fraction: float) -> None:
+        self._drive.set_speed_fraction(fraction)
+
+    def stop(self) -> None:
+        self._drive.stop()
+        self.publish(StopRequested(clock.now_ns()))
+
+    def emergency_stop(self) -> None:
+        heard = self._drive.set_emergency_stop(latched=True)
+        self.publish(EmergencyStopChanged(clock.now_ns(), True, "wizard"))
+        if not heard:
+            self.problem(
+                "error",
+                "The robot could not be told of the emergency stop.",
+                "The console sends no motion. The robot stops by itself if it guards its commands.",
+                "Use the robot's own emergency stop button.",
+            )
+
+    def clear_emergency_stop(self) -> None:
+        self._drive.set_emergency_stop(latched=False)
+        self.publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
+
+    def go_to_place(self, name: str) -> None:
+        place = next((place for place in self._scenario.places if place.name == name), None)
+        status = self._state.drive.value
+        if place is None or not status.allowed:
+            self.problem(
+                "warning",
+                f"The robot cannot go to {name}.",
+                "It stays where it is.",
+                "This scenario has no such place." if place is None else f"{status.reason}.",
+            )
+            return
+        self._drive.release("A goal was set")
+        now_ns = clock.now_ns()
+        if not self.send(GoTo(now_ns, f"g-{now_ns:x}", place.pose_in_map, place.name)):
+            self.problem(
+                "warning", f"The robot could not be sent to {name}.", "It stays where it is.", "Check the link."
+            )
+
+    def cancel_goal(self) -> None:
+        self.send(CancelGoal(clock.now_ns()))
+
+    # Speaking
+
+    def say(self, text: str, origin: UtteranceOrigin) -> None:
+        self._speech.say(text, origin)
+
+    def silence(self) -> None:
+        self._speech.silence()
+
+    def ask_assistant(self, question: str) -> None:
+        if not self._scenario.permissions.assistant or not question.strip():
+            return
+        people = tuple(row.name for row in self._state.persons.value if row.here)
+        messages = self._parts.build_prompt(self._scenario, self._conversation, people, question.strip())
+        settings = self._scenario.assistant
+        if not self._assistant.ask(
+            question.strip(), messages, max_tokens=settings.max_tokens, temperature=settings.temperature
+        ):
+            status = self._state.assistant.value
+            self.problem(
+                "warning",
+                "The assistant cannot answer now.",
+                "Your question is kept in the field.",
+                "Its model is still starting: ask again in a moment."
+                if status.state == "starting"
+                else (status.detail or "Check the scenario's model."),
+            )
+
+    def cancel_assistant(self) -> None:
+        self._assistant.cancel()
+
+    def say_answer(self, text: str) -> None:
+        self._assistant.note_use(text)
+        self._speech.say(text, "assistant")
+
+    # People
+
+    def rename_person(self, person_id: str, name: str) -> None:
+        if self._scenario.permissions.naming_people and self._perception is not None:
+            self._perception.rename(person_id, name)
+
+    # Session
+
+    def start_session(self, details: TrialDetails) -> None:
+        if self._state.recording.value.state in ("starting", "recording", "stopping"):
+            return
+        try:
+            folder, header = self._parts.new_session(details, self._scenario, self._connection)
+        except IntentRefused as refusal:
+            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
+            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return
+        self._session_folder = folder
+        self._recording_video = self._scenario.permissions.video_recording
+        now_ns = clock.now_ns()
+        self._state.recording.set(
+            replace(self._state.recording.value, state="starting", folder=folder, started_ns=now_ns, detail="")
+        )
+        link = self._state.link.value
+        permissions = self._scenario.permissions
+        self._feed.start(
+            StartRecording(folder, header, video=permissions.video_recording, photos=permissions.photos),
+            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
+            self._scenario_event(),
+        )
+
+    def stop_session(self) -> None:
+        if self._state.recording.value.state not in ("starting", "recording") or self._session_folder is None:
+            return
+        self._recording_video = False
+        self._state.recording.set(replace(self._state.recording.value, state="stopping"))
+        self._feed.stop(StopRecording("console_closed" if self._shut_down else "wizard"))
+
+    def take_photo(self) -> None:
+        if not self._scenario.permissions.photos:
+            return
+        ref = self._state.frame.value
+        if self._state.recording.value.state != "recording" or ref is None:
+            self.problem(
+                "warning",
+                "No photo was taken.",
+                "Photos are kept in the session's folder.",
+                "Start recording first." if ref is not None else "There is no picture from the camera.",
+            )
+            return
+        self._feed.request(TakePhoto(ref))
+
+    def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None:
+        self.publish(Marked(clock.now_ns(), label, kind))
+
+    def export_session(self) -> None:
+        """Export the last session as CSV beside its folder; tells the wizard where."""
+        folder = self._session_folder
+        if folder is None or self._state.recording.value.state in ("starting", "recording", "stopping"):
+            self.problem(
+                "warning", "There is nothing to export yet.", "A session is exported as a whole.", "Stop it first."
+            )
+            return
+        self._exports = [export for export in self._exports if not export.done()]
+        self._exports.append(self._asyncio.submit(self._export(folder)))
+
+    async def _export(self, folder: Path) -> None:
+        import asyncio
+
+        try:
+            out = await asyncio.to_thread(self._parts.export_session, folder)
+        except IntentRefused as refusal:
+            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return
+        self.session_exported.emit(out)
+        self.problem("info", "The session was exported.", f"The tables are in {out}.", "Open the folder to see them.")
+
+    def _on_recorder_report(self, report: RecorderReport) -> None:
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state=report.state,
+                written_bytes=report.written_bytes,
+                free_bytes=report.free_bytes,
+                detail=report.detail,
+            )
+        )
+        if report.state in ("idle", "failed"):
+            self._recording_video = False
+
+    # Scenario
+
+    def open_scenario(self, path: Path) -> bool:
+        try:
+            scenario = self._parts.load_scenario(path)
+        except IntentRefused as refusal:
+            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return False
+        self._scenario = scenario
+        recording = self._state.recording.value.state in ("starting", "recording")
+        self._recording_video = recording and scenario.permissions.video_recording
+        if recording:
+            self._feed.request(
+                SetRecordingPermissions(
+                    video=scenario.permissions.video_recording, photos=scenario.permissions.photos
+                )
+            )
+        self._apply_scenario()
+        self._start_language_model()
+        self.scenario_changed.emit(scenario)
+        return True
+
+    def _apply_scenario(self) -> None:
+        self._drive.use_scenario(self._scenario)
+        self._speech.use_voice(self._scenario.voice)
+        self.publish(self._scenario_event())
+
+    def _scenario_event(self) -> ScenarioOpened:
+        path = self._scenario.path
+        return ScenarioOpened(
+            clock.now_ns(), path.name if path else "", self._scenario.title, self._scenario.sha256
+        )
+
+    def _start_language_model(self) -> None:
+        if not self._scenario.permissions.assistant:
+            self._assistant.show_status(AssistantStatus(state="off"))
+        elif self._scenario.assistant.model == "embedded" and self._embedded_url is None:
+            self._assistant.show_status(AssistantStatus(state="starting", model="SmolLM2"))
+            if self._parts.language_model_server.name not in self._children:
+                self._start_child(self._parts.language_model_server, self._on_robot_message)
+        else:
+            self._use_language_model()
+
+    def _use_language_model(self) -> None:
+        if not self._scenario.permissions.assistant:
+            return
+        try:
+            self._assistant.use_endpoint(
+                self._parts.resolve_endpoint(self._scenario.assistant.model, self._embedded_url)
+            )
+        except LanguageModelError as error:
+            self._assistant.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
+
+
+class _RobotVoice:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def say(self, utterance: UtteranceChanged) -> bool:
+        return self._console.state.link.value.state == "connected" and self._console.send(
+            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text)
+        )
+
+    def silence(self) -> bool:
+        return self._console.send(Silence(clock.now_ns()))
+
+
+class _ComputerVoice:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def say(self, utterance: UtteranceChanged) -> bool:
+        return self._console.send_to_speech(Speak(utterance.utterance_id, utterance.text, utterance.origin))
+
+    def silence(self) -> bool:
+        return self._console.send_to_speech(SilenceSpeech())

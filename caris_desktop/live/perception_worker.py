@@ -1,0 +1,170 @@
+"""The perception worker: feeds the newest frame to the inference child and turns its tracks into people.
+
+It lives in a QThread. A native crash of the detector ends only the child: the worker says so, starts another and
+goes on.
+"""
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QThread, Signal, Slot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.ports import ValueSink
+from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.people.presence import Presence
+from caris_desktop.perception.inference import InferenceFailed, InferenceReady
+
+_log = logging.getLogger(__name__)
+_TICK_S = 0.2
+_RESTARTS_AT_MOST = 3
+_ANSWER_WITHIN_NS = 5_000_000_000
+
+
+class PerceptionWorker(QObject):
+    """``offer``, ``rename`` and ``stop`` may be called from any thread; ``run`` is the thread's whole life."""
+
+    status_changed = Signal(object)  # PerceptionStatus
+    persons_changed = Signal(object)  # tuple[PersonRow, ...]
+
+    def __init__(self, body: ProcessBody, open_presence: Callable[[], Presence], publish: ValueSink) -> None:
+        super().__init__()
+        self._body = body
+        self._open_presence = open_presence
+        self._publish = publish
+        self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._slot_lock = threading.Lock()
+        self._newest: FrameRef | None = None
+        self._stopping = False
+        self._status = PerceptionStatus()
+
+    def offer(self, ref: FrameRef) -> None:
+        """A new frame; one that was not taken yet is overwritten."""
+        with self._slot_lock:
+            was_empty, self._newest = self._newest is None, ref
+        if was_empty:
+            self._inputs.put(_FRAME_WAITS)
+
+    def rename(self, person_id: str, name: str) -> None:
+        self._inputs.put(_Rename(person_id, name))
+
+    def stop(self) -> None:
+        self._inputs.put(_STOP)
+
+    @Slot()
+    def run(self) -> None:
+        try:
+            self._run()
+        except Exception:
+            _log.exception("the perception worker failed")
+            self._set_status(replace(self._status, state="failed", detail="People are not recognised any more"))
+        finally:
+            thread = self.thread()
+            if isinstance(thread, QThread):
+                thread.quit()
+
+    def _run(self) -> None:
+        presence = self._open_presence()
+        child: ChildProcess | None = self._start_child()
+        restarts = 0
+        ready = busy = frame_waits = False
+        asked_ns = 0
+        while True:
+            try:
+                item = self._inputs.get(timeout=_TICK_S)
+            except queue.Empty:
+                item = None
+            if item is _STOP:
+                break
+            if item is _FRAME_WAITS:
+                frame_waits = True
+            elif isinstance(item, _Rename):
+                self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns()))
+            elif isinstance(item, InferenceReady):
+                ready, busy = True, False
+                self._set_status(PerceptionStatus(state="ready", model=item.model))
+            elif isinstance(item, InferenceFailed):
+                self._publish(item.problem)
+                self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
+                ready = False
+            elif isinstance(item, People):
+                busy = False
+                people, events = presence.update(item)
+                self._publish(people)
+                self._publish_all(events)
+                self._set_status(replace(self._status, inference_ms=item.inference_ms))
+            elif isinstance(item, _ChildEnded) and item.child is child:
+                ready = busy = False
+                child.stop(grace_s=0.0)
+                restarts += 1
+                child = self._start_child() if restarts <= _RESTARTS_AT_MOST else None
+                self._publish(
+                    Problem(
+                        clock.now_ns(),
+                        "warning",
+                        "People recognition stopped unexpectedly.",
+                        "Boxes and the People panel are empty until it is back; the recording goes on.",
+                        "It is being started again." if child else "It failed too often: restart the program.",
+                    )
+                )
+                if child is None:
+                    self._set_status(PerceptionStatus(state="failed", detail="Stopped unexpectedly, too often"))
+            self._publish_all(presence.tick(clock.now_ns()))
+            if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
+                busy = False
+            if ready and frame_waits and not busy and child is not None:
+                with self._slot_lock:
+                    ref, self._newest = self._newest, None
+                frame_waits = False
+                if ref is not None and child.send(ref):
+                    busy, asked_ns = True, clock.now_ns()
+            self._show_persons(presence)
+        if child is not None:
+            child.stop(grace_s=2.0)
+        presence.close()
+
+    def _start_child(self) -> ChildProcess:
+        self._set_status(PerceptionStatus(state="loading"))
+        child = ChildProcess(
+            self._body,
+            on_message=lambda value, _raw: self._inputs.put(value),
+            on_exit=lambda _code: self._inputs.put(_ChildEnded(child)),
+        )
+        child.start()
+        return child
+
+    def _publish_all(self, events: list[Any]) -> None:
+        for event in events:
+            self._publish(event)
+
+    def _set_status(self, status: PerceptionStatus) -> None:
+        if status != self._status:
+            self._status = status
+            self.status_changed.emit(status)
+
+    def _show_persons(self, presence: Presence) -> None:
+        rows = presence.persons()
+        if rows != getattr(self, "_shown", None):
+            self._shown = rows
+            self.persons_changed.emit(rows)
+
+
+class _Rename:
+    def __init__(self, person_id: str, name: str) -> None:
+        self.person_id, self.name = person_id, name
+
+
+class _ChildEnded:
+    def __init__(self, child: ChildProcess) -> None:
+        self.child = child
+
+
+_FRAME_WAITS = object()
+_STOP = object()

@@ -1,0 +1,168 @@
+"""Hold to drive, as commands on the way to the link."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import Drive, Release, RenewLease, RobotCommand, SetEmergencyStop, StopMotion
+from caris_desktop.domain.events import DriveEnded
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import FrameRef, LaserScan
+from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import LinkStatus
+from caris_desktop.scenario.model import DrivingLimits, PanelLeaf, Permissions, Scenario
+
+
+class RecordingRobot:
+    """Takes commands while ``connected``."""
+
+    def __init__(self) -> None:
+        self.sent: list[RobotCommand] = []
+        self.connected = True
+
+    def send(self, command: RobotCommand) -> bool:
+        if self.connected:
+            self.sent.append(command)
+        return self.connected
+
+    def of(self, kind: type) -> list[RobotCommand]:
+        return [command for command in self.sent if isinstance(command, kind)]
+
+
+def _scenario(**permissions: bool) -> Scenario:
+    return Scenario(
+        "Test",
+        PanelLeaf("drive"),
+        driving=DrivingLimits(max_forward_mps=1.0, max_turn_radps=2.0),
+        permissions=Permissions(**permissions),
+    )
+
+
+def _feed_sensors(state: LiveState) -> None:
+    now_ns = clock.now_ns()
+    state.take(LaserScan(now_ns, None, "laser", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
+    state.take(FrameRef(now_ns, None, "front", "r", 0, 1, 4, 3))
+
+
+@pytest.fixture
+def robot() -> RecordingRobot:
+    return RecordingRobot()
+
+
+@pytest.fixture
+def state(qtbot: QtBot) -> Iterator[LiveState]:
+    state = LiveState()
+    state.link.set(LinkStatus(state="connected"))
+    _feed_sensors(state)
+    yield state
+    state.deleteLater()
+
+
+@pytest.fixture
+def controller(state: LiveState, robot: RecordingRobot) -> DriveController:
+    controller = DriveController(state, robot, _scenario(), state)
+    controller.set_speed_fraction(0.5)
+    robot.sent.clear()
+    return controller
+
+
+def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
+    qtbot: QtBot, controller: DriveController, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert [command.target for command in robot.of(Drive)] == [Twist2D(0.5, 0, 0)]
+    controller.drive(forward=1, left=0, turn=-1, source="keyboard")
+    assert robot.of(Drive)[-1].target == Twist2D(0.5, 0, -1.0)
+    qtbot.waitUntil(lambda: len(robot.of(RenewLease)) >= 3)
+    controller.release()
+    assert isinstance(robot.sent[-1], Release)
+    renewals = len(robot.of(RenewLease))
+    qtbot.wait(150)  # three renewal periods in which nothing may be sent
+    assert len(robot.of(RenewLease)) == renewals
+
+
+def test_nothing_is_sent_while_the_link_is_down_and_old_keys_do_not_drive_when_it_is_back(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    state.link.set(LinkStatus(state="lost"))
+    assert isinstance(robot.sent[-1], Release)
+    assert not state.drive.value.allowed and "connected" in state.drive.value.reason
+    robot.sent.clear()
+    controller.drive(forward=1, left=0, turn=1, source="keyboard")
+    assert not robot.sent
+    state.link.set(LinkStatus(state="connected"))
+    assert not robot.of(Drive), "only a new key press drives"
+
+
+def test_speed_is_capped_without_fresh_sensors_and_the_reason_is_told(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    state.scan.clear()
+    assert robot.of(Drive)[-1].target == Twist2D(0.5 * STALE_CAP_FRACTION, 0, 0)
+    assert "LIDAR" in state.drive.value.cap_reason
+    _feed_sensors(state)
+    assert robot.of(Drive)[-1].target == Twist2D(0.5, 0, 0)
+    assert state.drive.value.cap_reason == ""
+
+
+def test_emergency_stop_latches_until_it_is_cleared(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert controller.set_emergency_stop(latched=True)
+    assert [type(command) for command in robot.sent[-2:]] == [Release, SetEmergencyStop]
+    robot.sent.clear()
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert not robot.of(Drive)
+    controller.set_emergency_stop(latched=False)
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert robot.of(Drive)
+
+
+def test_emergency_stop_latches_here_even_when_nobody_hears_it(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    robot.connected = False
+    assert not controller.set_emergency_stop(latched=True)
+    assert state.drive.value.emergency_stop and not state.drive.value.allowed
+
+
+def test_stop_is_sent_even_when_nothing_is_held(controller: DriveController, robot: RecordingRobot) -> None:
+    controller.stop()
+    assert [type(command) for command in robot.sent] == [StopMotion]
+
+
+def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
+    qtbot: QtBot, controller: DriveController, robot: RecordingRobot, state: LiveState
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    controller.on_robot_event(DriveEnded(clock.now_ns(), "no renewal"))
+    robot.sent.clear()
+    qtbot.wait(120)
+    assert not robot.sent
+    assert state.drive.value.target_forward_mps == 0
+
+
+def test_a_scenario_without_driving_has_no_way_to_drive(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.use_scenario(_scenario(driving=False))
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert not robot.of(Drive)
+    assert not state.drive.value.allowed
+
+
+def test_the_speed_setting_applies_while_driving(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=-1, left=0, turn=0, source="keyboard")
+    controller.set_speed_fraction(0.8)
+    assert robot.of(Drive)[-1].target == Twist2D(-0.8, 0, 0)
+    assert state.drive.value == replace(state.drive.value, target_forward_mps=-0.8)

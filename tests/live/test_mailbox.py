@@ -1,0 +1,50 @@
+"""One-slot mailboxes: newest state wins, events never get lost."""
+
+import threading
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.sensing import BatteryState, FrameRef
+from caris_desktop.live.mailbox import Mailbox
+
+
+def _frame(sequence: int, camera: str = "front") -> FrameRef:
+    return FrameRef(sequence, None, camera, "ring", sequence % 4, sequence, 4, 3)
+
+
+def test_newest_state_wins_and_events_keep_their_order() -> None:
+    wakes: list[int] = []
+    mailbox = Mailbox(lambda: wakes.append(1))
+    for number in range(5):
+        mailbox.put(BatteryState(number, number / 10))
+        mailbox.put(Marked(number, f"mark {number}"))
+    events, latest = mailbox.drain()
+    assert [event.label for event in events] == [f"mark {number}" for number in range(5)]
+    assert latest == [BatteryState(4, 0.4)]
+    assert len(wakes) == 1, "only empty to full wakes"
+    assert mailbox.overwritten == {"battery": 4}
+    assert mailbox.drain() == ([], [])
+
+
+def test_cameras_do_not_overwrite_one_another() -> None:
+    mailbox = Mailbox(lambda: None)
+    mailbox.put(_frame(1, "front"))
+    mailbox.put(_frame(2, "rear"))
+    mailbox.put(_frame(3, "front"))
+    _, latest = mailbox.drain()
+    assert {(ref.camera, ref.sequence) for ref in latest} == {("front", 3), ("rear", 2)}
+
+
+def test_events_from_many_threads_all_arrive() -> None:
+    mailbox = Mailbox(lambda: None)
+
+    def put_many(thread: int) -> None:
+        for number in range(500):
+            mailbox.put(Marked(number, f"{thread}"))
+
+    threads = [threading.Thread(target=put_many, args=(index,)) for index in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    events, _ = mailbox.drain()
+    assert len(events) == 2000

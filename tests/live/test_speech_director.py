@@ -1,0 +1,88 @@
+"""One queue in front of the voices."""
+
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.live.speech_director import SpeechDirector
+from caris_desktop.live.state import LiveState
+
+
+class TestVoice:
+    __test__ = False
+
+    def __init__(self) -> None:
+        self.available = True
+        self.said: list[UtteranceChanged] = []
+        self.silenced = 0
+
+    def say(self, utterance: UtteranceChanged) -> bool:
+        if self.available:
+            self.said.append(utterance)
+        return self.available
+
+    def silence(self) -> bool:
+        self.silenced += 1
+        return True
+
+
+def _setup() -> tuple[SpeechDirector, TestVoice, list[UtteranceChanged], LiveState]:
+    voice, published, state = TestVoice(), [], LiveState()
+    director = SpeechDirector(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
+    return director, voice, published, state
+
+
+def _report(utterance: UtteranceChanged, what: str) -> UtteranceChanged:
+    return UtteranceChanged(clock.now_ns(), utterance.utterance_id, "robot", utterance.text, "typed", what)  # type: ignore[arg-type]
+
+
+def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> None:
+    director, voice, published, state = _setup()
+    director.say("  Hello\n there ", "phrase")
+    director.say("Goodbye", "typed")
+    assert [utterance.text for utterance in voice.said] == ["Hello there"]
+    assert state.speech.value.now.text == "Hello there" and len(state.speech.value.waiting) == 1
+    director.on_utterance(_report(voice.said[0], "started"))
+    director.on_utterance(_report(voice.said[0], "finished"))
+    assert [utterance.text for utterance in voice.said] == ["Hello there", "Goodbye"]
+    assert [(event.text, event.state, event.origin) for event in published] == [
+        ("Hello there", "requested", "phrase"),
+        ("Goodbye", "requested", "typed"),
+        ("Hello there", "started", "phrase"),
+        ("Hello there", "finished", "phrase"),
+    ]
+
+
+def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:
+    director, voice, published, state = _setup()
+    director.say("One", "typed")
+    director.say("Two", "typed")
+    director.silence()
+    assert voice.silenced == 1
+    assert ("Two", "interrupted") in [(event.text, event.state) for event in published]
+    director.on_utterance(_report(voice.said[0], "interrupted"))
+    assert state.speech.value.now is None and state.speech.value.waiting == ()
+    assert len(voice.said) == 1
+
+
+def test_a_voice_that_is_not_there_fails_the_sentence_and_says_so(qtbot: QtBot) -> None:
+    director, voice, published, state = _setup()
+    voice.available = False
+    director.say("Hello", "typed")
+    assert [(event.state, bool(event.detail)) for event in published] == [("requested", False), ("failed", True)]
+    assert state.speech.value.now is None
+
+
+def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> None:
+    director, voice, published, _state = _setup()
+    director.say("One", "typed")
+    director.say("Two", "typed")
+    director.on_voice_lost("robot", "the link was lost")
+    assert published[-1].state == "failed" and published[-1].text == "One"
+    assert [utterance.text for utterance in voice.said] == ["One", "Two"]
+
+
+def test_blank_text_says_nothing(qtbot: QtBot) -> None:
+    director, voice, published, _state = _setup()
+    assert director.say("  \n", "typed") == ""
+    assert not voice.said and not published
