@@ -109,8 +109,8 @@ install_system_packages() {
     libegl1 libgl1 libglib2.0-0 libfontconfig1 libdbus-1-3 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-keysyms1
     libxcb-shape0 libportaudio2
   )
-  # What it is better with: a voice, PulseAudio's client and a readable typeface.
-  local wanted=(espeak-ng libpulse0 libasound2-plugins fonts-inter)
+  # What it is better with: a voice, PulseAudio, a readable typeface, Wayland.
+  local wanted=(espeak-ng libpulse0 libasound2-plugins fonts-inter libwayland-cursor0 libwayland-egl1)
   local python
   if ! python=$(find_python); then
     needed+=(python3 python3-venv)
