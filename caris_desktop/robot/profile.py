@@ -318,22 +318,21 @@ def _node_at(node: yaml.Node, path: Iterable[str | int]) -> yaml.Node:
 def _explain(problem: jsonschema.ValidationError, node: yaml.Node, file_name: str) -> str:
     where = ".".join(str(step) for step in problem.absolute_path) or "the profile"
     at = _node_at(node, problem.absolute_path)
+    place = _place(file_name, at.start_mark)
+    found: Any = problem.instance
+    rule: Any = problem.validator_value
+    schema: dict[str, Any] = problem.schema if isinstance(problem.schema, dict) else {}
     if problem.validator == "additionalProperties":
-        allowed = sorted(problem.schema["properties"])
-        unknown = sorted(set(problem.instance) - set(allowed))
-        key = next((key for key, _ in at.value if key.value == unknown[0]), at)
+        allowed = sorted(schema.get("properties", {}))
+        unknown = next(str(key) for key in found if key not in allowed)
+        key_node = next((key for key, _ in at.value if key.value == unknown), at)
         return (
-            f"{_place(file_name, key.start_mark)}: {unknown[0]!r} is not known in {where}. "
+            f"{_place(file_name, key_node.start_mark)}: {unknown!r} is not known in {where}. "
             f"Allowed are: {', '.join(allowed)}."
         )
-    place = _place(file_name, at.start_mark)
     if problem.validator == "required":
-        missing = next(key for key in problem.validator_value if key not in problem.instance)
-        return f"{place}: {where} lacks {missing!r}."
+        return f"{place}: {where} lacks {next(key for key in rule if key not in found)!r}."
     if problem.validator == "enum":
-        return (
-            f"{place}: {where} is {problem.instance!r}; allowed are: "
-            f"{', '.join(str(value) for value in problem.validator_value)}."
-        )
-    hint = problem.schema.get("description") if isinstance(problem.schema, dict) else None
-    return f"{place}: {where}: {problem.message}." + (f" Expected: {hint}" if hint else "")
+        return f"{place}: {where} is {found!r}; allowed are: {', '.join(str(value) for value in rule)}."
+    hint = schema.get("description")
+    return f"{place}: {where}: {problem.message}." + (f" Expected: {hint}." if hint else "")

@@ -1,0 +1,107 @@
+"""What a link process sends to the console, without ever waiting for it."""
+
+import logging
+import threading
+from collections import deque
+from multiprocessing.connection import Connection
+from typing import Any
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import Gap, Problem, Severity
+from caris_desktop.domain.streams import BY_TYPE, Delivery
+
+logger = logging.getLogger(__name__)
+
+# Half an hour of velocity commands at 20 Hz and their company.
+MOST_EVENTS = 50_000
+# A burst passes whole; a console that sleeps gets the newest of each stream when it wakes.
+MOST_VALUES_PER_STREAM = 8
+
+
+class Outbox:
+    """Takes domain values on the loop and writes them to the console from a thread of its own.
+
+    A stopped console fills the pipe and blocks a writer. That writer is this thread, so the loop with the motion
+    lease on it goes on. Events are kept (up to a bound that a day of sleep does not exhaust); of state values the
+    oldest give way, and what gave way is reported as a :class:`Gap`.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._changed = threading.Condition()
+        self._events: deque[Any] = deque()
+        self._values: dict[str, deque[Any]] = {}
+        self._gaps: dict[str, int] = {}
+        self._closing = False
+        self._broken = False
+        self._thread = threading.Thread(target=self._write, name="link-outbox", daemon=True)
+        self._thread.start()
+
+    def put(self, value: Any) -> None:
+        """Never blocks. Raises KeyError for a type that is not in the stream table."""
+        spec = BY_TYPE[type(value)]
+        with self._changed:
+            if spec.delivery is Delivery.LOSSLESS:
+                if len(self._events) >= MOST_EVENTS:
+                    self._events.popleft()
+                    self._gaps["events"] = self._gaps.get("events", 0) + 1
+                self._events.append(value)
+            else:
+                # Each camera is a stream of its own.
+                key = f"{spec.name}:{value.camera}" if spec.delivery is Delivery.MEDIA else spec.name
+                waiting = self._values.setdefault(key, deque())
+                if len(waiting) >= MOST_VALUES_PER_STREAM:
+                    waiting.popleft()
+                    self._gaps[spec.name] = self._gaps.get(spec.name, 0) + 1
+                waiting.append(value)
+            self._changed.notify()
+
+    def close(self, timeout_s: float) -> None:
+        """Write what is left, for at most ``timeout_s``; a console that does not read gets no more."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout_s)
+
+    def _write(self) -> None:
+        while True:
+            with self._changed:
+                while not (self._events or any(self._values.values()) or self._closing):
+                    self._changed.wait()
+                batch = list(self._events)
+                batch += [value for waiting in self._values.values() for value in waiting]
+                batch += [
+                    Gap(now_ns(), stream, count, "the console did not keep up") for stream, count in self._gaps.items()
+                ]
+                self._events.clear()
+                self._values.clear()
+                self._gaps.clear()
+                if not batch and self._closing:
+                    return
+            try:
+                for value in batch:
+                    self._connection.send(value)
+            except (OSError, ValueError) as error:
+                # The loop finds the end of the connection by itself.
+                logger.info("The console is gone: %s", error)
+                return
+
+
+class ProblemReporter:
+    """Turns a stream of equal mishaps into one Problem now and then, with their number."""
+
+    def __init__(self, put: Any, *, at_most_every_s: float = 10.0) -> None:
+        self._put = put
+        self._every_ns = int(at_most_every_s * 1e9)
+        self._last_ns: dict[str, int] = {}
+        self._count: dict[str, int] = {}
+
+    def count(self, key: str, *, severity: Severity, what: str, meaning: str, advice: str) -> None:
+        """Report the first of a kind at once and later ones summed up. ``{count}`` in ``what`` is their number."""
+        now = now_ns()
+        self._count[key] = self._count.get(key, 0) + 1
+        if key in self._last_ns and now - self._last_ns[key] < self._every_ns:
+            return
+        self._last_ns[key] = now
+        number = self._count.pop(key)
+        self._put(Problem(now, severity, what.replace("{count}", str(number)), meaning, advice))

@@ -1,0 +1,735 @@
+"""roslibpy's API on a transport that is safe for driving.
+
+``SafeRos`` and ``SafeTopic`` are a ``roslibpy.Ros`` and a ``roslibpy.Topic``; ``roslibpy.Service``, ``roslibpy.Param``,
+``roslibpy.ActionClient`` and even an unmodified ``roslibpy.Topic`` work on a ``SafeRos``. Underneath is our own factory
+and protocol over :mod:`caris_desktop.robot.wire`, on one asyncio loop. Where roslibpy 2.1 says "once the connection is
+established" this means "now, or not at all". What the stock transport does, and what holds here instead:
+
+1. It queues everything while disconnected and flushes it on reconnect, so velocity commands arrive seconds late.
+   Here a publish, call or goal without a connection is dropped and counted (``dropped``); a call's errback is called at
+   once. Only standing things survive: what is subscribed or advertised is established again in the moment of
+   reconnection, in the order in which it was asked for, and not a second later.
+2. It never pings. Here the peer is pinged, any byte counts as a sign of life, silence is reported as trouble and then
+   ends the connection (``wire.Timings``).
+3. Its back-off grows to an hour. Here it grows from 0.2 s to 1 s.
+4. It knows no CBOR, fragments or status. Here subscriptions ask for CBOR and accept JSON as an answer; when binary
+   messages come but none of them decodes, everything is subscribed again in JSON. Fragments are put together, status
+   messages are logged.
+5. ``unsubscribe()`` of one Topic silences all others of that name, and a Topic used in both directions loses its
+   subscription on reconnect. A ``SafeTopic`` has its own callback and its own ids; what a Topic asked for is remembered
+   by id and not in the Topic.
+6. A blocking call inside a callback freezes the transport. Here it raises RuntimeError; use :meth:`SafeRos.ask`.
+7. Calls under way are never failed. Here they fail in the moment of disconnection, and after a timeout.
+   ``roslibpy.actionlib.ActionClient`` still blocks in its constructor, so goals are sent through topics
+   (:mod:`caris_desktop.robot.navigation`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
+8. Its reactor cannot be restarted. Here the loop is the caller's.
+
+Beyond that: a message that is malformed, unknown or too large is refused and reported, and never ends the read loop;
+when messages come faster than they are handled, the newest of each topic wins (a ``SafeTopic`` can ask for every one);
+an exception in one callback reaches the log and nothing else.
+"""
+
+import asyncio
+import logging
+import re
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import roslibpy
+from roslibpy.comm import RosBridgeException, RosBridgeProtocol
+from roslibpy.core import GoalStatus
+from websockets.exceptions import InvalidHandshake, InvalidURI
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure, open_wire
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
+
+logger = logging.getLogger(__name__)
+
+Operation = dict[str, Any]
+Callback = Callable[..., Any]
+
+_STANDING = {"subscribe", "advertise", "advertise_service"}
+_ENDING = {"unsubscribe": "subscribe", "unadvertise": "advertise", "unadvertise_service": "advertise_service"}
+_HEAD_BYTES = 400
+_JSON_PUBLISH = re.compile(rb'"op"\s*:\s*"publish"')
+_JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
+_CBOR_PUBLISH = b"\x62op\x67publish"
+_CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
+_UNDECODABLE_BEFORE_JSON = 3
+
+
+@dataclass(frozen=True, slots=True)
+class SizeLimits:
+    """Messages above ``message_bytes`` are refused; one above ``frame_bytes`` ends the connection before it is read."""
+
+    message_bytes: int
+    frame_bytes: int
+
+
+# Decoding runs on the loop that also runs the motion lease, so what may arrive beside it stays small.
+CONTROL_SIZES = SizeLimits(message_bytes=4 * 2**20, frame_bytes=64 * 2**20)
+MEDIA_SIZES = SizeLimits(message_bytes=64 * 2**20, frame_bytes=256 * 2**20)
+
+
+class LinkObserver(Protocol):
+    """Who is told how the connection fares. All calls come on the loop."""
+
+    def link_connected(self) -> None:
+        """Connected, and everything standing has been established."""
+
+    def link_silent(self) -> None:
+        """The robot has not been heard for a moment."""
+
+    def link_heard(self) -> None:
+        """It is heard again."""
+
+    def link_lost(self, reason: str) -> None:
+        """The connection is over; calls under way have been failed. A new one is being tried for."""
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        """One attempt to connect failed. Comes again with each attempt."""
+
+    def link_round_trip(self, round_trip_s: float) -> None:
+        """A ping came back."""
+
+    def link_refused(self, detail: str) -> None:
+        """A message was thrown away."""
+
+
+class ServiceCallError(Exception):
+    """A service call failed, timed out, or the link was lost under it."""
+
+
+class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
+    """The rosbridge operations of one connection."""
+
+    _pending_service_requests: dict[str, tuple[Callback | None, Callback | None]]
+    _pending_action_requests: dict[str, tuple[Callback | None, Callback | None, Callback | None]]
+
+    def __init__(self, factory: "SafeFactory", wire: Wire) -> None:
+        super().__init__()
+        self.factory = factory
+        self.wire = wire
+        self._fragments = FragmentAssembler(max_bytes=factory.sizes.message_bytes)
+        self._message_handlers["status"] = self._handle_status
+        self._message_handlers["fragment"] = self._handle_fragment
+
+    def on_message(self, payload: bytes) -> None:
+        """Decode and handle one message. Never raises."""
+        factory = self.factory
+        if len(payload) > factory.sizes.message_bytes:
+            factory.refuse(f"a message of {len(payload) / 2**20:.0f} MB, larger than is accepted")
+            return
+        # JSON begins with a brace, a CBOR map never does; some servers send either in either kind of frame.
+        binary = payload[:1] not in (b"{", b" ", b"\n", b"\r", b"\t", b"[", b"")
+        try:
+            operation = decode_cbor(payload) if binary else decode_json(str(payload, "utf-8"))
+        except (ProtocolError, UnicodeDecodeError) as error:
+            factory.refuse(str(error))
+            if binary:
+                factory.binary_failed()
+            return
+        if binary:
+            factory.binary_worked()
+        self._handle(operation)
+
+    def _handle(self, operation: Operation) -> None:
+        handler = self._message_handlers.get(operation["op"])
+        if handler is None:
+            self.factory.refuse(f"an unknown operation {operation['op']!r}")
+            return
+        try:
+            handler(operation)
+        except (
+            KeyError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            ProtocolError,
+            RosBridgeException,
+        ) as error:
+            self.factory.refuse(f"a malformed {operation['op']}: {type(error).__name__}: {error}")
+
+    def send_message(self, payload: bytes) -> bool:
+        """Hand one encoded operation to the socket. Any thread; False when it was not sent by this very call."""
+        if threading.get_ident() == self.factory.manager.thread_id:
+            return self.wire.send_text(payload)
+        self.factory.manager.loop.call_soon_threadsafe(self.wire.send_text, payload)
+        return False
+
+    def send_close(self) -> None:
+        self.factory.stop()
+
+    def send_operation(self, operation: Mapping[str, Any]) -> bool:
+        try:
+            payload = encode_json(dict(operation)).encode()
+        except ProtocolError:
+            logger.exception("A message to the robot could not be written and was dropped")
+            return False
+        return self.send_message(payload)
+
+    def send_ros_message(self, message: Mapping[str, Any]) -> bool:
+        return self.send_operation(message)
+
+    def send_ros_service_request(self, message: Mapping[str, Any], callback: Callback, errback: Callback) -> None:
+        self._pending_service_requests[message["id"]] = (callback, errback)
+        self.send_operation(message)
+        self.factory.manager.call_later(self.factory.service_timeout_s, lambda: self._time_out(message["id"]))
+
+    def send_ros_action_goal(
+        self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
+    ) -> None:
+        self._pending_action_requests[message["id"]] = (resultback, feedback, errback)
+        self.send_operation(message)
+
+    def fail_everything(self, reason: str) -> None:
+        """The connection is over: everything under way fails now."""
+        services, self._pending_service_requests = self._pending_service_requests, {}
+        actions, self._pending_action_requests = self._pending_action_requests, {}
+        for _, errback in services.values():
+            self.factory.run_safely(errback, reason)
+        for _, _, errback in actions.values():
+            self.factory.run_safely(errback, {"status": GoalStatus.UNKNOWN, "values": {"error_msg": reason}})
+        self._fragments.clear()
+
+    def _time_out(self, request_id: str) -> None:
+        _, errback = self._pending_service_requests.pop(request_id, (None, None))
+        self.factory.run_safely(errback, f"no answer within {self.factory.service_timeout_s:g} s")
+
+    def _handle_publish(self, message: Operation) -> None:
+        if not isinstance(message["topic"], str):
+            raise TypeError("the topic is not a text")
+        self.factory.emit(message["topic"], message["msg"])
+
+    def _handle_service_response(self, message: Operation) -> None:
+        callback, errback = self._pending_service_requests.pop(message["id"], (None, None))
+        if callback is None and errback is None:
+            logger.info("An answer came that nobody waits for any more: %r", message["id"])
+        elif message.get("result") is False:
+            self.factory.run_safely(errback, message.get("values"))
+        else:
+            self.factory.run_safely(callback, roslibpy.ServiceResponse(message.get("values") or {}))
+
+    def _handle_action_feedback(self, message: Operation) -> None:
+        _, feedback, _ = self._pending_action_requests.get(message["id"], (None, None, None))
+        self.factory.run_safely(feedback, roslibpy.Feedback(message["values"]))
+
+    def _handle_action_result(self, message: Operation) -> None:
+        resultback, _, errback = self._pending_action_requests.pop(message["id"], (None, None, None))
+        values = message.get("values")
+        # A call that never reached the action server is answered with a text.
+        values = values if isinstance(values, dict) else {"error_msg": str(values or "")}
+        status = message.get("status", values.get("status"))
+        try:
+            known = GoalStatus(status)
+        except ValueError:
+            known = GoalStatus.UNKNOWN
+        results = {"status": known, "values": values}
+        if message.get("result") is False:
+            self.factory.run_safely(errback, results)
+        else:
+            self.factory.run_safely(resultback, roslibpy.Result(results))
+
+    def _handle_status(self, message: Operation) -> None:
+        levels = {"error": logging.ERROR, "warning": logging.WARNING}
+        level = levels.get(str(message.get("level")), logging.INFO)
+        logger.log(level, "rosbridge says: %.500s", message.get("msg"))
+
+    def _handle_fragment(self, message: Operation) -> None:
+        whole = self._fragments.add(message)
+        if whole is not None:
+            self._handle(whole)
+
+
+class LoopManager:
+    """What roslibpy calls the event loop manager, for a loop that somebody else runs."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.loop = loop
+        self.thread_id = threading.get_ident()
+
+    def run(self) -> None:
+        """Nothing to do: the loop is the caller's."""
+
+    def run_forever(self) -> None:
+        raise RuntimeError("this connection lives on an asyncio loop that is already running")
+
+    def terminate(self) -> None:
+        """Nothing to do: the loop is the caller's."""
+
+    def call_later(self, delay: float, callback: Callable[[], Any]) -> None:
+        if threading.get_ident() == self.thread_id:
+            self.loop.call_later(delay, callback)
+        else:
+            self.loop.call_soon_threadsafe(self.loop.call_later, delay, callback)
+
+    def call_in_thread(self, callback: Callable[[], Any]) -> None:
+        self.loop.call_soon_threadsafe(self.loop.run_in_executor, None, callback)
+
+    def blocking_call_from_thread(self, callback: Callable[[Any], Any], timeout: float | None) -> Any:
+        """As roslibpy's; on the loop's own thread it raises RuntimeError instead of freezing everything."""
+        if threading.get_ident() == self.thread_id:
+            raise RuntimeError("a blocking call on the loop's own thread would freeze the connection; use SafeRos.ask")
+
+        async def call() -> Any:
+            placeholder = self.loop.create_future()
+            callback(placeholder)
+            return await placeholder
+
+        try:
+            return asyncio.run_coroutine_threadsafe(call(), self.loop).result(timeout)
+        except TimeoutError as error:
+            raise roslibpy.core.RosTimeoutError("No service response received") from error
+
+    def get_inner_callback(self, result_placeholder: "asyncio.Future[Any]") -> Callback:
+        def inner_callback(result: Any) -> None:
+            if not result_placeholder.done():
+                result_placeholder.set_result({"result": result})
+
+        return inner_callback
+
+    def get_inner_errback(self, result_placeholder: "asyncio.Future[Any]") -> Callback:
+        def inner_errback(error: Any) -> None:
+            if not result_placeholder.done():
+                result_placeholder.set_result({"exception": error})
+
+        return inner_errback
+
+
+@dataclass(slots=True)
+class _Arrival:
+    """A message that waits for its turn; ``replaceable_topic`` is set where a newer one may take its place."""
+
+    payload: bytes
+    stamp_ns: int
+    replaceable_topic: bytes | None
+
+
+class SafeFactory:
+    """Keeps one connection alive, remembers what stands, and hands messages out."""
+
+    def __init__(
+        self, url: str, observer: LinkObserver, *, timings: Timings, sizes: SizeLimits, service_timeout_s: float
+    ) -> None:
+        self.url = url
+        self.sizes = sizes
+        self.service_timeout_s = service_timeout_s
+        self.manager = LoopManager(asyncio.get_running_loop())
+        self.dropped = 0
+        self.refused = 0
+        self.overtaken = 0
+        self._observer = observer
+        self._timings = timings
+        self._proto: SafeProtocol | None = None
+        self._listeners: dict[str, list[Callback]] = {}
+        self._standing: dict[str, Operation] = {}
+        self._retired: set[str] = set()
+        self._established: set[str] = set()
+        self._every_message: set[str] = set()
+        self.arrival_ns = 0
+        self._arrived: deque[_Arrival] = deque()
+        self._newest: dict[bytes, _Arrival] = {}
+        self._handling = False
+        self._cbor_works = True
+        self._binary_failures = 0
+        self._keeper: asyncio.Task[None] | None = None
+        self._lost: asyncio.Future[str] | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._proto is not None and self._proto.wire.is_open
+
+    @property
+    def protocol(self) -> SafeProtocol | None:
+        return self._proto
+
+    def connect(self) -> None:
+        if self._keeper is None or self._keeper.done():
+            self._keeper = self.manager.loop.create_task(self._keep_connected())
+
+    def stop(self) -> None:
+        """Close the connection properly and stop trying for another."""
+        if self._keeper is not None:
+            self._keeper.cancel()
+        if self._proto is not None:
+            self._proto.wire.close()
+
+    async def closed(self, timeout_s: float) -> None:
+        """Wait until the peer took everything and said goodbye, at most ``timeout_s``."""
+        if self._lost is not None and not self._lost.done():
+            await asyncio.wait([self._lost], timeout=timeout_s)
+        if self._proto is not None:
+            self._proto.wire.abort("closed by this program")
+
+    def on_ready(self, callback: Callback) -> None:
+        """Call ``callback`` with the protocol now, or at the next connection."""
+        if self._proto is not None:
+            callback(self._proto)
+        else:
+            self.once("ready", callback)
+
+    # What stands, and what is sent once
+
+    def send(self, message: Mapping[str, Any]) -> bool:
+        """Send one operation now. Standing operations are remembered, everything else is dropped when disconnected."""
+        operation = dict(message)
+        op = operation.get("op")
+        if op in _STANDING:
+            key = _key_of(operation)
+            if key in self._retired or key in self._established:
+                # A stock Topic repeats itself a second after a disconnection; we did it long before.
+                return self.is_connected
+            self._standing[key] = operation
+            return self._establish(key, operation)
+        if op in _ENDING:
+            key = _key_of({**operation, "op": _ENDING[op]})
+            self._standing.pop(key, None)
+            self._established.discard(key)
+            if "id" in operation:
+                self._retired.add(key)
+        if self._proto is None or not self._proto.send_operation(operation):
+            self.dropped += 1
+            return False
+        return True
+
+    def ask_for_every_message(self, topic: str) -> None:
+        """The newest must not win on this topic: its messages do not replace one another."""
+        self._every_message.add(topic)
+
+    def _establish(self, key: str, operation: Operation) -> bool:
+        if self._proto is None:
+            return False
+        if operation.get("compression") == "cbor" and not self._cbor_works:
+            operation = {**operation, "compression": "none"}
+        self._established.add(key)
+        return self._proto.send_operation(operation)
+
+    def binary_worked(self) -> None:
+        self._binary_failures = -1
+
+    def binary_failed(self) -> None:
+        """After some undecodable binary messages, and no decodable one, ask for JSON."""
+        if self._binary_failures < 0 or not self._cbor_works:
+            return
+        self._binary_failures += 1
+        if self._binary_failures < _UNDECODABLE_BEFORE_JSON:
+            return
+        logger.warning("The robot's binary messages cannot be read; asking for JSON instead")
+        self._cbor_works = False
+        for key, operation in self._standing.items():
+            if operation.get("compression") == "cbor" and self._proto is not None:
+                self._proto.send_operation({"op": "unsubscribe", "id": operation["id"], "topic": operation["topic"]})
+                self._establish(key, operation)
+
+    # The connection
+
+    async def _keep_connected(self) -> None:
+        delay_s = self._timings.first_retry_s
+        while True:
+            try:
+                wire = await open_wire(self.url, self, self._timings, largest_frame_bytes=self.sizes.frame_bytes)
+            except (OSError, TimeoutError, InvalidHandshake, InvalidURI) as error:
+                logger.debug("No connection to %s: %r", self.url, error)
+                self._observer.link_unreachable(*explain_failure(error, self.url))
+                await asyncio.sleep(delay_s)
+                delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
+                continue
+            if wire.is_open:
+                delay_s = self._timings.first_retry_s
+                self._lost = self.manager.loop.create_future()
+                self._begin(wire)
+                await asyncio.shield(self._lost)
+            await asyncio.sleep(delay_s)
+
+    def _begin(self, wire: Wire) -> None:
+        self._proto = SafeProtocol(self, wire)
+        self._established.clear()
+        for key, operation in list(self._standing.items()):
+            self._establish(key, operation)
+        self.emit("ready", self._proto)
+        self._observer.link_connected()
+
+    def wire_received(self, payload: bytes) -> None:
+        topic = topic_of_publish(payload)
+        if topic is None or topic.decode("utf-8", "replace") in self._every_message:
+            self._arrived.append(_Arrival(payload, now_ns(), None))
+        else:
+            waiting = self._newest.get(topic)
+            if waiting is not None:
+                waiting.payload, waiting.stamp_ns = payload, now_ns()
+                self.overtaken += 1
+                return
+            self._newest[topic] = waiting = _Arrival(payload, now_ns(), topic)
+            self._arrived.append(waiting)
+        if not self._handling:
+            self._handling = True
+            self.manager.loop.call_soon(self._handle_next)
+
+    def _handle_next(self) -> None:
+        # One message a turn, so that timers and commands come between any two of them.
+        if self._arrived and self._proto is not None:
+            arrival = self._arrived.popleft()
+            if arrival.replaceable_topic is not None:
+                del self._newest[arrival.replaceable_topic]
+            self.arrival_ns = arrival.stamp_ns
+            self._proto.on_message(arrival.payload)
+        self._handling = bool(self._arrived) and self._proto is not None
+        if self._handling:
+            self.manager.loop.call_soon(self._handle_next)
+
+    def wire_heard(self) -> None:
+        self._observer.link_heard()
+
+    def wire_silent(self) -> None:
+        self._observer.link_silent()
+
+    def wire_round_trip(self, round_trip_s: float) -> None:
+        self._observer.link_round_trip(round_trip_s)
+
+    def wire_lost(self, reason: str) -> None:
+        proto, self._proto = self._proto, None
+        # Nothing that arrived before the gap is handed out after it.
+        self._arrived.clear()
+        self._newest.clear()
+        if proto is None:
+            return
+        self._established.clear()
+        proto.fail_everything("the link to the robot was lost")
+        self.emit("close", proto)
+        self._observer.link_lost(reason)
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_result(reason)
+
+    def refuse(self, detail: str) -> None:
+        self.refused += 1
+        logger.debug("Refused: %.300s", detail)
+        self._observer.link_refused(detail)
+
+    # The emitter that roslibpy's Ros and Topic expect
+
+    def on(self, event: str, callback: Callback) -> None:
+        self._listeners.setdefault(event, []).append(callback)
+
+    def once(self, event: str, callback: Callback) -> None:
+        def call_once(*arguments: Any) -> None:
+            self.off(event, call_once)
+            callback(*arguments)
+
+        self.on(event, call_once)
+
+    def off(self, event: str, callback: Callback) -> None:
+        listeners = self._listeners.get(event, [])
+        if callback in listeners:
+            listeners.remove(callback)
+
+    def remove_all_listeners(self, event: str) -> None:
+        self._listeners.pop(event, None)
+
+    def emit(self, event: str, *arguments: Any) -> None:
+        for callback in list(self._listeners.get(event, ())):
+            self.run_safely(callback, *arguments)
+
+    def run_safely(self, callback: Callback | None, *arguments: Any) -> None:
+        """Call back; what goes wrong in there stays in there."""
+        if callback is None:
+            return
+        try:
+            callback(*arguments)
+        except MessageError as error:
+            self.refuse(str(error))
+        except Exception:
+            logger.exception("A callback failed")
+
+
+class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
+    """A connection to one rosbridge server, on the running asyncio loop.
+
+    Make it and use it on that loop's thread; roslibpy's blocking calls work from other threads.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        observer: LinkObserver,
+        *,
+        timings: Timings = CONTROL_TIMINGS,
+        sizes: SizeLimits = CONTROL_SIZES,
+        service_timeout_s: float = 3.0,
+    ) -> None:
+        # Not the constructor of Ros: it would choose one of the stock transports.
+        self._id_counter = 0
+        self.is_connecting = False
+        self.factory = SafeFactory(address, observer, timings=timings, sizes=sizes, service_timeout_s=service_timeout_s)
+
+    def connect(self) -> None:
+        """Connect, and keep connecting until :meth:`close`."""
+        self.factory.connect()
+
+    def close(self, timeout: float = 0.0) -> None:
+        """Say goodbye. :meth:`aclose` also waits for it."""
+        self.emit("closing")
+        self.factory.stop()
+
+    async def aclose(self, timeout_s: float) -> None:
+        """Close, and give what was sent up to ``timeout_s`` to arrive."""
+        self.close()
+        await self.factory.closed(timeout_s)
+
+    def send_now(self, message: Mapping[str, Any]) -> bool:
+        """Send one operation. True when it was handed to the socket; otherwise it is gone."""
+        return self.factory.send(message)
+
+    def send_on_ready(self, message: Mapping[str, Any]) -> None:
+        manager = self.factory.manager
+        if threading.get_ident() == manager.thread_id:
+            self.factory.send(message)
+        else:
+            manager.loop.call_soon_threadsafe(self.factory.send, message)
+
+    def call_async_service(self, message: Mapping[str, Any], callback: Callback, errback: Callback) -> None:
+        protocol = self.factory.protocol
+        if protocol is None:
+            self.factory.dropped += 1
+            self.factory.run_safely(errback, "the robot is not connected")
+        else:
+            protocol.send_ros_service_request(message, callback, errback)
+
+    def call_async_action(
+        self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
+    ) -> None:
+        protocol = self.factory.protocol
+        if protocol is None:
+            self.factory.dropped += 1
+            failure = {"status": GoalStatus.UNKNOWN, "values": {"error_msg": "the robot is not connected"}}
+            self.factory.run_safely(errback, failure)
+        else:
+            protocol.send_ros_action_goal(message, resultback, feedback, errback)
+
+    async def ask(self, service: str, service_type: str, arguments: Mapping[str, Any] | None = None) -> Operation:
+        """Call a service and wait for its answer.
+
+        Raises
+        ------
+        ServiceCallError
+            When it fails, does not answer in time, or the link is lost meanwhile.
+        """
+        answer: asyncio.Future[Operation] = self.factory.manager.loop.create_future()
+
+        def succeed(values: Any) -> None:
+            if not answer.done():
+                answer.set_result(dict(values))
+
+        def fail(reason: Any) -> None:
+            if not answer.done():
+                answer.set_exception(ServiceCallError(f"{service}: {reason}"))
+
+        roslibpy.Service(self, service, service_type).call(roslibpy.ServiceRequest(arguments or {}), succeed, fail)
+        return await answer
+
+    @property
+    def arrival_ns(self) -> int:
+        """Session time when the message that is being handled reached this machine."""
+        return int(self.factory.arrival_ns)
+
+    @property
+    def unsent_bytes(self) -> int:
+        """What the network has not taken yet; above zero the connection does not keep up."""
+        protocol = self.factory.protocol
+        return 0 if protocol is None else protocol.wire.unsent_bytes
+
+
+class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
+    """A topic that shares nothing with other Topics of its name.
+
+    ``every_message`` asks for each message where they do not replace one another (results, transforms).
+    """
+
+    SUPPORTED_COMPRESSION_TYPES = ("none", "cbor")
+    _subscribe_id: str | None
+    _advertise_id: str | None
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        name: str,
+        message_type: str,
+        *,
+        compression: str = "cbor",
+        latch: bool = False,
+        throttle_rate: int = 0,
+        queue_size: int = 10,
+        queue_length: int = 1,
+        every_message: bool = False,
+    ) -> None:
+        super().__init__(
+            ros,
+            name,
+            message_type,
+            compression=compression,
+            latch=latch,
+            throttle_rate=throttle_rate,
+            queue_size=queue_size,
+            queue_length=queue_length,
+        )
+        self._callback: Callback | None = None
+        if every_message:
+            ros.factory.ask_for_every_message(name)
+
+    def unsubscribe(self) -> None:
+        if not self._subscribe_id:
+            return
+        self.ros.off(self.name, self._callback)
+        self.ros.send_on_ready({"op": "unsubscribe", "id": self._subscribe_id, "topic": self.name})
+        self._subscribe_id = None
+        self._callback = None
+
+    def subscribe(self, callback: Callback) -> None:
+        if self._subscribe_id:
+            return
+        self._callback = callback
+        super().subscribe(callback)
+
+    def publish(self, message: Mapping[str, Any]) -> bool:
+        """Send now. False when there is no connection: the message is gone, and stays gone."""
+        if not self.is_advertised:
+            self.advertise()
+        operation = {"op": "publish", "topic": self.name, "msg": dict(message), "latch": self.latch}
+        return bool(self.ros.send_now(operation))
+
+    def unadvertise(self) -> None:
+        if not self.is_advertised:
+            return
+        self.ros.send_on_ready({"op": "unadvertise", "id": self._advertise_id, "topic": self.name})
+        self._advertise_id = None
+
+    def _connect_topic(self, message: Mapping[str, Any]) -> None:
+        # The connection remembers what stands, so nothing has to be hooked onto its loss.
+        self.ros.send_on_ready(message)
+
+
+def topic_of_publish(payload: bytes) -> bytes | None:
+    """The topic of an encoded publish, from its first bytes; None when it is not plainly one."""
+    head = payload[:_HEAD_BYTES]
+    if head[:1] == b"{":
+        head = head.partition(b'"msg"')[0]
+        found = _JSON_TOPIC.search(head)
+        return found[1] if found and _JSON_PUBLISH.search(head) else None
+    head = head.partition(b"\x63msg")[0]
+    if _CBOR_PUBLISH not in head:
+        return None
+    found = _CBOR_TOPIC.search(head)
+    if found is None:
+        return None
+    length = found[1][0] - 0x60 if found[1] else found[2][0]
+    return head[found.end() : found.end() + length]
+
+
+def _key_of(operation: Mapping[str, Any]) -> str:
+    if "id" in operation:
+        return f"{operation['op']} {operation['id']}"
+    return f"{operation['op']} {operation.get('service', operation.get('topic'))}"

@@ -1,0 +1,102 @@
+"""A rosbridge server that only listens and says what it is told to say: the other end of the wire in link tests.
+
+Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
+(``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
+thing to send to every client: ``{"text": ...}``, ``{"hex": ...}`` or ``{"size": N}``. Service calls listed in
+``ANSWERS`` are answered; scans and odometry are published while somebody subscribes to them.
+"""
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection, serve
+
+HEADER = {"seq": 0, "stamp": {"secs": 12, "nsecs": 5}, "frame_id": "laser"}
+POSE = {"position": {"x": 1.0, "y": 2.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+SCAN = {
+    "header": HEADER,
+    "angle_min": -1.0,
+    "angle_max": 1.0,
+    "angle_increment": 0.5,
+    "range_min": 0.1,
+    "range_max": 10.0,
+    "ranges": [1.0, 2.0, None, 3.0, 4.0],
+    "intensities": [],
+}
+ODOMETRY = {
+    "header": HEADER,
+    "child_frame_id": "base_link",
+    "pose": {"pose": POSE, "covariance": []},
+    "twist": {"twist": {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}, "covariance": []},
+}
+ANSWERS: dict[str, dict[str, Any]] = {
+    "/rosapi/topics": {
+        "topics": ["/cmd_vel", "/scan", "/odom"],
+        "types": ["geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"],
+    },
+    "/rosapi/services": {"services": ["/emergency_stop/set"]},
+    "/rosapi/get_time": {"time": {"secs": 1_700_000_000, "nsecs": 0}},
+    "/emergency_stop/set": {"success": True, "message": ""},
+}
+
+clients: dict[ServerConnection, set[str]] = {}
+
+
+def note(**fields: Any) -> None:
+    print(json.dumps({"at": time.monotonic(), **fields}), flush=True)
+
+
+async def handle(client: ServerConnection) -> None:
+    clients[client] = set()
+    note(event="connected")
+    with contextlib.suppress(Exception):
+        async for message in client:
+            operation = json.loads(message)
+            note(**operation)
+            if operation["op"] == "subscribe":
+                clients[client].add(operation["topic"])
+            elif operation["op"] == "call_service" and operation["service"] in ANSWERS:
+                answer = {"op": "service_response", "id": operation["id"], "result": True}
+                await client.send(json.dumps({**answer, "values": ANSWERS[operation["service"]]}))
+    del clients[client]
+    note(event="disconnected")
+
+
+async def publish() -> None:
+    while True:
+        for client, topics in list(clients.items()):
+            for topic, message in (("/scan", SCAN), ("/odom", ODOMETRY)):
+                if topic in topics:
+                    with contextlib.suppress(Exception):
+                        await client.send(json.dumps({"op": "publish", "topic": topic, "msg": message}))
+        await asyncio.sleep(0.1)
+
+
+async def obey() -> None:
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    while line := await reader.readline():
+        order = json.loads(line)
+        for client in list(clients):
+            if "text" in order:
+                await client.send(order["text"])
+            elif "hex" in order:
+                await client.send(bytes.fromhex(order["hex"]))
+            elif "size" in order:
+                await client.send('{"op":"publish","topic":"/map","msg":{"data":"' + "x" * order["size"] + '"}}')
+
+
+async def main() -> None:
+    async with serve(handle, "127.0.0.1", int(sys.argv[1]), max_size=None) as server:
+        note(event="ready", port=server.sockets[0].getsockname()[1])
+        publishing = asyncio.create_task(publish())
+        await obey()
+        publishing.cancel()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())
