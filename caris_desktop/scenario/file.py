@@ -239,11 +239,11 @@ def _layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Ite
         for index, child in enumerate(node["children"]):
             yield from _layout_problems(child, (*path, "children", index), seen)
         return
-    panels = [("panel",)] if "panel" in node else [("tabs", index) for index in range(len(node["tabs"]))]
-    for place in panels:
-        panel = node["panel"] if place == ("panel",) else node["tabs"][place[1]]  # type: ignore[misc]
+    panels: list[tuple[KeyPath, str]] = [((*path, "panel"), node["panel"])] if "panel" in node else []
+    panels += [((*path, "tabs", index), panel) for index, panel in enumerate(node.get("tabs", []))]
+    for place, panel in panels:
         if panel in seen:
-            yield (*path, *place), f"the panel '{panel}' is placed twice. Allowed: each panel once."
+            yield place, f"the panel '{panel}' is placed twice. Allowed: each panel once."
         seen.add(panel)
     if "current" in node and node["current"] not in node["tabs"]:
         yield (

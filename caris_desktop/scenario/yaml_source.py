@@ -39,7 +39,7 @@ class _PlainLoader(yaml.SafeLoader):
     depth = 0
 
     def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        event = self.peek_event()
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # the stubs leave it untyped
         line = event.start_mark.line + 1
         if isinstance(event, yaml.events.AliasEvent):
             raise YamlSourceError("references (*name) are not allowed. Write the value out.", line)

@@ -1,0 +1,67 @@
+"""``events.mcap``: every value of the stream table as JSON, each channel with its JSON Schema."""
+
+import json
+from collections import Counter
+from typing import Any
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.schema import json_schema, to_jsonable
+from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.recording.disk_file import DiskFile
+
+
+class EventLog:
+    """Writes one MCAP file. ``log_time`` is UTC by the session's anchor; the values keep their own stamps."""
+
+    def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
+        from mcap.writer import Writer
+
+        self._file = file
+        self._anchor = anchor
+        self._channels: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
+        self._writer = Writer(file)
+        self._writer.start(profile="", library="caris-desktop")
+        self._writer.add_metadata("session", metadata)
+
+    def write(self, spec: StreamSpec, value: Any) -> None:
+        """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
+        data = json.dumps(to_jsonable(value), separators=(",", ":"), allow_nan=False).encode()
+        channel = self._channels.get(spec.name)
+        if channel is None:
+            channel = self._register(spec)
+        utc_ns = self._anchor.utc_ns_at(value.stamp_ns)
+        self.counts[spec.name] += 1
+        self._writer.add_message(
+            channel, log_time=utc_ns, publish_time=utc_ns, data=data, sequence=self.counts[spec.name] & 0xFFFFFFFF
+        )
+
+    def flush(self) -> None:
+        """Close the chunk in progress: from here on a kill does not lose it."""
+        self._writer.flush()
+
+    @property
+    def written_bytes(self) -> int:
+        return self._file.size_bytes
+
+    def sync(self) -> None:
+        """Bring what was flushed to the disk. Any thread."""
+        self._file.sync()
+
+    def close(self) -> None:
+        """Write the index that lets readers jump, and close the file."""
+        try:
+            self._writer.finish()
+            self._file.sync()
+        finally:
+            self._file.close()
+
+    def _register(self, spec: StreamSpec) -> int:
+        schema = self._writer.register_schema(
+            name=f"caris.{spec.value_type.__name__}",
+            encoding="jsonschema",
+            data=json.dumps(json_schema(spec.value_type)).encode(),
+        )
+        channel: int = self._writer.register_channel(topic=spec.topic, message_encoding="json", schema_id=schema)
+        self._channels[spec.name] = channel
+        return channel

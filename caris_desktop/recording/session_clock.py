@@ -1,0 +1,30 @@
+"""Session time: nanoseconds of the session clock as seconds of the session, UTC and the wall clock."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from caris_desktop.domain.clock import ClockAnchor
+
+
+@dataclass(frozen=True, slots=True)
+class SessionClock:
+    """Second 0 is ``started_ns``."""
+
+    anchor: ClockAnchor
+    started_ns: int
+
+    def session_s(self, stamp_ns: int) -> float:
+        """Seconds since the session began; negative for what was known before."""
+        return (stamp_ns - self.started_ns) / 1e9
+
+    def utc(self, stamp_ns: int) -> str:
+        """ISO 8601 in UTC, microseconds: ``2026-11-21T10:14:02.123456Z``."""
+        seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
+        moment = datetime.fromtimestamp(seconds, UTC)
+        return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"
+
+    def wall(self, stamp_ns: int) -> str:
+        """What the clock on the wall showed: ``10:14:02.123``, local time."""
+        seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
+        moment = datetime.fromtimestamp(seconds, UTC).astimezone()
+        return f"{moment:%H:%M:%S}.{nanoseconds // 1_000_000:03d}"
