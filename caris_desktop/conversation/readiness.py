@@ -1,0 +1,85 @@
+"""Preflight: does a language model answer, can this computer speak?"""
+
+import logging
+import queue
+import time
+from contextlib import aclosing
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
+from caris_desktop.conversation.language_models import ChatTimeouts, LanguageModelError, resolve_endpoint, stream_chat
+from caris_desktop.conversation.speech import VoiceEngine
+from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.domain.events import ChatMessage
+
+_log = logging.getLogger(__name__)
+
+SOUND_ADVICE = (
+    "Connect loudspeakers or start the sound server (Debian, Ubuntu: libportaudio2, and libasound2-plugins for "
+    "PulseAudio or PipeWire)."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeResult:
+    """One line of a preflight; ``advice`` is empty when ``ok``."""
+
+    ok: bool
+    text: str
+    advice: str = ""
+
+
+async def probe_language_model(
+    model: str,
+    *,
+    embedded_url: str | None = None,
+    timeouts: ChatTimeouts = ChatTimeouts(first_token_s=30.0),
+) -> ProbeResult:
+    """Ask ``model`` for one word. ``embedded`` without an address is only looked for, since nothing serves it yet."""
+    if model.strip() == "embedded" and embedded_url is None:
+        missing = missing_for_embedded()
+        return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
+    asked_s = time.monotonic()
+    try:
+        endpoint = resolve_endpoint(model, embedded_url=embedded_url)
+        answer = stream_chat(
+            endpoint, [ChatMessage("user", "Say yes.")], max_tokens=8, temperature=0.0, timeouts=timeouts
+        )
+        async with aclosing(answer):
+            async for _ in answer:
+                break
+            else:
+                return ProbeResult(False, f"{model} answers with nothing", "Choose another model.")
+    except LanguageModelError as error:
+        return ProbeResult(False, error.what, error.advice)
+    return ProbeResult(True, f"{model} began to answer after {time.monotonic() - asked_s:.1f} s")
+
+
+def probe_sound(settings: SpeechSettings = SpeechSettings(), *, timeout_s: float = 15.0) -> ProbeResult:
+    """Whether there is a voice and an output device. Plays nothing."""
+    inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+    engine = VoiceEngine(settings, inbox, number=1, look=True)
+    deadline_s = time.monotonic() + timeout_s
+    voice = ""
+    try:
+        while True:
+            try:
+                _, event = inbox.get(timeout=max(0.0, deadline_s - time.monotonic()))
+            except queue.Empty:
+                return ProbeResult(False, "the sound system does not answer", "Restart the sound server.")
+            match event:
+                case None:
+                    return ProbeResult(False, "the voice ended unexpectedly", "Look into the log.")
+                case {"event": "broken", "detail": detail}:
+                    return ProbeResult(False, f"no voice ({detail})", "Install espeak-ng.")
+                case {"event": "ready", "voice": found}:
+                    voice = str(found)
+                case {"event": "device", "audible": True}:
+                    return ProbeResult(True, f"voice {voice}, sound output found")
+                case {"event": "device", "detail": detail}:
+                    return ProbeResult(False, f"voice {voice}, but no sound output ({detail})", SOUND_ADVICE)
+                case _:
+                    _log.error("the voice engine sent %r", event)
+    finally:
+        engine.close()
