@@ -1,0 +1,75 @@
+"""The map that the robot draws while it explores."""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
+from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M, MAP_SIZE_M
+
+RESOLUTION_M = 0.05
+WIDTH, HEIGHT = round(MAP_SIZE_M[0] / RESOLUTION_M), round(MAP_SIZE_M[1] / RESOLUTION_M)
+_HIT, _MISS, _LIMIT = 6, 2, 40
+_OCCUPIED_FROM, _FREE_FROM = 4, -2
+_SHIFT = 4  # cv2 draws with this many binary digits below a pixel
+
+
+class Mapper:
+    """Evidence per cell: scans that hit it speak for an obstacle, scans that pass it speak against."""
+
+    def __init__(self) -> None:
+        self._evidence = np.zeros((HEIGHT, WIDTH), dtype=np.int16)
+        self._known = np.zeros((HEIGHT, WIDTH), dtype=bool)
+        self._published: NDArray[np.int8] | None = None
+
+    def add(self, scan: LaserScan, map_from_robot: Pose2D) -> None:
+        """Take one scan, made at ``map_from_robot``, into the map."""
+        laser = map_from_robot @ scan.robot_from_laser
+        ranges = scan.ranges_m.astype(np.float64)
+        hit = np.isfinite(ranges)
+        angles = laser.heading_rad + scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges))
+        # a beam that came back from nowhere frees what it passed, short of the farthest that counts
+        reach = np.where(hit, ranges - RESOLUTION_M, scan.range_max_m * 0.8)
+        free = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
+        outline = np.stack(
+            [
+                (laser.x_m + reach * np.cos(angles) - MAP_ORIGIN_M[0]) / RESOLUTION_M - 0.5,
+                (laser.y_m + reach * np.sin(angles) - MAP_ORIGIN_M[1]) / RESOLUTION_M - 0.5,
+            ],
+            axis=1,
+        )
+        cv2.fillPoly(free, [np.round(outline * (1 << _SHIFT)).astype(np.int32)], 1, shift=_SHIFT)
+        struck = np.zeros((HEIGHT, WIDTH), dtype=bool)
+        columns = ((laser.x_m + ranges[hit] * np.cos(angles[hit]) - MAP_ORIGIN_M[0]) / RESOLUTION_M).astype(int)
+        rows = ((laser.y_m + ranges[hit] * np.sin(angles[hit]) - MAP_ORIGIN_M[1]) / RESOLUTION_M).astype(int)
+        inside = (rows >= 0) & (rows < HEIGHT) & (columns >= 0) & (columns < WIDTH)
+        struck[rows[inside], columns[inside]] = True
+        passed = free.astype(bool) & ~struck
+        self._evidence[passed] -= _MISS
+        self._evidence[struck] += _HIT
+        np.clip(self._evidence, -_LIMIT, _LIMIT, out=self._evidence)
+        self._known |= passed | struck
+
+    def cells(self) -> NDArray[np.int8]:
+        """int8, shape (HEIGHT, WIDTH): -1 unknown, 0 free, 100 occupied."""
+        cells = np.full((HEIGHT, WIDTH), -1, dtype=np.int8)
+        cells[self._known & (self._evidence <= _FREE_FROM)] = 0
+        cells[self._known & (self._evidence >= _OCCUPIED_FROM)] = 100
+        return cells
+
+    def grid_if_changed(self, *, stamp_ns: int) -> OccupancyGrid | None:
+        """The map, unless hardly a cell changed since it was last given."""
+        cells = self.cells()
+        if self._published is not None and int(np.count_nonzero(cells != self._published)) < 10:
+            return None
+        self._published = cells
+        origin = Pose2D(MAP_ORIGIN_M[0], MAP_ORIGIN_M[1], 0.0)
+        return OccupancyGrid(stamp_ns, stamp_ns, RESOLUTION_M, origin, cells)
+
+    @property
+    def known_share(self) -> float:
+        """Share of the cells that are known, 0..1."""
+        return float(np.count_nonzero(self._known)) / math.prod(self._known.shape)

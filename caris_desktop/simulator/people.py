@@ -1,0 +1,208 @@
+"""People who walk about, stop, leave and come back, and a visitor who comes up to the robot."""
+
+import math
+import random
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.simulator import path_planning
+from caris_desktop.simulator.base import RADIUS_M as ROBOT_RADIUS_M
+from caris_desktop.simulator.base import clearance_m
+from caris_desktop.simulator.path_planning import Point
+
+BODY_M = 0.23
+_LEG_M, _HIP_M, _STRIDE_M = 0.06, 0.11, 0.24
+_WALK_CLEARANCE_M = 0.3
+_PERSONAL_SPACE_M = 0.65
+_VISIT_M = 2.0
+OUTSIDE: Point = (2.55, -0.95)
+"""In the porch behind the entrance door, where nobody is seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One person as the camera and the state service see them. ``looks`` numbers the cut-outs."""
+
+    x_m: float
+    y_m: float
+    height_m: float
+    looks: int
+    walking: bool
+    stride_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Role:
+    looks: int
+    height_m: float
+    speed_mps: float
+    begins: Point
+    rounds: tuple[tuple[Point, float], ...]
+    visits_robot: bool = False
+
+
+_ROLES = (
+    _Role(0, 1.76, 1.1, (4.3, 3.2), ((OUTSIDE, 12.0),), visits_robot=True),
+    _Role(
+        1,
+        1.72,
+        1.0,
+        (9.8, 2.9),
+        (((9.2, 1.4), 14.0), ((10.2, 5.0), 4.0), ((14.6, 3.5), 15.0), ((12.6, 1.95), 2.0), ((11.5, 2.9), 9.0)),
+    ),
+    _Role(
+        2,
+        1.80,
+        1.2,
+        (12.4, 7.4),
+        (
+            ((13.6, 8.6), 10.0),
+            ((7.9, 4.8), 3.0),
+            ((2.9, 3.4), 8.0),
+            (OUTSIDE, 14.0),
+            ((5.2, 3.3), 6.0),
+            ((11.4, 7.3), 9.0),
+        ),
+    ),
+)
+
+
+class _Person:
+    def __init__(self, role: _Role, chance: random.Random) -> None:
+        self.role = role
+        self.chance = chance
+        self.x_m, self.y_m = role.begins
+        self.heading_rad = 0.0
+        self.stride_rad = 0.0
+        self.walking = False
+        self.way: list[Point] = []
+        self.wait_s = 1.0 if role.visits_robot else chance.uniform(2.0, 6.0)
+        self.round = 0
+        self.blocked_s = 0.0
+        self.visiting = False
+        self.visit_left_s = 0.0
+
+
+class Crowd:
+    """Everybody in the building. The same seed and the same robot motion give the same walks."""
+
+    def __init__(self, seed: int) -> None:
+        self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(_ROLES)]  # noqa: S311
+
+    @property
+    def bodies(self) -> NDArray[np.float64]:
+        """Circles (x, y, radius), shape (people, 3)."""
+        return np.array([(person.x_m, person.y_m, BODY_M) for person in self._people])
+
+    @property
+    def seen(self) -> tuple[Seen, ...]:
+        """Everybody, for the camera."""
+        return tuple(Seen(p.x_m, p.y_m, p.role.height_m, p.role.looks, p.walking, p.stride_rad) for p in self._people)
+
+    @property
+    def legs(self) -> NDArray[np.float64]:
+        """Circles (x, y, radius) of both legs of everybody, shape (2 * people, 3)."""
+        circles = []
+        for person in self._people:
+            cos, sin = math.cos(person.heading_rad), math.sin(person.heading_rad)
+            swing = _STRIDE_M * math.sin(person.stride_rad) if person.walking else 0.0
+            for side, ahead in ((_HIP_M, swing), (-_HIP_M, -swing)):
+                circles.append((person.x_m + ahead * cos - side * sin, person.y_m + ahead * sin + side * cos, _LEG_M))
+        return np.array(circles)
+
+    def step(self, robot: Pose2D, dt_s: float) -> None:
+        """Let ``dt_s`` pass."""
+        for index, person in enumerate(self._people):
+            if person.way:
+                self._walk(index, person, robot, dt_s)
+            else:
+                self._stand(person, robot, dt_s)
+
+    def _stand(self, person: _Person, robot: Pose2D, dt_s: float) -> None:
+        person.walking = False
+        person.wait_s -= dt_s
+        if person.visiting:
+            person.visit_left_s -= dt_s
+            wanted = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m)
+            person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -3.0 * dt_s), 3.0 * dt_s)
+        if person.wait_s > 0.0:
+            return
+        if person.role.visits_robot and (not person.visiting or person.visit_left_s > 0.0):
+            self._visit(person, robot)
+            return
+        person.visiting = False
+        spot, stay_s = person.role.rounds[person.round % len(person.role.rounds)]
+        person.round += 1
+        self._go(person, spot)
+        person.wait_s = stay_s * person.chance.uniform(0.8, 1.3)
+
+    def _visit(self, person: _Person, robot: Pose2D) -> None:
+        if not person.visiting:
+            person.visiting = True
+            person.visit_left_s = person.chance.uniform(80.0, 100.0)
+        person.wait_s = 1.0
+        ahead_m = math.dist((person.x_m, person.y_m), (robot.x_m, robot.y_m))
+        bearing = math.atan2(person.y_m - robot.y_m, person.x_m - robot.x_m)
+        in_front = abs(wrap_angle(bearing - robot.heading_rad)) < 0.4
+        if in_front and 1.4 < ahead_m < 2.8:
+            return
+        spot = _spot_before(robot)
+        if spot is not None and math.dist(spot, (person.x_m, person.y_m)) > 0.4:
+            self._go(person, spot)
+
+    def _go(self, person: _Person, spot: Point, avoid: NDArray[np.float64] | None = None) -> None:
+        way = path_planning.plan((person.x_m, person.y_m), spot, body_m=_WALK_CLEARANCE_M, avoid=avoid)
+        person.way = way[1:] if way else []
+        person.blocked_s = 0.0
+
+    def _walk(self, index: int, person: _Person, robot: Pose2D, dt_s: float) -> None:
+        target = person.way[0]
+        left_m = math.dist((person.x_m, person.y_m), target)
+        stretch = person.role.speed_mps * dt_s
+        if left_m <= stretch:
+            person.x_m, person.y_m = target
+            del person.way[0]
+            return
+        wanted = math.atan2(target[1] - person.y_m, target[0] - person.x_m)
+        x = person.x_m + (target[0] - person.x_m) / left_m * stretch
+        y = person.y_m + (target[1] - person.y_m) / left_m * stretch
+        if self._in_somebodys_way(index, person, robot, (x, y)):
+            self._wait_for_room(person, robot, dt_s)
+            return
+        person.blocked_s = 0.0
+        person.walking = True
+        person.stride_rad += 2.0 * math.pi * stretch / 1.3
+        person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -5.0 * dt_s), 5.0 * dt_s)
+        person.x_m, person.y_m = x, y
+
+    def _in_somebodys_way(self, index: int, person: _Person, robot: Pose2D, at: Point) -> bool:
+        others = [(robot.x_m, robot.y_m, ROBOT_RADIUS_M + BODY_M + 0.3)]
+        # the one with the lower number goes first, so that two never wait for each other
+        others += [(other.x_m, other.y_m, _PERSONAL_SPACE_M) for other in self._people[:index]]
+        return any(
+            math.dist(at, (x, y)) < space and math.dist(at, (x, y)) < math.dist((person.x_m, person.y_m), (x, y))
+            for x, y, space in others
+        )
+
+    def _wait_for_room(self, person: _Person, robot: Pose2D, dt_s: float) -> None:
+        person.walking = False
+        person.blocked_s += dt_s
+        if person.blocked_s < 1.5:
+            return
+        everybody = [(robot.x_m, robot.y_m, ROBOT_RADIUS_M + 0.25)]
+        everybody += [(other.x_m, other.y_m, BODY_M) for other in self._people if other is not person]
+        self._go(person, person.way[-1], np.array(everybody))
+
+
+def _spot_before(robot: Pose2D) -> Point | None:
+    """A free spot that the robot faces, about two metres away and in its sight."""
+    for distance_m in (_VISIT_M, 2.4, 1.7):
+        for off in (0.0, 0.2, -0.2, 0.35, -0.35):
+            angle = robot.heading_rad + off
+            spot = (robot.x_m + distance_m * math.cos(angle), robot.y_m + distance_m * math.sin(angle))
+            if clearance_m(*spot) > 0.35 and path_planning.in_sight((robot.x_m, robot.y_m), spot):
+                return spot
+    return None

@@ -1,0 +1,109 @@
+"""The listing services of rosapi, about a :class:`BridgeServer`."""
+
+import time
+
+from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_type_name
+from caris_desktop.ros.fields import text
+from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service
+
+NODE = "/simulated_robot"
+
+
+def offer_rosapi(server: BridgeServer, dialect: Dialect) -> None:
+    """Add the ``/rosapi/...`` services to ``server``."""
+
+    def offer(path: str, type_: str, call: object) -> None:
+        if callable(call):
+            server.services[f"/rosapi/{path}"] = Service(service_type_name(dialect, "rosapi", type_), call)
+
+    def name_in(arguments: Message, key: str) -> str:
+        return text(arguments, key, "args", most=500)
+
+    def topics(_: Message) -> Message:
+        names = sorted(server.topics)
+        return {"topics": names, "types": [server.topics[name].type for name in names], "typedefs_full_text": []}
+
+    def topic_type(arguments: Message) -> Message:
+        topic = server.topics.get(name_in(arguments, "topic"))
+        return {"type": topic.type if topic else ""}
+
+    def topics_for_type(arguments: Message) -> Message:
+        wanted = name_in(arguments, "type")
+        return {"topics": [name for name, topic in sorted(server.topics.items()) if same_type(topic.type, wanted)]}
+
+    def all_services() -> dict[str, str]:
+        offered = {name: service.type for name, service in server.services.items()}
+        for client in server.clients:
+            offered.update(client.services)
+        return offered
+
+    def services(_: Message) -> Message:
+        return {"services": sorted(all_services())}
+
+    def service_type(arguments: Message) -> Message:
+        return {"type": all_services().get(name_in(arguments, "service"), "")}
+
+    def services_for_type(arguments: Message) -> Message:
+        wanted = name_in(arguments, "type")
+        return {"services": [name for name, type_ in sorted(all_services().items()) if same_type(type_, wanted)]}
+
+    def service_node(arguments: Message) -> Message:
+        return {"node": NODE if name_in(arguments, "service") in server.services else ""}
+
+    def nodes(_: Message) -> Message:
+        return {"nodes": [NODE, *sorted(client.name for client in server.clients)]}
+
+    def node_details(arguments: Message) -> Message:
+        node = name_in(arguments, "node")
+        client = next((client for client in server.clients if client.name == node), None)
+        return {
+            "subscribing": sorted(client.outbox.topics) if client else [],
+            "publishing": sorted(name for name, topic in server.topics.items() if node in topic.publishers),
+            "services": sorted(client.services) if client else sorted(server.services) if node == NODE else [],
+        }
+
+    def publishers(arguments: Message) -> Message:
+        topic = server.topics.get(name_in(arguments, "topic"))
+        return {"publishers": sorted(topic.publishers) if topic else []}
+
+    def subscribers(arguments: Message) -> Message:
+        wanted = name_in(arguments, "topic")
+        return {"subscribers": sorted(client.name for client in server.clients if wanted in client.outbox.topics)}
+
+    def get_time(_: Message) -> Message:
+        return {"time": encode_time(dialect, time.time_ns())}
+
+    def action_servers(_: Message) -> Message:
+        names = set(server.actions)
+        if dialect is Dialect.ROS1 and "/move_base/status" in server.topics:
+            names.add("/move_base")
+        return {"action_servers": sorted(names)}
+
+    def action_type(arguments: Message) -> Message:
+        action = server.actions.get(name_in(arguments, "action"))
+        return {"type": action.type if action else ""}
+
+    def get_ros_version(_: Message) -> Message:
+        return {"version": dialect.value, "distro": "noetic" if dialect is Dialect.ROS1 else "jazzy"}
+
+    def get_param(arguments: Message) -> Message:
+        raise CallFailed(f"there is no parameter '{name_in(arguments, 'name')}'")
+
+    offer("topics", "Topics", topics)
+    offer("topic_type", "TopicType", topic_type)
+    offer("topics_for_type", "TopicsForType", topics_for_type)
+    offer("services", "Services", services)
+    offer("service_type", "ServiceType", service_type)
+    offer("services_for_type", "ServicesForType", services_for_type)
+    offer("service_node", "ServiceNode", service_node)
+    offer("nodes", "Nodes", nodes)
+    offer("node_details", "NodeDetails", node_details)
+    offer("publishers", "Publishers", publishers)
+    offer("subscribers", "Subscribers", subscribers)
+    offer("get_time", "GetTime", get_time)
+    offer("action_servers", "GetActionServers", action_servers)
+    offer("action_type", "ActionType", action_type)
+    offer("get_ros_version", "GetROSVersion", get_ros_version)
+    offer("get_param", "GetParam", get_param)
+    offer("get_param_names", "GetParamNames", lambda _: {"names": []})
+    offer("has_param", "HasParam", lambda _: {"exists": False})

@@ -1,0 +1,391 @@
+"""A rosbridge v2 server over websockets: topics, services and actions, for any number of clients."""
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Any
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from caris_desktop.ros.fields import MessageError, count, message_of, number, text, text_or_empty
+from caris_desktop.ros.fields import field as field_of
+from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json
+from caris_desktop.simulator.outbox import Outbox, Published, Subscription
+
+logger = logging.getLogger(__name__)
+
+Message = dict[str, Any]
+MAX_INCOMING_BYTES = 4 * 1024 * 1024
+_SEND_BUFFER_BYTES = 256 * 1024
+_MAX_NAME_CHARS = 500
+_MAX_SUBSCRIPTIONS = 500
+_MAX_CLIENTS = 64
+_CLIENT_SERVICE_LIMIT_S = 10.0
+
+
+class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not a fault of the program
+    """A service cannot do what it was asked; the text is the answer."""
+
+
+@dataclass(slots=True)
+class Topic:
+    """A topic that somebody publishes or subscribes. ``latched``: late subscribers get the last message."""
+
+    type: str
+    latched: bool = False
+    last: Published | None = None
+    publishers: set[str] = field(default_factory=set)
+    on_message: Callable[[Message], None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A service of the robot's own."""
+
+    type: str
+    call: Callable[[Message], Message]
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """A ROS 2 action: ``start`` takes (goal id, goal, reply); ``cancel`` takes the goal id."""
+
+    type: str
+    start: Callable[[str, Message, Callable[[Message], None]], None]
+    cancel: Callable[[str], None]
+
+
+class Client:
+    """One connected client."""
+
+    def __init__(self, number_: int, connection: ServerConnection, clock: Callable[[], float]) -> None:
+        self.name = f"/rosbridge_client_{number_}"
+        self.connection = connection
+        self.outbox = Outbox(clock)
+        self.fragments = FragmentAssembler(max_bytes=MAX_INCOMING_BYTES)
+        self.services: dict[str, str] = {}
+
+    def abort(self) -> None:
+        """Cut the socket without a word, as a failing network does."""
+        self.connection.transport.abort()
+
+
+class BridgeServer:
+    """The server. Everything runs in the event loop that :meth:`start` is called in."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, Topic] = {}
+        self.services: dict[str, Service] = {}
+        self.actions: dict[str, Action] = {}
+        self.clients: set[Client] = set()
+        self.latency_s = 0.0
+        self._refused_until_s = 0.0
+        self._numbers = itertools.count(1)
+        self._forwarded: dict[str, tuple[Client, str | None, str]] = {}
+        self._server: Server | None = None
+
+    async def start(self, host: str, port: int) -> int:
+        """Listen, and return the port; 0 chooses a free one.
+
+        Raises
+        ------
+        OSError
+            When the address cannot be used.
+        """
+        self._server = await serve(
+            self._serve_client,
+            host,
+            port,
+            process_request=self._admit,
+            compression=None,
+            max_size=MAX_INCOMING_BYTES,
+            ping_interval=10.0,
+            ping_timeout=20.0,
+            close_timeout=1.0,
+        )
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def stop(self) -> None:
+        """Close every client and stop listening."""
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+
+    def drop_link(self, seconds: float) -> None:
+        """Cut every client off and refuse new ones for a while."""
+        self._refused_until_s = asyncio.get_running_loop().time() + seconds
+        for client in list(self.clients):
+            client.abort()
+
+    def has_subscribers(self, name: str) -> bool:
+        """Whether any client takes this topic."""
+        return any(name in client.outbox.topics for client in self.clients)
+
+    def publish(self, name: str, message: Message) -> None:
+        """Publish a message of the robot's own, or relay one of a client."""
+        topic = self.topics[name]
+        published = Published(name, message)
+        if topic.latched:
+            topic.last = published
+        self._later(lambda: self._deliver(published))
+
+    def _deliver(self, published: Published) -> None:
+        for client in self.clients:
+            client.outbox.put(published)
+
+    def _answer(self, client: Client, operation: Message, request_id: str | None = None) -> None:
+        if request_id is not None:
+            operation["id"] = request_id
+
+        def put() -> None:
+            if not client.outbox.answer(operation):
+                logger.warning("%s does not take its answers; it is disconnected", client.name)
+                client.abort()
+
+        self._later(put)
+
+    def _later(self, action: Callable[[], None]) -> None:
+        if self.latency_s > 0.0:
+            asyncio.get_running_loop().call_later(self.latency_s, action)
+        else:
+            action()
+
+    def _admit(self, connection: ServerConnection, _: Request) -> Response | None:
+        if asyncio.get_running_loop().time() < self._refused_until_s:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "The link is down (an injected fault).\n")
+        if len(self.clients) >= _MAX_CLIENTS:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "Too many clients.\n")
+        return None
+
+    async def _serve_client(self, connection: ServerConnection) -> None:
+        raw = connection.transport.get_extra_info("socket")
+        if raw is not None:
+            # the system's own buffer would hold seconds of old pictures for a slow client
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        client = Client(next(self._numbers), connection, asyncio.get_running_loop().time)
+        self.clients.add(client)
+        logger.info("%s connected", client.name)
+        sender = asyncio.create_task(self._send(client))
+        try:
+            async for content in connection:
+                if self.latency_s > 0.0:
+                    asyncio.get_running_loop().call_later(self.latency_s, self._receive, client, content)
+                else:
+                    self._receive(client, content)
+        except ConnectionClosed as closed:
+            logger.info("%s: %s", client.name, closed)
+        finally:
+            self.clients.discard(client)
+            for topic in self.topics.values():
+                topic.publishers.discard(client.name)
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await sender
+            logger.info("%s is gone", client.name)
+
+    async def _send(self, client: Client) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            await client.outbox.send_all(client.connection)
+
+    def _receive(self, client: Client, content: str | bytes) -> None:
+        operation: Message = {}
+        try:
+            operation = decode_json(content) if isinstance(content, str) else self._decode_bytes(content)
+            self._handle(client, operation)
+        except (ProtocolError, MessageError) as error:
+            logger.warning("%s: %s", client.name, error)
+            status = {"op": "status", "level": "error", "msg": str(error)}
+            request_id = operation.get("id")
+            self._answer(client, status, request_id if isinstance(request_id, str) else None)
+
+    @staticmethod
+    def _decode_bytes(content: bytes) -> Message:
+        # some clients send their JSON in binary frames
+        if content[:1] == b"{":
+            try:
+                return decode_json(content.decode("utf-8"))
+            except UnicodeDecodeError as error:
+                raise ProtocolError(f"the message is not valid UTF-8: {error}") from error
+        return decode_cbor(content)
+
+    def _handle(self, client: Client, operation: Message) -> None:
+        handlers: dict[str, Callable[[Client, Message], None]] = {
+            "advertise": self._advertise,
+            "unadvertise": self._unadvertise,
+            "publish": self._publish,
+            "subscribe": self._subscribe,
+            "unsubscribe": self._unsubscribe,
+            "call_service": self._call_service,
+            "advertise_service": self._advertise_service,
+            "unadvertise_service": self._unadvertise_service,
+            "service_response": self._service_response,
+            "send_action_goal": self._send_action_goal,
+            "cancel_action_goal": self._cancel_action_goal,
+            "fragment": self._fragment,
+            "set_level": _ignore,
+            "status": _ignore,
+            "auth": _ignore,
+        }
+        name = operation["op"]
+        if name not in handlers:
+            raise ProtocolError(f"unknown operation '{name[:100]}'")
+        handlers[name](client, operation)
+
+    def _topic(self, name: str, type_: str) -> Topic:
+        topic = self.topics.setdefault(name, Topic(type_))
+        topic.type = topic.type or type_
+        return topic
+
+    def _advertise(self, client: Client, operation: Message) -> None:
+        name = _name(operation, "topic")
+        topic = self._topic(name, text_or_empty(operation, "type", "advertise"))
+        topic.publishers.add(client.name)
+        topic.latched = topic.latched or operation.get("latch") is True
+
+    def _unadvertise(self, client: Client, operation: Message) -> None:
+        topic = self.topics.get(_name(operation, "topic"))
+        if topic is not None:
+            topic.publishers.discard(client.name)
+
+    def _publish(self, client: Client, operation: Message) -> None:
+        name = _name(operation, "topic")
+        message = message_of(operation.get("msg", {}), "msg")
+        topic = self._topic(name, text_or_empty(operation, "type", "publish"))
+        topic.publishers.add(client.name)
+        if topic.on_message is not None:
+            topic.on_message(message)
+        self.publish(name, message)
+
+    def _subscribe(self, client: Client, operation: Message) -> None:
+        name = _name(operation, "topic")
+        what = "subscribe"
+        if name not in client.outbox.topics and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
+            raise ProtocolError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
+        throttle_ms = number(operation, "throttle_rate", what) if operation.get("throttle_rate") is not None else 0.0
+        fragment_size = None
+        if operation.get("fragment_size") is not None:
+            fragment_size = max(200, count(operation, "fragment_size", what, most=2**31))
+        subscription = Subscription(
+            throttle_s=max(0.0, throttle_ms / 1000.0),
+            queue_length=(
+                count(operation, "queue_length", what, most=1_000_000)
+                if operation.get("queue_length") is not None
+                else 0
+            ),
+            cbor=operation.get("compression") in ("cbor", "cbor-raw"),
+            fragment_size=fragment_size,
+        )
+        topic = self._topic(name, text_or_empty(operation, "type", what))
+        client.outbox.subscribe(name, text_or_empty(operation, "id", what), subscription)
+        if topic.latched and topic.last is not None:
+            last = topic.last
+            self._later(lambda: client.outbox.put(last))
+
+    def _unsubscribe(self, client: Client, operation: Message) -> None:
+        key = operation.get("id")
+        client.outbox.unsubscribe(_name(operation, "topic"), key if isinstance(key, str) else None)
+
+    def _call_service(self, client: Client, operation: Message) -> None:
+        name = _name(operation, "service")
+        request_id = _id(operation)
+        response: Message = {"op": "service_response", "service": name}
+        arguments = operation.get("args", {})
+        if isinstance(arguments, list) and not arguments:
+            arguments = {}
+        provider = next((other for other in self.clients if name in other.services), None)
+        if name not in self.services and provider is not None:
+            self._forward(client, provider, name, arguments, request_id)
+            return
+        try:
+            if name not in self.services:
+                raise CallFailed(f"Service {name} does not exist")
+            values: Any = self.services[name].call(message_of(arguments, "args"))
+            succeeded = True
+        except (CallFailed, MessageError) as error:
+            values, succeeded = str(error), False
+        self._answer(client, {**response, "values": values, "result": succeeded}, request_id)
+
+    def _forward(self, caller: Client, provider: Client, name: str, arguments: Any, request_id: str | None) -> None:
+        forwarded_id = f"forwarded:{name}:{next(self._numbers)}"
+        self._forwarded[forwarded_id] = (caller, request_id, name)
+        self._answer(provider, {"op": "call_service", "service": name, "args": arguments}, forwarded_id)
+
+        def give_up() -> None:
+            if self._forwarded.pop(forwarded_id, None) is not None:
+                failure = {"op": "service_response", "service": name, "values": "no answer in time", "result": False}
+                self._answer(caller, failure, request_id)
+
+        asyncio.get_running_loop().call_later(_CLIENT_SERVICE_LIMIT_S, give_up)
+
+    def _advertise_service(self, client: Client, operation: Message) -> None:
+        client.services[_name(operation, "service")] = text_or_empty(operation, "type", "advertise_service")
+
+    def _unadvertise_service(self, client: Client, operation: Message) -> None:
+        client.services.pop(_name(operation, "service"), None)
+
+    def _service_response(self, _: Client, operation: Message) -> None:
+        forwarded = self._forwarded.pop(_id(operation) or "", None)
+        if forwarded is None:
+            raise ProtocolError("nobody waits for this service_response")
+        caller, request_id, name = forwarded
+        answer = {
+            "op": "service_response",
+            "service": name,
+            "values": operation.get("values", {}),
+            "result": operation.get("result", True) is not False,
+        }
+        self._answer(caller, answer, request_id)
+
+    def _send_action_goal(self, client: Client, operation: Message) -> None:
+        name = _name(operation, "action")
+        request_id = _id(operation) or f"{name}:{next(self._numbers)}"
+        wants_feedback = operation.get("feedback") is True
+
+        def reply(answer: Message) -> None:
+            if answer["op"] != "action_feedback" or wants_feedback:
+                self._answer(client, {"action": name, **answer}, request_id)
+
+        failure = {"op": "action_result", "status": 0, "result": False}
+        action = self.actions.get(name)
+        if action is None:
+            reply({**failure, "values": f"Action {name} does not exist"})
+            return
+        try:
+            action.start(request_id, message_of(operation.get("args", {}), "args"), reply)
+        except MessageError as error:
+            reply({**failure, "values": str(error)})
+
+    def _cancel_action_goal(self, _: Client, operation: Message) -> None:
+        action = self.actions.get(_name(operation, "action"))
+        if action is None:
+            raise ProtocolError(f"Action {operation['action']} does not exist")
+        action.cancel(_id(operation) or "")
+
+    def _fragment(self, client: Client, operation: Message) -> None:
+        whole = client.fragments.add(operation)
+        if whole is not None:
+            if whole["op"] == "fragment":
+                raise ProtocolError("a fragment must not hold fragments")
+            self._handle(client, whole)
+
+
+def _ignore(_: Client, __: Message) -> None:
+    """Operations that a real server takes without any effect that a client could see."""
+
+
+def _name(operation: Message, kind: str) -> str:
+    name = text(operation, kind, operation["op"], most=_MAX_NAME_CHARS)
+    if not name.strip("/"):
+        raise MessageError(f"{operation['op']}.{kind} must not be empty")
+    return name if name.startswith("/") else f"/{name}"
+
+
+def _id(operation: Message) -> str | None:
+    return None if operation.get("id") is None else str(field_of(operation, "id", operation["op"]))

@@ -1,0 +1,157 @@
+"""The robot's voice: real audio from espeak-ng, spoken one sentence after the other, and interruptible."""
+
+import asyncio
+import contextlib
+import io
+import logging
+import shutil
+import wave
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+logger = logging.getLogger(__name__)
+
+MAX_SENTENCE_CHARS = 2000
+_MAX_WAITING = 50
+_RENDER_LIMIT_S = 15.0
+_CHARS_PER_S = 14.0
+
+
+@dataclass(frozen=True, slots=True)
+class Spoken:
+    """Audio of one sentence: int16, shape (samples,); no samples where only its length is known."""
+
+    samples: NDArray[np.int16]
+    rate_hz: int
+    duration_s: float
+
+
+async def render(text: str) -> Spoken:
+    """Speech audio of ``text`` from espeak-ng; without espeak-ng an estimate of how long it would take."""
+    program = shutil.which("espeak-ng")
+    if program is None:
+        return estimate(text)
+    process = await asyncio.create_subprocess_exec(
+        program,
+        "--stdin",
+        "--stdout",
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    try:
+        content, _ = await asyncio.wait_for(process.communicate(text.encode("utf-8")), _RENDER_LIMIT_S)
+    except TimeoutError:
+        logger.warning("espeak-ng took longer than %.0f s; the robot keeps silent for as long as it would speak", 15.0)
+        return estimate(text)
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    return _from_wav(content) or estimate(text)
+
+
+def estimate(text: str) -> Spoken:
+    """How long ``text`` takes to say, without audio."""
+    return Spoken(np.zeros(0, dtype=np.int16), 22050, 0.3 + len(text) / _CHARS_PER_S)
+
+
+def _from_wav(content: bytes) -> Spoken | None:
+    try:
+        with wave.open(io.BytesIO(content)) as file:
+            rate_hz = file.getframerate()
+            # a stream has no true length in its header, so read to the end of the bytes
+            samples = np.frombuffer(file.readframes(len(content)), dtype=np.int16)
+    except (wave.Error, EOFError, ValueError):
+        logger.exception("espeak-ng gave no readable audio")
+        return None
+    return Spoken(samples, rate_hz, len(samples) / rate_hz) if len(samples) else None
+
+
+class Loudspeaker:
+    """Plays through the default output where there is one. Looks for it once, at the first sentence."""
+
+    def __init__(self, *, muted: bool = False) -> None:
+        self._device: Any = None
+        self._looked = muted
+
+    def play(self, spoken: Spoken) -> None:
+        """Start playing; returns at once. Slow the first time: call it off the event loop."""
+        if not self._looked:
+            self._looked = True
+            self._device = _find_device()
+        if self._device is not None and len(spoken.samples):
+            try:
+                self._device.play(spoken.samples, spoken.rate_hz)
+            except self._device.PortAudioError:
+                logger.exception("The sound device failed; the robot goes on without sound")
+                self._device = None
+
+    def stop(self) -> None:
+        """Silence at once."""
+        if self._device is not None:
+            self._device.stop()
+
+
+def _find_device() -> Any:
+    try:
+        import sounddevice
+
+        sounddevice.check_output_settings()
+    except Exception as error:  # OSError without PortAudio, its own kinds of error without a device
+        logger.info("No sound device here (%s); the robot speaks without sound", error)
+        return None
+    return sounddevice
+
+
+class Voice:
+    """Speaks what it is given, in order. ``on_speaking`` hears True when a sentence begins and False when it ends."""
+
+    def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
+        self._on_speaking = on_speaking
+        self._loudspeaker = Loudspeaker(muted=muted)
+        self._waiting: deque[str] = deque()
+        self._task: asyncio.Task[None] | None = None
+        self.speaking: str | None = None
+        if shutil.which("espeak-ng") is None:
+            logger.warning("espeak-ng is not installed: the robot makes no sound and only takes the time to speak")
+
+    def say(self, text: str) -> bool:
+        """Queue a sentence. False when it is empty or too much waits already."""
+        text = text.strip()[:MAX_SENTENCE_CHARS]
+        if not text or len(self._waiting) >= _MAX_WAITING:
+            return False
+        self._waiting.append(text)
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._speak_all())
+        return True
+
+    def stop(self) -> None:
+        """Interrupt the sentence that is spoken and forget those that wait."""
+        self._waiting.clear()
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _speak_all(self) -> None:
+        while self._waiting:
+            await self._speak(self._waiting.popleft())
+
+    async def _speak(self, text: str) -> None:
+        spoken = await render(text)
+        try:
+            self.speaking = text
+            self._on_speaking(True)
+            logger.info("Says (%.1f s): %s", spoken.duration_s, text)
+            await asyncio.to_thread(self._loudspeaker.play, spoken)
+            await asyncio.sleep(spoken.duration_s)
+        finally:
+            self._loudspeaker.stop()
+            self.speaking = None
+            self._on_speaking(False)
