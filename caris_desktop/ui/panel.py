@@ -1,0 +1,187 @@
+"""What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
+
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.theme import Theme
+
+TITLE_HEIGHT_PX = 42
+
+
+@dataclass(frozen=True, slots=True)
+class PanelContext:
+    """What every panel gets to work with."""
+
+    console: WizardIntents
+    theme: Theme
+    actions: Actions
+    hold: HoldToDrive
+
+
+class Panel(QWidget):
+    """Lower part of a panel's card. Subclasses fill it and say their live fact."""
+
+    title = ""
+    drives = False  # bare drive keys work while this panel has the focus
+    fact_changed = Signal(str, str)  # text, colour role
+    active_changed = Signal(bool)
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__()
+        self.console = context.console
+        self.state = context.console.state
+        self.theme = context.theme
+        self.actions = context.actions
+        self.hold = context.hold
+        self._active = False
+        self._fact = ("", "")
+        self.setAccessibleName(self.title)
+        self.theme.changed.connect(self.update)
+
+    def title_widgets(self) -> list[QWidget]:
+        """Controls at the right end of the title bar."""
+        return []
+
+    @property
+    def fact(self) -> tuple[str, str]:
+        return self._fact
+
+    def set_fact(self, text: str, role: str = "dim") -> None:
+        """The one live fact on the right of the title bar."""
+        if (text, role) != self._fact:
+            self._fact = (text, role)
+            self.fact_changed.emit(text, role)
+
+    @property
+    def active(self) -> bool:
+        return self._active
+
+    def set_active(self, active: bool) -> None:
+        """Whether the keyboard focus is inside."""
+        if active != self._active:
+            self._active = active
+            self.active_changed.emit(active)
+            self.update()
+
+    def focus_target(self) -> QWidget:
+        """What gets the focus when the wizard goes to this panel."""
+        return self
+
+    def card_path(self) -> QPainterPath:
+        """The lower part of the card, for clipping what reaches its edge."""
+        return _card_path(QRectF(self.rect()), top=False)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self._active)
+
+
+class PanelTitleBar(QWidget):
+    """Upper part of a panel's card: title left, live fact and controls right."""
+
+    def __init__(self, panel: Panel) -> None:
+        super().__init__()
+        self._panel = panel
+        self._theme = panel.theme
+        self.setFixedHeight(TITLE_HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self._title = QLabel(panel.title)
+        self._fact = _ElidedLabel()
+        self._fact.setObjectName("panel_fact")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 4, 8, 4)
+        row.setSpacing(8)
+        row.addWidget(self._title)
+        row.addWidget(self._fact, 1)
+        for widget in panel.title_widgets():
+            row.addWidget(widget)
+        # Clicks on the words reach the dock, which is dragged by its title.
+        for label in (self._title, self._fact):
+            label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        panel.fact_changed.connect(self._show_fact)
+        panel.active_changed.connect(self._on_active_changed)
+        self._theme.changed.connect(self._style)
+        self._style()
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._fact.setFont(self._theme.font(tokens.STATUS_PX))
+        self._show_fact(*self._panel.fact)
+        self.update()
+
+    def _show_fact(self, text: str, role: str) -> None:
+        self._fact.set_text(text, self._theme.color(role or "dim"))
+
+    def _on_active_changed(self, _active: bool) -> None:
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
+
+
+class _ElidedLabel(QWidget):
+    """One line, right-aligned, cut short where there is no room."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = ""
+        self._color = QColor()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    def set_text(self, text: str, color: QColor) -> None:
+        self._text, self._color = text, color
+        self.setAccessibleName(text)
+        self.setToolTip(text)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setPen(self._color)
+        text = self.fontMetrics().elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
+        painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), text)
+
+
+def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, active: bool) -> None:
+    """Half a card: rounded above (``top``) or below, with a line all round that is blue where the focus is."""
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(theme.color("blue" if active else "line"), 1))
+    painter.setBrush(theme.color("panel"))
+    painter.drawPath(_card_path(rect, top=top))
+    if top:
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
+
+
+def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:
+    radius = float(tokens.PANEL_RADIUS_PX)
+    inner = rect.adjusted(0.5, 0.5 if top else 0.0, -0.5, 0.0 if top else -0.5)
+    path = QPainterPath()
+    if top:
+        path.moveTo(inner.bottomLeft())
+        path.lineTo(inner.left(), inner.top() + radius)
+        path.quadTo(inner.topLeft(), inner.topLeft() + QPointF(radius, 0))
+        path.lineTo(inner.right() - radius, inner.top())
+        path.quadTo(inner.topRight(), inner.topRight() + QPointF(0, radius))
+        path.lineTo(inner.bottomRight())
+    else:
+        path.moveTo(inner.topLeft())
+        path.lineTo(inner.left(), inner.bottom() - radius)
+        path.quadTo(inner.bottomLeft(), inner.bottomLeft() + QPointF(radius, 0))
+        path.lineTo(inner.right() - radius, inner.bottom())
+        path.quadTo(inner.bottomRight(), inner.bottomRight() + QPointF(0, -radius))
+        path.lineTo(inner.topRight())
+    return path
+
+
+def card_margins(layout: QBoxLayout) -> None:
+    """The room between a card's edge and what is in it."""
+    layout.setContentsMargins(14, 12, 14, 12)
+    layout.setSpacing(tokens.GRID_PX)

@@ -1,0 +1,178 @@
+"""Assistant: ask the language model, read its answer as it comes, and have it said or not."""
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
+
+from caris_desktop.live.status import AssistantStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class AssistantPanel(Panel):
+    """Nothing that the model writes is said before the wizard says so."""
+
+    title = "Assistant"
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("assistant_panel")
+        self._exchange_id = ""
+        self._editing = False
+        self.field = QLineEdit()
+        self.field.setObjectName("assistant_field")
+        self.field.setAccessibleName("Question to the assistant")
+        self.field.setPlaceholderText("Ask the assistant…")
+        self.field.setMinimumHeight(40)
+        self.field.setMaxLength(2000)
+        self.field.returnPressed.connect(self._on_ask)
+        self._ask = ActionButton(self.theme, "Ask", key="Enter", height_px=40)
+        self._ask.setObjectName("assistant_ask")
+        self._ask.clicked.connect(self._on_ask)
+        self._question = QLabel()
+        self._question.setObjectName("assistant_question")
+        self._question.setWordWrap(True)
+        self._question.setTextFormat(Qt.TextFormat.PlainText)
+        self._answer = QPlainTextEdit()
+        self._answer.setObjectName("assistant_answer")
+        self._answer.setAccessibleName("The assistant's answer")
+        self._answer.setReadOnly(True)
+        self._answer.setTabChangesFocus(True)
+        self._note = QLabel()
+        self._note.setObjectName("assistant_note")
+        self._note.setWordWrap(True)
+        self._say = ActionButton(self.theme, "Say it", icon="speaker-high", look="primary")
+        self._say.setObjectName("assistant_say")
+        self._say.clicked.connect(self._on_say)
+        self._edit = ActionButton(self.theme, "Edit first", icon="pencil-simple")
+        self._edit.setObjectName("assistant_edit")
+        self._edit.clicked.connect(self._on_edit)
+        self._cancel = ActionButton(self.theme, "Cancel", icon="x")
+        self._cancel.setObjectName("assistant_cancel")
+        self._cancel.clicked.connect(lambda: self.console.cancel_assistant())
+        top = QHBoxLayout()
+        top.setSpacing(8)
+        top.addWidget(self.field, 1)
+        top.addWidget(self._ask)
+        bottom = QHBoxLayout()
+        bottom.setSpacing(8)
+        bottom.addWidget(self._say)
+        bottom.addWidget(self._edit)
+        bottom.addWidget(self._cancel)
+        bottom.addWidget(self._note, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(14, 12, 14, 12)
+        layout.setSpacing(8)
+        layout.addLayout(top)
+        layout.addWidget(self._question)
+        layout.addWidget(self._answer, 1)
+        layout.addLayout(bottom)
+        self.state.assistant.changed.connect(self._on_assistant_changed)
+        self.theme.changed.connect(self._style)
+        self._style()
+
+    def focus_target(self) -> QWidget:
+        return self.field
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 240)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(270, 150)
+
+    def _style(self) -> None:
+        for label in (self._question, self._note):
+            label.setFont(self.theme.font(tokens.STATUS_PX))
+        self._on_assistant_changed(self.state.assistant.value)
+
+    def _on_ask(self) -> None:
+        question = " ".join(self.field.text().split())
+        if question and self.state.assistant.value.state in ("ready", "failed"):
+            self._stop_editing()
+            self.field.clear()
+            self.console.ask_assistant(question)
+
+    def _on_say(self) -> None:
+        text = " ".join(self._answer.toPlainText().split())
+        if text:
+            self._stop_editing()
+            self.console.say_answer(text)
+
+    def _on_edit(self) -> None:
+        self._editing = True
+        self._answer.setReadOnly(False)
+        self._restyle_answer()
+        self._answer.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._answer.moveCursor(self._answer.textCursor().MoveOperation.End)
+        self._on_assistant_changed(self.state.assistant.value)
+
+    def _stop_editing(self) -> None:
+        if self._editing:
+            self._editing = False
+            self._answer.setReadOnly(True)
+            self._restyle_answer()
+
+    def _restyle_answer(self) -> None:
+        # The style sheet tells a field that can be edited from text by this property.
+        self._answer.style().unpolish(self._answer)
+        self._answer.style().polish(self._answer)
+
+    def _on_assistant_changed(self, status: AssistantStatus) -> None:
+        if status.exchange_id != self._exchange_id:
+            self._exchange_id = status.exchange_id
+            self._stop_editing()
+        if not self._editing and self._answer.toPlainText() != status.answer:
+            self._show_answer(status.answer)
+        answering = status.state == "answering"
+        has_answer = bool(status.answer.strip()) and not answering
+        self._question.setText(f"You asked: {words.shortened(status.question, 140)}")
+        self._question.setVisible(bool(status.question))
+        self._say.setEnabled(has_answer)
+        self._edit.setEnabled(has_answer and not self._editing)
+        self._say.setVisible(not answering)
+        self._edit.setVisible(not answering)
+        self._cancel.setVisible(answering)
+        self._ask.setEnabled(status.state in ("ready", "failed"))
+        self._show_note(status, answering=answering)
+        match status.state:
+            case "ready":
+                self.set_fact(status.model or "ready")
+            case "answering":
+                self.set_fact(f"{status.model} is writing", "blue")
+            case "starting":
+                self.set_fact("getting ready")
+            case "failed":
+                self.set_fact("no answer", "amber")
+            case _:
+                self.set_fact("off")
+
+    def _show_answer(self, answer: str) -> None:
+        shown = self._answer.toPlainText()
+        if answer.startswith(shown) and shown:
+            cursor = self._answer.textCursor()
+            cursor.movePosition(cursor.MoveOperation.End)
+            cursor.insertText(answer[len(shown) :])
+        else:
+            self._answer.setPlainText(answer)
+        bar = self._answer.verticalScrollBar()
+        bar.setValue(bar.maximum())
+
+    def _show_note(self, status: AssistantStatus, *, answering: bool) -> None:
+        role = "dim"
+        if status.state == "failed":
+            text, role = status.detail or "The assistant gave no answer. Ask again.", "amber"
+        elif status.state == "starting":
+            text = "The language model is starting. Phrases and typing work meanwhile."
+        elif status.state == "off":
+            text = status.detail or "No language model is set up."
+        elif answering and not status.answer:
+            text = "Thinking…"
+        elif self._editing:
+            text = "Change the words, then say them."
+        else:
+            text = status.detail
+        self._note.setText(text)
+        for label, color in ((self._note, role), (self._question, "dim")):
+            palette = label.palette()
+            palette.setColor(label.foregroundRole(), self.theme.color(color))
+            label.setPalette(palette)

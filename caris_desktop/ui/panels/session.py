@@ -1,0 +1,288 @@
+"""Session: recording, and what happened, in sentences with the newest at the bottom."""
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QRect,
+    QSize,
+    Qt,
+    QTimer,
+    QUrl,
+    Signal,
+)
+from PySide6.QtGui import QDesktopServices, QFontMetrics, QPainter, QResizeEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QListView,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.domain import clock
+from caris_desktop.live.status import PersonStatus, RecordingStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+LOG_ROWS = 500
+_ICONS = {
+    "Said": "chat-text", "Moved": "navigation-arrow", "People": "user", "Session": "info", "Problems": "warning",
+}  # fmt: skip
+_CATEGORY_ROLE = int(Qt.ItemDataRole.UserRole)
+_TIME_ROLE = _CATEGORY_ROLE + 1
+
+
+class SessionPanel(Panel):
+    """Start and stop, marks, and the log. ``start_requested`` asks the window for the start dialog."""
+
+    title = "Session"
+    start_requested = Signal()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("session_panel")
+        self._toggle = ActionButton(self.theme, "Start recording", icon="record", look="primary")
+        self._toggle.setObjectName("session_toggle")
+        self._toggle.clicked.connect(self._on_toggle)
+        self._what = QLabel()
+        self._what.setObjectName("session_what")
+        self._what.setWordWrap(True)
+        self._folder = ActionButton(
+            self.theme, "Open folder", icon="folder-open", height_px=30, text_px=tokens.STATUS_PX + 1
+        )
+        self._folder.setObjectName("session_folder")
+        self._folder.clicked.connect(self._open_folder)
+        self._filter = QComboBox()
+        self._filter.setObjectName("log_filter")
+        self._filter.setAccessibleName("Which events to show")
+        self._filter.addItem("Everything", "")
+        for category in words.CATEGORIES:
+            self._filter.addItem(category, category)
+        self._filter.currentIndexChanged.connect(self._on_filter_changed)
+        self._model = EventLogModel(self)
+        self._log = EventLogView()
+        self._log.setObjectName("event_log")
+        self._log.setAccessibleName("What happened")
+        self._log.setModel(self._model)
+        self._log.setItemDelegate(EventDelegate(self.theme, self._log))
+        self._log.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self._log.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self._log.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._log.setResizeMode(QListView.ResizeMode.Adjust)
+        self._log.setWordWrap(True)
+        top = QHBoxLayout()
+        top.setSpacing(10)
+        top.addWidget(self._toggle)
+        top.addWidget(self._what, 1)
+        top.addWidget(self._folder)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(14, 12, 8, 8)
+        layout.setSpacing(8)
+        layout.addLayout(top)
+        layout.addWidget(self._log, 1)
+        self.state.recording.changed.connect(self._on_recording_changed)
+        self.state.event_happened.connect(self._on_event)
+        self._clock = QTimer(self, interval=500)
+        self._clock.timeout.connect(self._refresh)
+        self._clock.start()
+        self.theme.changed.connect(self._refresh)
+        self._refresh()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._filter]
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 220)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(260, 120)
+
+    def log_lines(self) -> list[str]:
+        """The sentences on show, oldest first."""
+        return [str(self._model.index(row).data()) for row in range(self._model.rowCount())]
+
+    def restore_log(self, entries: list[tuple[int, str, str]]) -> None:
+        """Take over what another instance of this panel had (the scenario was switched)."""
+        self._model.replace(entries)
+        self._log.scrollToBottom()
+
+    def log_entries(self) -> list[tuple[int, str, str]]:
+        return self._model.entries()
+
+    def _name_of(self, person_id: str) -> str:
+        persons: tuple[PersonStatus, ...] = self.state.persons.value
+        person = next((person for person in persons if person.person_id == person_id), None)
+        return "Somebody" if person is None else words.person_name(person)
+
+    def _on_event(self, event: object) -> None:
+        entry = words.event_sentence(event, self._name_of)
+        if entry is None:
+            return
+        bar = self._log.verticalScrollBar()
+        at_end = bar.value() >= bar.maximum() - 8
+        stamp_ns: int = getattr(event, "stamp_ns", clock.now_ns())
+        self._model.append(stamp_ns, *entry)
+        if at_end:
+            QTimer.singleShot(0, self._log, self._log.scrollToBottom)
+
+    def _on_filter_changed(self, _index: int) -> None:
+        self._model.set_category(str(self._filter.currentData()))
+        self._log.scrollToBottom()
+
+    def _on_toggle(self) -> None:
+        if self.state.recording.value.state in ("recording", "starting"):
+            self.console.stop_session()
+        else:
+            self.start_requested.emit()
+
+    def _open_folder(self) -> None:
+        folder: Path | None = self.state.recording.value.folder
+        if folder is not None:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+
+    def _on_recording_changed(self, _status: RecordingStatus) -> None:
+        self._refresh()
+
+    def _refresh(self) -> None:
+        status: RecordingStatus = self.state.recording.value
+        permissions = self.console.scenario.permissions
+        kept = "robot, speech and events" + (", video" if permissions.video_recording else "; no video")
+        kept += ", photos" if permissions.photos else ", no photos"
+        self._folder.setVisible(status.folder is not None)
+        self._toggle.setEnabled(status.state not in ("starting", "stopping"))
+        role = "dim"
+        match status.state:
+            case "recording" | "starting":
+                self._toggle.set_label("Stop recording", icon="stop", look="plain")
+                text = f"{words.size(status.written_bytes)} so far: {kept}"
+                self.set_fact(f"recording {words.elapsed((clock.now_ns() - status.started_ns) / 1e9)}", "green")
+            case "stopping":
+                self._toggle.set_label("Saving…", icon="stop", look="plain")
+                text = "Finishing the files"
+                self.set_fact("saving")
+            case "failed":
+                self._toggle.set_label("Start recording", icon="record", look="primary")
+                text, role = status.detail or "Nothing is recorded now.", "red"
+                self.set_fact("not recording", "red")
+            case _:
+                self._toggle.set_label("Start recording", icon="record", look="primary")
+                text = f"Saved in {status.folder.name}" if status.folder is not None else f"Keeps {kept}"
+                self.set_fact("not recording")
+        self._what.setText(text)
+        self._what.setFont(self.theme.font(tokens.STATUS_PX))
+        palette = self._what.palette()
+        palette.setColor(self._what.foregroundRole(), self.theme.color(role))
+        self._what.setPalette(palette)
+
+
+class EventLogModel(QAbstractListModel):
+    """The last sentences, bounded, optionally of one category."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._all: deque[tuple[int, str, str]] = deque(maxlen=LOG_ROWS)
+        self._shown: list[tuple[int, str, str]] = []
+        self._category = ""
+
+    def append(self, stamp_ns: int, category: str, sentence: str) -> None:
+        entry = (stamp_ns, category, sentence)
+        self._all.append(entry)
+        if self._category and category != self._category:
+            return
+        if len(self._shown) >= LOG_ROWS:
+            self.beginRemoveRows(QModelIndex(), 0, 0)
+            del self._shown[0]
+            self.endRemoveRows()
+        self.beginInsertRows(QModelIndex(), len(self._shown), len(self._shown))
+        self._shown.append(entry)
+        self.endInsertRows()
+
+    def entries(self) -> list[tuple[int, str, str]]:
+        return list(self._all)
+
+    def replace(self, entries: list[tuple[int, str, str]]) -> None:
+        self._all = deque(entries, maxlen=LOG_ROWS)
+        self.set_category(self._category)
+
+    def set_category(self, category: str) -> None:
+        self.beginResetModel()
+        self._category = category
+        self._shown = [entry for entry in self._all if not category or entry[1] == category]
+        self.endResetModel()
+
+    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._shown)
+
+    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        stamp_ns, category, sentence = self._shown[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return sentence
+        if role == _CATEGORY_ROLE:
+            return category
+        if role == _TIME_ROLE:
+            return words.clock_time(stamp_ns)
+        if role == Qt.ItemDataRole.AccessibleTextRole:
+            return f"{words.clock_time(stamp_ns)} {sentence}"
+        return None
+
+
+class EventDelegate(QStyledItemDelegate):
+    """Time, mark, sentence; sentences wrap."""
+
+    _TIME_WIDTH_PX = 68
+    _ICON_WIDTH_PX = 26
+
+    def __init__(self, theme: Theme, view: QListView) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._view = view
+
+    def sizeHint(self, _option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+        width = max(80, self._view.viewport().width() - self._TIME_WIDTH_PX - self._ICON_WIDTH_PX - 6)
+        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX + 1))
+        flags = int(Qt.TextFlag.TextWordWrap)
+        bounds = metrics.boundingRect(QRect(0, 0, width, 10_000), flags, str(index.data()))
+        return QSize(self._view.viewport().width(), bounds.height() + 8)
+
+    def paint(
+        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        rect: QRect = option.rect  # type: ignore[attr-defined]
+        category = str(index.data(_CATEGORY_ROLE))
+        problem = category == "Problems"
+        painter.save()
+        painter.setFont(self._theme.font(tokens.STATUS_PX))
+        painter.setPen(self._theme.color("dim"))
+        time_rect = rect.adjusted(0, 4, 0, 0)
+        time_rect.setWidth(self._TIME_WIDTH_PX)
+        painter.drawText(
+            time_rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop), str(index.data(_TIME_ROLE))
+        )
+        icon_rect = QRect(rect.left() + self._TIME_WIDTH_PX, rect.top() + 5, 15, 15)
+        role = "amber" if problem else "dim"
+        draw_icon(painter, icon_rect.toRectF(), _ICONS.get(category, "info"), self._theme.color(role))
+        painter.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        painter.setPen(self._theme.color("amber" if problem else "text"))
+        text_rect = rect.adjusted(self._TIME_WIDTH_PX + self._ICON_WIDTH_PX, 3, -4, 0)
+        painter.drawText(text_rect, int(Qt.TextFlag.TextWordWrap), str(index.data()))
+        painter.restore()
+
+
+class EventLogView(QListView):
+    """Lays its rows out again when its width changes."""
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.scheduleDelayedItemsLayout()

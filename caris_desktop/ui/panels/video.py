@@ -1,0 +1,356 @@
+"""Video: what the robot sees, with boxes around people and the two numbers that a driver needs."""
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People
+from caris_desktop.live.status import PersonStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+BOXES_FRAMES_APART = 8
+"""Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
+
+CLOSE_M = 0.6
+_AHEAD_RAD = math.radians(20.0)
+
+
+def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
+    """Whether the boxes were found in about the frame that is on show."""
+    if people is None or frame is None:
+        return False
+    return people.camera == frame.camera and abs(frame.sequence - people.frame_sequence) <= BOXES_FRAMES_APART
+
+
+def distance_ahead_m(scan: LaserScan) -> float | None:
+    """The nearest return within 20 degrees of straight ahead; None when nothing returned there."""
+    ranges = scan.ranges_m
+    angles = (
+        scan.angle_min_rad
+        + scan.angle_increment_rad * np.arange(ranges.size, dtype=np.float32)
+        + scan.robot_from_laser.heading_rad
+    )
+    ahead = np.abs(np.remainder(angles + math.pi, 2 * math.pi) - math.pi) <= _AHEAD_RAD
+    valid = ahead & np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    return float(ranges[valid].min()) + scan.robot_from_laser.x_m if bool(valid.any()) else None
+
+
+class VideoPanel(Panel):
+    """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
+
+    title = "Front camera"
+    drives = True
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("video_panel")
+        self.view = FrameView(self.theme, self.actions, self)
+        self.view.setObjectName("video_view")
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.view)
+        self._photo: ActionButton | None = None
+        if self.actions.spec("photo") is not None:
+            self._photo = ActionButton(self.theme, "Photo", icon="camera", height_px=30)
+            self._photo.setObjectName("photo_button")
+            self._photo.bind(self.actions, "photo")
+        self._shown: list[float] = []
+        self._latency_s = 0.0
+        state = self.state
+        state.frame.changed.connect(self._on_frame_changed)
+        state.frame.freshness_changed.connect(self._on_freshness_changed)
+        state.people.changed.connect(self._on_people_changed)
+        state.persons.changed.connect(self._on_persons_changed)
+        self._facts = QTimer(self, interval=250)
+        self._facts.timeout.connect(self._refresh)
+        self._facts.start()
+        self._on_persons_changed(state.persons.value)
+        if state.frame.value is not None:
+            self._on_frame_changed(state.frame.value)
+        self._on_freshness_changed(state.frame.freshness)
+        self._refresh()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._photo] if self._photo is not None else []
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def sizeHint(self) -> QSize:
+        return QSize(720, 480)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(280, 190)
+
+    def _on_frame_changed(self, frame: FrameRef) -> None:
+        self._shown.append(time.monotonic())
+        self._latency_s = self.state.frame.age_s() or 0.0
+        if not self.view.isVisible() or self.view.visibleRegion().isEmpty():
+            return
+        image_bgr = self.console.frames.read(frame)
+        if image_bgr is not None:
+            self.view.show_frame(image_bgr, frame)
+
+    def _on_people_changed(self, people: People) -> None:
+        self.view.show_people(people)
+
+    def _on_persons_changed(self, persons: tuple[PersonStatus, ...]) -> None:
+        self.view.show_names({person.person_id: person.name for person in persons})
+
+    def _on_freshness_changed(self, freshness: str) -> None:
+        self.view.show_freshness(freshness)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Four times a second: the words around the picture."""
+        state, now_s = self.state, time.monotonic()
+        self._shown = [moment for moment in self._shown if now_s - moment <= 2.0]
+        age_s = state.frame.age_s()
+        match state.frame.freshness:
+            case "fresh":
+                rate = (
+                    (len(self._shown) - 1) / max(0.001, self._shown[-1] - self._shown[0]) if len(self._shown) > 2 else 0
+                )
+                rate_words = f" · {rate:.0f} fps" if rate else ""
+                self.set_fact(f"live{rate_words} · {words.age(self._latency_s)} old")
+            case "stale":
+                self.set_fact(f"delayed · {words.age(age_s or 0.0)} old", "amber")
+            case "lost":
+                self.set_fact(f"no picture for {words.age(age_s or 0.0)}", "red")
+            case _:
+                self.set_fact("no picture yet")
+        chips: list[tuple[str, str]] = []
+        if state.odometry.freshness == "fresh":
+            twist = state.odometry.value.twist
+            turn_deg = abs(math.degrees(twist.turn_radps))
+            chips.append((f"{abs(twist.forward_mps):.2f} m/s · {turn_deg:.0f}°/s", "video_text"))
+        if state.scan.freshness == "fresh":
+            ahead_m = distance_ahead_m(state.scan.value)
+            if ahead_m is None:
+                chips.append(("Nothing in reach ahead", "video_text"))
+            elif ahead_m < CLOSE_M:
+                chips.append((f"Close! Obstacle {ahead_m:.1f} m ahead", "warning"))
+            else:
+                chips.append((f"Obstacle {ahead_m:.1f} m ahead", "video_text"))
+        elif state.scan.freshness in ("stale", "lost"):
+            chips.append(("LIDAR is silent", "warning"))
+        self.view.show_chips(chips)
+        self.view.show_age(age_s)
+        self.actions.set_condition("video", state.frame.freshness == "fresh")
+
+
+class FrameView(QWidget):
+    """Paints the newest frame to fit, with boxes over it. Never shows an old frame as if it were live."""
+
+    clicked = Signal()
+
+    def __init__(self, theme: Theme, actions: Actions, panel: Panel) -> None:
+        super().__init__(panel)
+        self._theme = theme
+        self._actions = actions
+        self._panel = panel
+        self._image: QImage | None = None
+        self._pixels: NDArray[np.uint8] | None = None
+        self._frame: FrameRef | None = None
+        self._people: People | None = None
+        self._names: dict[str, str] = {}
+        self._freshness = "none"
+        self._age_s: float | None = None
+        self._chips: list[tuple[str, str]] = []
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAccessibleName("Picture from the robot's camera")
+        theme.changed.connect(self.update)
+        actions.keys_changed.connect(self.update)
+
+    @property
+    def frame(self) -> FrameRef | None:
+        """The frame on show, None when words are shown instead."""
+        return self._frame if self._freshness in ("fresh", "stale") else None
+
+    def show_frame(self, image_bgr: NDArray[np.uint8], frame: FrameRef) -> None:
+        height, width = image_bgr.shape[:2]
+        # The QImage borrows the array's memory, so the array lives as long as the image does.
+        self._pixels = image_bgr
+        self._image = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
+        self._frame = frame
+        self.update()
+
+    def show_people(self, people: People) -> None:
+        self._people = people
+        self.update()
+
+    def show_names(self, names: dict[str, str]) -> None:
+        self._names = names
+        self.update()
+
+    def show_freshness(self, freshness: str) -> None:
+        self._freshness = freshness
+        if freshness in ("lost", "none"):
+            self._image = self._pixels = self._frame = None
+        self.update()
+
+    def show_chips(self, chips: list[tuple[str, str]]) -> None:
+        if chips != self._chips:
+            self._chips = chips
+            self.update()
+
+    def show_age(self, age_s: float | None) -> None:
+        self._age_s = age_s
+        if self._freshness != "fresh":
+            self.update()
+
+    def visible_boxes(self) -> list[tuple[str, bool]]:
+        """The words on each box that is drawn now, and whether that person has a name."""
+        if self._people is None or not boxes_fit(self._people, self.frame):
+            return []
+        return [
+            (self._names.get(box.person_id) or f"Person {box.track}", bool(self._names.get(box.person_id)))
+            for box in self._people.boxes
+        ]
+
+    def picture_rect(self) -> QRectF:
+        """Where the picture is painted: as large as fits, undistorted."""
+        room = QRectF(self.rect())
+        if self._image is None:
+            return room
+        scale = min(room.width() / self._image.width(), room.height() / self._image.height())
+        width, height = self._image.width() * scale, self._image.height() * scale
+        return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        path = self._panel.card_path().translated(-QPointF(self.pos()))
+        painter.fillPath(path, self._theme.color("video_ground"))
+        if self._image is None or self._freshness in ("lost", "none"):
+            self._paint_words(painter)
+        else:
+            painter.setClipPath(path)
+            if self._freshness == "stale":
+                painter.setOpacity(0.4)
+            painter.drawImage(self.picture_rect(), self._image)
+            painter.setOpacity(1.0)
+            painter.setClipping(False)
+            if self._freshness == "stale":
+                self._paint_stale(painter)
+            elif boxes_fit(self._people, self._frame):
+                self._paint_boxes(painter)
+        self._paint_chips(painter)
+        painter.setPen(QPen(self._theme.color("blue" if self._panel.active else "line"), 1))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.drawPath(path)
+
+    def _paint_words(self, painter: QPainter) -> None:
+        theme = self._theme
+        center = QRectF(self.rect()).center()
+        if self._freshness == "lost":
+            head, sub = (
+                "No picture",
+                f"The camera has sent nothing for {words.age(self._age_s or 0.0)}. Drive with care.",
+            )
+        else:
+            head, sub = "Waiting for the camera", "The picture appears here as soon as the robot sends it."
+        draw_icon(
+            painter, QRectF(center.x() - 20, center.y() - 66, 40, 40), "video-camera-slash", theme.color("video_dim")
+        )
+        painter.setPen(theme.color("video_text"))
+        painter.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        painter.drawText(QRectF(8, center.y() - 18, self.width() - 16, 28), Qt.AlignmentFlag.AlignCenter, head)
+        painter.setPen(theme.color("video_dim"))
+        painter.setFont(theme.font(tokens.BODY_PX))
+        painter.drawText(
+            QRectF(16, center.y() + 12, self.width() - 32, 48),
+            int(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop | Qt.TextFlag.TextWordWrap), sub,
+        )  # fmt: skip
+
+    def _paint_stale(self, painter: QPainter) -> None:
+        text = f"Picture is {words.age(self._age_s or 0.0)} old"
+        font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
+        width = QFontMetricsF(font).horizontalAdvance(text) + 32
+        rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(self._theme.color("video_chip"))
+        painter.drawRoundedRect(rect, 8, 8)
+        painter.setFont(font)
+        painter.setPen(self._theme.color("video_text"))
+        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+
+    def _paint_boxes(self, painter: QPainter) -> None:
+        people, theme = self._people, self._theme
+        if people is None or people.frame_width_px <= 0:
+            return
+        picture = self.picture_rect()
+        scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
+        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        metrics = QFontMetricsF(font)
+        painter.setFont(font)
+        for box in people.boxes:
+            name = self._names.get(box.person_id, "")
+            color = theme.color("box_named" if name else "box_unnamed")
+            rect = QRectF(
+                picture.left() + box.left_px * scale_x, picture.top() + box.top_px * scale_y,
+                box.width_px * scale_x, box.height_px * scale_y,
+            ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
+            pen = QPen(color, 2)
+            if not name:
+                pen.setDashPattern([5, 4])
+            painter.setPen(pen)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(rect, 3, 3)
+            label = name or f"Person {box.track}"
+            width = metrics.horizontalAdvance(label) + 14
+            top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
+            tag = QRectF(rect.left() - 1, top, width, 21)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(color)
+            painter.drawRoundedRect(tag, 4, 4)
+            painter.setPen(theme.color("on_box"))
+            painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, label)
+
+    def _paint_chips(self, painter: QPainter) -> None:
+        theme = self._theme
+        chips = list(self._chips)
+        if self._actions.spec("drive_forward") is not None:
+            free = self._actions.driving_focus
+            chips.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
+        font = theme.font(tokens.BODY_PX)
+        metrics = QFontMetricsF(font)
+        painter.setFont(font)
+        left, top = 12.0, self.height() - 46.0
+        for text, role in chips:
+            width = metrics.horizontalAdvance(text) + 24 + (22 if role == "warning" else 0)
+            if left + width > self.width() - 8:
+                if left <= 12.0:
+                    continue
+                if top < self.height() - 50:
+                    break
+                left, top = 12.0, top - 40
+                if width > self.width() - 20:
+                    continue
+            rect = QRectF(left, top, width, 34)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.color("video_chip"))
+            painter.drawRoundedRect(rect, 8, 8)
+            text_rect = rect
+            if role == "warning":
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                draw_icon(painter, QRectF(left + 10, top + 8, 18, 18), "warning", theme.color("box_warning"))
+                text_rect = rect.adjusted(22, 0, 0, 0)
+            painter.setPen(theme.color({"hint": "box_unnamed", "warning": "box_warning"}.get(role, "video_text")))
+            painter.drawText(text_rect, Qt.AlignmentFlag.AlignCenter, text)
+            left += width + 8
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.setFocus(Qt.FocusReason.MouseFocusReason)
+        self.clicked.emit()
+        super().mousePressEvent(event)

@@ -1,0 +1,156 @@
+"""Problems as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
+
+from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.domain.events import Problem
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+SHOWN_AT_ONCE = 3
+WIDTH_PX = 400
+_GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
+_LOOKS = {
+    "info": ("info", "blue", "Note"),
+    "warning": ("warning", "amber", "Problem"),
+    "error": ("warning-octagon", "red", "Serious problem"),
+}
+
+
+class ProblemCards(QWidget):
+    """The newest few problems over the lower right of the dock area; errors stay until they are dismissed."""
+
+    def __init__(self, theme: Theme, over: QWidget) -> None:
+        super().__init__(over)
+        self.setObjectName("problem_cards")
+        self._theme = theme
+        self._over = over
+        self._cards: list[ProblemCard] = []
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(0, 0, 0, 0)
+        self._column.setSpacing(tokens.GRID_PX)
+        over.installEventFilter(self)
+        self.hide()
+
+    @property
+    def cards(self) -> tuple["ProblemCard", ...]:
+        return tuple(self._cards)
+
+    def show_problem(self, problem: Problem) -> None:
+        """Add it, or renew the card that says the same."""
+        known = next((card for card in self._cards if card.problem.what == problem.what), None)
+        if known is not None:
+            known.show_problem(problem, again=True)
+        else:
+            card = ProblemCard(self._theme, problem)
+            card.dismissed = self._dismiss
+            card.start_going_away()
+            self._cards.append(card)
+            self._column.addWidget(card)
+            if len(self._cards) > SHOWN_AT_ONCE:
+                self._dismiss(self._cards[0])
+        self._place()
+
+    def _dismiss(self, card: "ProblemCard") -> None:
+        if card in self._cards:
+            self._cards.remove(card)
+            self._column.removeWidget(card)
+            card.hide()
+            card.deleteLater()
+            self._place()
+
+    def _place(self) -> None:
+        self.setVisible(bool(self._cards))
+        width = min(WIDTH_PX, self._over.width() - 32)
+        self.setFixedWidth(max(200, width))
+        height = (
+            self._column.heightForWidth(self.width()) if self._column.hasHeightForWidth() else self.sizeHint().height()
+        )
+        self.resize(self.width(), height)
+        self.move(QPoint(self._over.width() - self.width() - 20, self._over.height() - height - 20))
+        self.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._over and event.type() == QEvent.Type.Resize and self._cards:
+            self._place()
+        return False
+
+
+class ProblemCard(QWidget):
+    """One problem."""
+
+    def __init__(self, theme: Theme, problem: Problem) -> None:
+        super().__init__()
+        self.problem = problem
+        self._theme = theme
+        self._count = 1
+        self.dismissed = lambda card: None
+        self._what = QLabel()
+        self._meaning = QLabel()
+        self._advice = QLabel()
+        for label in (self._what, self._meaning, self._advice):
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.TextFormat.PlainText)
+            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        close = ActionButton(theme, "", icon="x", look="ghost", height_px=28)
+        close.setObjectName("problem_dismiss")
+        close.setAccessibleName("Dismiss")
+        close.clicked.connect(lambda: self.dismissed(self))
+        column = QVBoxLayout()
+        column.setSpacing(3)
+        column.addWidget(self._what)
+        column.addWidget(self._meaning)
+        column.addWidget(self._advice)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(48, 12, 8, 14)
+        row.addLayout(column, 1)
+        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        self._timer = QTimer(self, singleShot=True)
+        self._timer.timeout.connect(lambda: self.dismissed(self))
+        theme.changed.connect(self._style)
+        self._style()
+
+    def show_problem(self, problem: Problem, *, again: bool = False) -> None:
+        self.problem = problem
+        self._count += again
+        self._style()
+        self.start_going_away()
+
+    def start_going_away(self) -> None:
+        after_ms = _GOES_AWAY_AFTER_MS.get(self.problem.severity)
+        if after_ms is not None:
+            self._timer.start(after_ms)
+        else:
+            self._timer.stop()
+
+    def _style(self) -> None:
+        _, _, word = _LOOKS[self.problem.severity]
+        times = f" ({self._count} times)" if self._count > 1 else ""
+        self._what.setText(f"{self.problem.what}{times}")
+        self._meaning.setText(self.problem.meaning)
+        self._advice.setText(self.problem.advice)
+        self._meaning.setVisible(bool(self.problem.meaning))
+        self._advice.setVisible(bool(self.problem.advice))
+        self.setAccessibleName(f"{word}: {self.problem.what}. {self.problem.meaning} {self.problem.advice}")
+        self._what.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        for label, role in ((self._what, "text"), (self._meaning, "dim"), (self._advice, "text")):
+            palette = label.palette()
+            palette.setColor(label.foregroundRole(), self._theme.color(role))
+            label.setPalette(palette)
+        for label in (self._meaning, self._advice):
+            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        icon, role, _ = _LOOKS[self.problem.severity]
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color(role), 1.2))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(
+            QRectF(self.rect()).adjusted(1, 1, -1, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        )
+        draw_icon(painter, QRectF(14, 13, 22, 22), icon, self._theme.color(role))

@@ -1,0 +1,162 @@
+"""Turns the tokens into a Fusion palette, a font and one small style sheet; follows the system or the user."""
+
+from typing import Literal
+
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalette
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.tokens import DARK, LIGHT, Colors
+
+ThemeChoice = Literal["system", "dark", "light"]
+CHOICES: tuple[ThemeChoice, ...] = ("system", "dark", "light")
+
+# Used only where the system has no font of its own to speak of, as a bare Debian with DejaVu alone.
+_GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu")
+_FALLBACK_FAMILIES = ("DejaVu Sans", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
+
+
+def as_choice(value: object) -> ThemeChoice:
+    """The choice that a stored setting means; anything unknown means to follow the system."""
+    for choice in CHOICES:
+        if value == choice:
+            return choice
+    return "system"
+
+
+class Theme(QObject):
+    """The colours and fonts in force. Widgets hold it, draw from ``colors`` and repaint on ``changed``."""
+
+    changed = Signal()
+
+    def __init__(self, app: QApplication, choice: ThemeChoice = "system", parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._app = app
+        self._choice: ThemeChoice = choice
+        self.family = _pick_family()
+        self.colors: Colors = DARK
+        app.setStyle("Fusion")
+        QGuiApplication.styleHints().colorSchemeChanged.connect(self._on_system_scheme_changed)
+        self._apply()
+
+    @property
+    def choice(self) -> ThemeChoice:
+        return self._choice
+
+    def set_choice(self, choice: ThemeChoice) -> None:
+        if choice != self._choice:
+            self._choice = choice
+            self._apply()
+
+    def color(self, role: str) -> QColor:
+        return QColor(getattr(self.colors, role))
+
+    def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
+        font = QFont(self.family)
+        font.setPixelSize(size_px)
+        font.setWeight(QFont.Weight(weight))
+        return font
+
+    def _on_system_scheme_changed(self, _scheme: Qt.ColorScheme) -> None:
+        if self._choice == "system":
+            self._apply()
+
+    def _apply(self) -> None:
+        self.colors = _colors_for(self._choice)
+        self._app.setPalette(make_palette(self.colors))
+        self._app.setFont(self.font())
+        self._app.setStyleSheet(make_style_sheet(self.colors))
+        self.changed.emit()
+
+
+def _colors_for(choice: ThemeChoice) -> Colors:
+    if choice == "system":
+        # An unknown scheme (a bare virtual screen) reads as dark, the theme of a dim lab.
+        scheme = QGuiApplication.styleHints().colorScheme()
+        return LIGHT if scheme == Qt.ColorScheme.Light else DARK
+    return DARK if choice == "dark" else LIGHT
+
+
+def _pick_family() -> str:
+    system = QFontDatabase.systemFont(QFontDatabase.SystemFont.GeneralFont).family()
+    if system not in _FALLBACK_FAMILIES:
+        return system
+    present = set(QFontDatabase.families())
+    return next((family for family in _GOOD_FAMILIES if family in present), system)
+
+
+def make_palette(colors: Colors) -> QPalette:
+    role = QPalette.ColorRole
+    palette = QPalette()
+    for which, name in (
+        (role.Window, colors.window), (role.WindowText, colors.text), (role.Base, colors.field),
+        (role.AlternateBase, colors.panel), (role.Text, colors.text), (role.Button, colors.raised),
+        (role.ButtonText, colors.text), (role.BrightText, colors.red), (role.Highlight, colors.blue),
+        (role.HighlightedText, colors.on_blue), (role.Link, colors.blue), (role.ToolTipBase, colors.raised),
+        (role.ToolTipText, colors.text), (role.PlaceholderText, colors.dim), (role.Accent, colors.blue),
+        (role.Light, colors.raised_hover), (role.Mid, colors.line), (role.Dark, colors.line),
+    ):  # fmt: skip
+        palette.setColor(which, QColor(name))
+    for which in (role.WindowText, role.Text, role.ButtonText):
+        palette.setColor(QPalette.ColorGroup.Disabled, which, QColor(colors.dim))
+    return palette
+
+
+def make_style_sheet(colors: Colors) -> str:
+    """What the palette cannot say: corners, borders, spacing."""
+    radius, status = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX
+    return f"""
+QMainWindow#dock_host {{ background: {colors.window}; }}
+QMainWindow#dock_host::separator {{ width: 8px; height: 8px; background: transparent; }}
+QMainWindow#dock_host::separator:hover {{ background: {colors.line_strong}; }}
+QLineEdit, QPlainTextEdit, QComboBox {{
+    background: {colors.field}; color: {colors.text}; border: 1px solid {colors.line_strong};
+    border-radius: {radius}px; padding: 5px 10px; selection-background-color: {colors.blue};
+    selection-color: {colors.on_blue};
+}}
+QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {colors.blue}; padding: 4px 9px; }}
+QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: {colors.panel}; }}
+QLineEdit#speak_field {{ font-size: {tokens.SPEECH_PX}px; padding: 10px 12px; }}
+QLineEdit#speak_field:focus {{ padding: 9px 11px; }}
+QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
+QPlainTextEdit#assistant_answer[readOnly="true"] {{ background: transparent; border-color: transparent; padding: 2px 0; }}
+QComboBox {{ font-size: {status}px; padding: 4px 8px; }}
+QComboBox::drop-down {{ border: 0; width: 22px; }}
+QComboBox QAbstractItemView, QMenu {{
+    background: {colors.panel}; color: {colors.text}; border: 1px solid {colors.line_strong};
+}}
+QMenu {{ padding: 6px; }}
+QMenu::item {{ padding: 7px 28px 7px 14px; border-radius: 6px; }}
+QMenu::item:selected {{ background: {colors.blue_soft}; color: {colors.text}; }}
+QMenu::item:disabled {{ color: {colors.dim}; }}
+QMenu::separator {{ height: 1px; background: {colors.line}; margin: 6px 8px; }}
+QToolTip {{
+    background: {colors.raised}; color: {colors.text}; border: 1px solid {colors.line_strong}; padding: 6px 8px;
+    font-size: {status}px;
+}}
+QTabBar {{ background: transparent; }}
+QTabBar::tab {{
+    background: transparent; color: {colors.dim}; padding: 6px 14px; margin-right: 4px; border: 0;
+    border-bottom: 2px solid transparent;
+}}
+QTabBar::tab:hover {{ color: {colors.text}; }}
+QTabBar::tab:selected {{ color: {colors.text}; border-bottom: 2px solid {colors.blue}; }}
+QTabBar::tab:focus {{ color: {colors.blue}; }}
+QScrollArea, QScrollArea > QWidget > QWidget, QListView {{ background: transparent; border: 0; }}
+QScrollBar:vertical {{ width: 10px; background: transparent; margin: 0; }}
+QScrollBar:horizontal {{ height: 10px; background: transparent; margin: 0; }}
+QScrollBar::handle {{ background: {colors.line_strong}; border-radius: 4px; min-height: 28px; min-width: 28px; margin: 1px; }}
+QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{
+    background: transparent; width: 0; height: 0;
+}}
+QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}
+QSlider::sub-page:horizontal {{ height: 4px; border-radius: 2px; background: {colors.blue}; }}
+QSlider::handle:horizontal {{
+    width: 16px; height: 16px; margin: -7px 0; border-radius: 9px; background: {colors.text};
+    border: 1px solid {colors.line_strong};
+}}
+QSlider::handle:horizontal:focus {{ border: 2px solid {colors.blue}; }}
+QSlider::sub-page:horizontal:disabled {{ background: {colors.line_strong}; }}
+QSlider::handle:horizontal:disabled {{ background: {colors.dim}; }}
+"""

@@ -1,0 +1,172 @@
+"""Colours, sizes and type of the whole window. The only file with colours in it."""
+
+from dataclasses import dataclass
+
+GRID_PX = 8
+PANEL_RADIUS_PX = 10
+CONTROL_RADIUS_PX = 8
+CONTROL_HEIGHT_PX = 34
+
+BODY_PX = 15
+STATUS_PX = 13
+SPEECH_PX = 18
+KEY_CAP_PX = 12
+
+WEIGHT_NORMAL = 400
+WEIGHT_MEDIUM = 500
+WEIGHT_SEMIBOLD = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Colors:
+    """One theme. ``on_*`` is text on that colour; ``*_soft`` is a tinted ground for ordinary text."""
+
+    name: str
+    window: str
+    panel: str
+    raised: str
+    raised_hover: str
+    field: str
+    line: str
+    line_strong: str
+    text: str
+    dim: str
+    blue: str
+    blue_soft: str
+    green: str
+    green_soft: str
+    amber: str
+    amber_soft: str
+    red: str
+    red_fill: str
+    red_hover: str
+    red_soft: str
+    on_blue: str
+    on_green: str
+    on_red: str
+    key_ground: str
+    key_line: str
+    video_ground: str
+    video_text: str
+    video_dim: str
+    video_chip: str
+    box_named: str
+    box_unnamed: str
+    box_warning: str
+    on_box: str
+    map_free: str
+    map_unknown: str
+    map_wall: str
+    map_grid: str
+    shadow: str
+
+
+DARK = Colors(
+    name="dark",
+    window="#14171c",
+    panel="#1b1f26",
+    raised="#273040",
+    raised_hover="#323d51",
+    field="#14171c",
+    line="#2c333f",
+    line_strong="#414b5c",
+    text="#e6e9ee",
+    dim="#98a2b3",
+    blue="#4c9df3",
+    blue_soft="#1a2d45",
+    green="#3fb984",
+    green_soft="#173328",
+    amber="#e6a23c",
+    amber_soft="#3a2c14",
+    red="#ff7378",
+    red_fill="#d7373d",
+    red_hover="#c12e34",
+    red_soft="#42191c",
+    on_blue="#0b1a2b",
+    on_green="#06231a",
+    on_red="#ffffff",
+    key_ground="#14171c",
+    key_line="#465164",
+    video_ground="#0c0e11",
+    video_text="#f2f4f7",
+    video_dim="#a7b0bf",
+    video_chip="#d0101318",
+    box_named="#3fb984",
+    box_unnamed="#7db8f7",
+    box_warning="#f0b45a",
+    on_box="#071019",
+    map_free="#20262f",
+    map_unknown="#161a20",
+    map_wall="#78879f",
+    map_grid="#262d38",
+    shadow="#70000000",
+)
+
+LIGHT = Colors(
+    name="light",
+    window="#eef1f5",
+    panel="#ffffff",
+    raised="#f1f4f8",
+    raised_hover="#e4e9f0",
+    field="#ffffff",
+    line="#d5dbe4",
+    line_strong="#b4bdca",
+    text="#1a2230",
+    dim="#5d6a7d",
+    blue="#1f6fd1",
+    blue_soft="#e6f0fc",
+    green="#147a4f",
+    green_soft="#e0f3ea",
+    amber="#915700",
+    amber_soft="#fdf1da",
+    red="#c72c33",
+    red_fill="#d3343a",
+    red_hover="#b9282e",
+    red_soft="#fce8e9",
+    on_blue="#ffffff",
+    on_green="#ffffff",
+    on_red="#ffffff",
+    key_ground="#ffffff",
+    key_line="#b4bdca",
+    video_ground="#1c222b",
+    video_text="#f2f4f7",
+    video_dim="#b6bfcc",
+    video_chip="#d0101318",
+    box_named="#3fb984",
+    box_unnamed="#7db8f7",
+    box_warning="#f0b45a",
+    on_box="#071019",
+    map_free="#ffffff",
+    map_unknown="#e9edf2",
+    map_wall="#4a586c",
+    map_grid="#eef1f5",
+    shadow="#38243447",
+)
+
+
+def contrast(first: str, second: str) -> float:
+    """WCAG 2 contrast ratio of two opaque colours given as ``#rrggbb``."""
+    lighter, darker = sorted((_luminance(first), _luminance(second)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(color: str) -> float:
+    channels = [int(color[index : index + 2], 16) / 255 for index in (1, 3, 5)]
+    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+# Text and the ground it stands on: every pair must reach 4.5:1 in both themes.
+TEXT_PAIRS: tuple[tuple[str, str], ...] = (
+    ("text", "window"), ("text", "panel"), ("text", "raised"), ("text", "raised_hover"), ("text", "field"),
+    ("text", "blue_soft"), ("text", "green_soft"), ("text", "amber_soft"), ("text", "red_soft"),
+    ("text", "key_ground"),
+    ("dim", "window"), ("dim", "panel"), ("dim", "raised"), ("dim", "field"), ("dim", "key_ground"),
+    ("blue", "panel"), ("green", "panel"), ("amber", "panel"), ("red", "panel"),
+    ("green", "window"), ("amber", "window"), ("red", "window"),
+    ("blue", "blue_soft"), ("amber", "amber_soft"), ("red", "red_soft"), ("green", "green_soft"),
+    ("on_blue", "blue"), ("on_green", "green"), ("on_red", "red_fill"), ("on_red", "red_hover"),
+    ("video_text", "video_ground"), ("video_dim", "video_ground"),
+    ("on_box", "box_named"), ("on_box", "box_unnamed"),
+    ("text", "map_free"), ("text", "map_unknown"),
+)  # fmt: skip

@@ -1,0 +1,218 @@
+"""The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
+
+from PySide6.QtCore import QPoint, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.domain import clock
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.status import DriveStatus, RecordingStatus
+from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+HEIGHT_PX = 56
+
+
+def trial_words(details: TrialDetails | None) -> str:
+    """P07 · condition B · trial 2 of 4."""
+    if details is None:
+        return ""
+    parts = [details.participant]
+    parts.append(f"condition {details.condition}" if details.condition else "")
+    parts.append(f"trial {details.trial}" if details.trial else "")
+    return " · ".join(part for part in parts if part)
+
+
+class TopBar(QWidget):
+    """Emits what the window has to do; everything about the session's state it reads itself."""
+
+    start_requested = Signal()
+    scenario_menu_requested = Signal()
+    window_menu_requested = Signal()
+
+    def __init__(self, theme: Theme, console: WizardIntents, actions: Actions) -> None:
+        super().__init__()
+        self.setObjectName("top_bar")
+        self.setFixedHeight(HEIGHT_PX)
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self.scenario_button = ActionButton(theme, "", menu_arrow=True, look="ghost", text_px=tokens.SPEECH_PX - 1)
+        self.scenario_button.setObjectName("scenario_button")
+        self.scenario_button.setToolTip("Switch the scenario. The robot stays connected.")
+        self.scenario_button.clicked.connect(self.scenario_menu_requested)
+        self._trial = QLabel()
+        self._trial.setObjectName("trial_label")
+        self._trial.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
+        self._details: TrialDetails | None = None
+        self.record_button = ActionButton(theme, "Start recording", icon="record")
+        self.record_button.setObjectName("record_button")
+        self.record_button.clicked.connect(self._on_record_clicked)
+        self._record_menu = QMenu(self)
+        self._record_menu.setObjectName("record_menu")
+        self._record_menu.addAction("Stop recording").triggered.connect(lambda: self._console.stop_session())
+        mark = ActionButton(theme, "Mark", icon="bookmark-simple")
+        mark.setObjectName("mark_button")
+        mark.bind(actions, "mark")
+        error = ActionButton(theme, "Wizard error")
+        error.setObjectName("wizard_error_button")
+        error.bind(actions, "wizard_error")
+        error.setToolTip("Mark that something went wrong on the wizard's side, for the analysis")
+        find = ActionButton(theme, "Find anything", icon="magnifying-glass")
+        find.setObjectName("find_button")
+        find.bind(actions, "find")
+        self.window_button = ActionButton(theme, "", icon="layout")
+        self.window_button.setObjectName("window_menu_button")
+        self.window_button.setAccessibleName("Panels and appearance")
+        self.window_button.setToolTip("Panels and appearance")
+        self.window_button.clicked.connect(self.window_menu_requested)
+        self.emergency = ActionButton(theme, "Emergency stop", key="Esc Esc", look="danger", height_px=40)
+        self.emergency.setObjectName("emergency_stop")
+        self.emergency.setToolTip("Stops the robot and keeps it stopped until you release it. Also Pause.")
+        self.emergency.pressed.connect(self._on_emergency_pressed)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 0, 8, 0)
+        row.setSpacing(10)
+        row.addWidget(self.scenario_button)
+        row.addWidget(self._trial)
+        row.addWidget(self.record_button)
+        row.addWidget(mark)
+        row.addWidget(error)
+        row.addWidget(find)
+        row.addStretch(1)
+        row.addWidget(self.window_button)
+        row.addWidget(self.emergency)
+        console.state.recording.changed.connect(self._on_recording_changed)
+        console.state.drive.changed.connect(self._on_drive_changed)
+        self._clock = QTimer(self, interval=500)
+        self._clock.timeout.connect(self._refresh)
+        self._clock.start()
+        theme.changed.connect(self._style)
+        self.show_scenario()
+        self._style()
+        self._on_drive_changed(console.state.drive.value)
+
+    def show_scenario(self) -> None:
+        self.scenario_button.set_label(self._console.scenario.title)
+        self.scenario_button.setAccessibleName(f"Scenario: {self._console.scenario.title}")
+        self._refresh()
+
+    def show_details(self, details: TrialDetails | None) -> None:
+        self._details = details
+        self._refresh()
+
+    def popup_below(self, menu: QMenu, button: ActionButton) -> None:
+        menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
+
+    def _style(self) -> None:
+        palette = self._trial.palette()
+        palette.setColor(self._trial.foregroundRole(), self._theme.color("dim"))
+        self._trial.setPalette(palette)
+        self.update()
+
+    # On press, not on click: a stop must not wait for the button to come up.
+    def _on_emergency_pressed(self) -> None:
+        self._console.emergency_stop()
+
+    def _on_record_clicked(self) -> None:
+        if self._console.state.recording.value.state in ("recording", "starting"):
+            self.popup_below(self._record_menu, self.record_button)
+        else:
+            self.start_requested.emit()
+
+    def _on_recording_changed(self, _status: RecordingStatus) -> None:
+        self._refresh()
+
+    def _refresh(self) -> None:
+        status: RecordingStatus = self._console.state.recording.value
+        permissions = self._console.scenario.permissions
+        match status.state:
+            case "recording":
+                seconds = (clock.now_ns() - status.started_ns) / 1e9
+                limits = [] if permissions.video_recording else ["no video"]
+                limits += [] if permissions.photos else ["no photos"]
+                suffix = f" · {', '.join(limits)}" if limits else ""
+                self.record_button.set_label(f"Recording {words.elapsed(seconds)}{suffix}", dot="red_fill")
+            case "starting":
+                self.record_button.set_label("Starting…", icon="record")
+            case "stopping":
+                self.record_button.set_label("Saving…", icon="record")
+            case "failed":
+                self.record_button.set_label("Not recording: failed", icon="warning", look="amber")
+            case _:
+                self.record_button.set_label("Start recording", icon="record", look="plain")
+        if status.state == "recording":
+            self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
+        self.record_button.setEnabled(status.state not in ("starting", "stopping"))
+        text = trial_words(self._details) if status.state in ("recording", "starting", "stopping") else ""
+        self._trial.setText(text)
+        self._trial.setVisible(bool(text))
+        self._actions.set_condition("recording", status.state == "recording")
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop:
+            self.emergency.set_label("Emergency stop is on", look="outline_danger")
+        else:
+            self.emergency.set_label("Emergency stop", look="danger")
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), self._theme.color("panel"))
+        painter.setPen(self._theme.color("line"))
+        painter.drawLine(0, self.height() - 1, self.width(), self.height() - 1)
+
+
+class EmergencyBand(QWidget):
+    """Under the top bar while the emergency stop is latched: says so, and holds the one way to release it.
+
+    It is apart from the red button, so that a second, frightened press never sets the robot free.
+    """
+
+    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+        super().__init__()
+        self.setObjectName("emergency_band")
+        self._theme = theme
+        self._text = QLabel("Emergency stop is on. The robot stays where it is until you release it.")
+        self.release = ActionButton(theme, "Release emergency stop")
+        self.release.setObjectName("emergency_release")
+        self.release.clicked.connect(lambda: console.clear_emergency_stop())
+        row = QHBoxLayout()
+        row.setContentsMargins(16, 8, 16, 8)
+        row.setSpacing(16)
+        row.addWidget(self._text)
+        row.addWidget(self.release)
+        row.addStretch(1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 8, 8, 0)
+        layout.addLayout(row)
+        console.state.drive.changed.connect(self._on_drive_changed)
+        theme.changed.connect(self._style)
+        self._style()
+        self._on_drive_changed(console.state.drive.value)
+
+    def _style(self) -> None:
+        self._text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self.update()
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        self.setVisible(drive.emergency_stop)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("red"), 1.4))
+        painter.setBrush(self._theme.color("red_soft"))
+        painter.drawRoundedRect(
+            QRectF(self.rect()).adjusted(8.7, 8.7, -8.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        )
+
+
+def as_menu(theme: Theme, parent: QWidget, name: str) -> QMenu:
+    menu = QMenu(parent)
+    menu.setObjectName(name)
+    menu.setFont(theme.font())
+    menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
+    return menu

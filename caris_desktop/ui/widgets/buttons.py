@@ -1,0 +1,211 @@
+"""Buttons that show their key: drawn from the tokens, in a few looks."""
+
+from typing import Literal
+
+from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+
+Look = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber"]
+
+_ICON_PX = 17
+
+
+class ActionButton(QAbstractButton):
+    """Icon, text and key cap. Takes no focus from a click, so neither typing nor driving is interrupted by it."""
+
+    def __init__(
+        self,
+        theme: Theme,
+        text: str = "",
+        *,
+        icon: str = "",
+        key: str = "",
+        look: Look = "plain",
+        key_first: bool = False,
+        height_px: int = tokens.CONTROL_HEIGHT_PX,
+        text_px: int = tokens.BODY_PX,
+        menu_arrow: bool = False,
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._icon_name = icon
+        self._dot: str | None = None
+        self._key = key
+        self._look: Look = look
+        self._key_first = key_first
+        self._height_px = height_px
+        self._text_px = text_px
+        self._menu_arrow = menu_arrow
+        self._weight = tokens.WEIGHT_SEMIBOLD if look in ("danger", "primary") else tokens.WEIGHT_NORMAL
+        self.setText(text)
+        self.setAccessibleName(text)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
+        theme.changed.connect(self.update)
+
+    @property
+    def key(self) -> str:
+        return self._key
+
+    def set_key(self, key: str) -> None:
+        if key != self._key:
+            self._key = key
+            self.updateGeometry()
+            self.update()
+
+    def set_label(
+        self, text: str, *, icon: str | None = None, dot: str | None = None, look: Look | None = None
+    ) -> None:
+        """Change what it says; ``dot`` is a colour role for a round mark in the icon's place."""
+        self.setText(text)
+        self.setAccessibleName(text)
+        self._dot = dot
+        if icon is not None:
+            self._icon_name = icon
+        if look is not None:
+            self._look = look
+            self._weight = tokens.WEIGHT_SEMIBOLD if look in ("danger", "primary") else tokens.WEIGHT_NORMAL
+        self.updateGeometry()
+        self.update()
+
+    def bind(self, actions: Actions, action_id: str) -> None:
+        """Do what the action does, with its key, name and availability."""
+        self.clicked.connect(lambda: actions.run(action_id))
+        binding = _Binding(self, actions, action_id)
+        actions.keys_changed.connect(binding.refresh)
+        actions.availability_changed.connect(binding.refresh)
+        binding.refresh()
+
+    def sizeHint(self) -> QSize:
+        return QSize(round(self._content_width() + 2 * self._side_px() + 0.5), self._height_px)
+
+    def minimumSizeHint(self) -> QSize:
+        # A long label may be cut short (with its full text in the tooltip), its key never.
+        full = self.sizeHint()
+        return QSize(min(full.width(), round(key_cap_width(self._theme, self._key)) + 72), full.height())
+
+    def _side_px(self) -> int:
+        if not self.text():
+            return max(4, (self._height_px - _ICON_PX) // 2)
+        return 10 if self._height_px < 36 else 16
+
+    def _font_metrics(self) -> QFontMetricsF:
+        return QFontMetricsF(self._theme.font(self._text_px, self._weight))
+
+    def _content_width(self) -> float:
+        width = self._font_metrics().horizontalAdvance(self.text())
+        spaces = -8
+        for present, part in (
+            (bool(self._icon_name) or self._dot is not None, float(_ICON_PX)),
+            (bool(self._key), key_cap_width(self._theme, self._key)),
+            (self._menu_arrow, 12.0),
+            (bool(self.text()), 0.0),
+        ):
+            if present:
+                width += part
+                spaces += 8
+        return width + max(0, spaces)
+
+    def _inks(self) -> tuple[QColor | None, QColor | None, QColor, str]:
+        """Ground, line, text colour and the role of a cap on coloured ground."""
+        theme, hover = self._theme, self.underMouse() and self.isEnabled()
+        down = self.isDown()
+        if self._look == "danger":
+            return theme.color("red_hover" if hover or down else "red_fill"), None, theme.color("on_red"), "on_red"
+        if self._look == "primary" and self.isEnabled():
+            ground = theme.color("blue")
+            return (ground.darker(112) if down else ground), None, theme.color("on_blue"), "on_blue"
+        if self._look == "outline_danger":
+            return theme.color("red_soft"), theme.color("red"), theme.color("text"), ""
+        if self._look == "amber":
+            return theme.color("amber_soft"), theme.color("amber"), theme.color("text"), ""
+        ink = theme.color("text" if self.isEnabled() else "dim")
+        if self._look == "ghost":
+            return (theme.color("raised") if hover or self.isChecked() else None), None, ink, ""
+        if self.isChecked():
+            return theme.color("blue_soft"), theme.color("blue"), ink, ""
+        ground = theme.color("raised_hover" if (hover or down) else "raised")
+        return ground, theme.color("line"), ink, ""
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        ground, line, ink, on = self._inks()
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        if not self.isEnabled():
+            painter.setOpacity(0.75)
+        painter.setPen(QPen(line, 1) if line is not None else Qt.PenStyle.NoPen)
+        painter.setBrush(ground if ground is not None else Qt.BrushStyle.NoBrush)
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        if self.hasFocus():
+            painter.setPen(QPen(theme.color("text" if on else "blue"), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(
+                rect.adjusted(1, 1, -1, -1), tokens.CONTROL_RADIUS_PX - 1, tokens.CONTROL_RADIUS_PX - 1
+            )
+        self._draw_content(painter, ink, on)
+
+    def _draw_content(self, painter: QPainter, ink: QColor, on: str) -> None:
+        theme, center = self._theme, self.height() / 2
+        side = float(self._side_px())
+        left = max(side, (self.width() - self._content_width()) / 2)
+        right_end = self.width() - side
+        cap = key_cap_width(theme, self._key)
+        if self._dot is not None:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.color(self._dot))
+            painter.drawEllipse(QRectF(left + 3, center - 5, 10, 10))
+            left += _ICON_PX + 8
+        elif self._icon_name:
+            draw_icon(painter, QRectF(left, center - _ICON_PX / 2, _ICON_PX, _ICON_PX), self._icon_name, ink)
+            left += _ICON_PX + 8
+        if cap and self._key_first:
+            draw_key_cap(painter, theme, self._key, left, center, on=on)
+            left += cap + 8
+        after = (cap + 8 if cap and not self._key_first else 0.0) + (20.0 if self._menu_arrow else 0.0)
+        if self.text():
+            font = theme.font(self._text_px, self._weight)
+            painter.setFont(font)
+            painter.setPen(ink)
+            metrics = QFontMetricsF(font)
+            room = right_end - left - after
+            shown = metrics.elidedText(self.text(), Qt.TextElideMode.ElideRight, room + 1)
+            painter.drawText(
+                QRectF(left, 0, room + 2, self.height()),
+                int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),
+                shown,
+            )
+            left += min(room, metrics.horizontalAdvance(shown)) + 8
+        if cap and not self._key_first:
+            draw_key_cap(painter, theme, self._key, left, center, on=on)
+            left += cap + 8
+        if self._menu_arrow:
+            draw_icon(painter, QRectF(left, center - 6, 12, 12), "caret-down", ink)
+
+    def changeEvent(self, event: QEvent) -> None:
+        self.update()
+        super().changeEvent(event)
+
+
+class _Binding(QObject):
+    """Keeps one button in step with its action. A child of the button, so it ends with it."""
+
+    def __init__(self, button: ActionButton, actions: Actions, action_id: str) -> None:
+        super().__init__(button)
+        self._button = button
+        self._actions = actions
+        self._action_id = action_id
+
+    def refresh(self) -> None:
+        self._button.set_key(self._actions.key_text(self._action_id))
+        self._button.setEnabled(self._actions.available(self._action_id))

@@ -1,0 +1,168 @@
+"""Numbers, times and events in words that a wizard reads."""
+
+import math
+from collections.abc import Callable
+from datetime import datetime
+
+from caris_desktop.domain import clock, events
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.live.status import DriveStatus, PersonStatus
+
+_ANCHOR = clock.ClockAnchor.take()
+
+Category = str  # one of CATEGORIES
+CATEGORIES = ("Said", "Moved", "People", "Session", "Problems")
+
+
+def clock_time(stamp_ns: int) -> str:
+    """Time of day, as 14:02:11, of a session clock stamp."""
+    return datetime.fromtimestamp(_ANCHOR.utc_ns_at(stamp_ns) / 1e9).strftime("%H:%M:%S")
+
+
+def elapsed(seconds: float) -> str:
+    """12:43, or 1:02:03 from an hour on."""
+    whole = max(0, int(seconds))
+    hours, rest = divmod(whole, 3600)
+    minutes, secs = divmod(rest, 60)
+    return f"{hours}:{minutes:02}:{secs:02}" if hours else f"{minutes:02}:{secs:02}"
+
+
+def age(seconds: float) -> str:
+    """41 ms, 0.1 s, 12 s, 3 min."""
+    if seconds < 0.1:
+        return f"{max(0, round(seconds * 1000))} ms"
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min"
+
+
+def since(seconds: float) -> str:
+    """How long somebody has been here: just now, 20 s, 3 min."""
+    if seconds < 5:
+        return "just now"
+    if seconds < 60:
+        return f"for {int(seconds) // 5 * 5} s"
+    return f"for {int(seconds // 60)} min"
+
+
+def size(count_bytes: float) -> str:
+    """24 MB, 1.2 GB."""
+    for unit in ("B", "kB", "MB"):
+        if count_bytes < 1000:
+            return f"{count_bytes:.0f} {unit}"
+        count_bytes /= 1000
+    return f"{count_bytes:.1f} GB" if count_bytes < 100 else f"{count_bytes:.0f} GB"
+
+
+def shortened(text: str, length: int = 48) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= length else text[: length - 1].rstrip() + "…"
+
+
+def motion(forward_mps: float, turn_radps: float) -> str:
+    """What a velocity looks like to somebody who watches the robot."""
+    parts = []
+    if abs(forward_mps) >= 0.005:
+        parts.append(f"{abs(forward_mps):.2f} m/s {'forward' if forward_mps > 0 else 'backward'}")
+    if abs(turn_radps) >= 0.01:
+        parts.append(f"turning {'left' if turn_radps > 0 else 'right'} {abs(math.degrees(turn_radps)):.0f}°/s")
+    return ", ".join(parts) if parts else "Standing still"
+
+
+def drive_line(drive: DriveStatus) -> str:
+    if drive.emergency_stop:
+        return "Emergency stop is on"
+    if not drive.allowed:
+        return "Driving is off"
+    return motion(drive.target_forward_mps, drive.target_turn_radps)
+
+
+def person_name(person: PersonStatus) -> str:
+    return person.name or f"Person {person.track}"
+
+
+NameOf = Callable[[str], str]
+"""Gives the words for a person id."""
+
+
+def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
+    """Category and sentence for the log; None for what only the recording needs."""
+    match event:
+        case events.LinkChanged(state="connected"):
+            return "Session", "The robot is connected"
+        case events.LinkChanged(state="connecting"):
+            return "Session", "Connecting to the robot"
+        case events.LinkChanged(state="trouble", detail=detail):
+            return "Problems", _with_detail("The connection to the robot is unsteady", detail)
+        case events.LinkChanged(state="lost", detail=detail):
+            return "Problems", _with_detail("The robot is out of reach", detail)
+        case events.LinkChanged(state="closed"):
+            return "Session", "The connection to the robot was closed"
+        case events.DriveEnded(reason=reason):
+            return "Moved", _with_detail("Driving ended", reason)
+        case events.StopRequested():
+            return "Moved", "Stop"
+        case events.EmergencyStopChanged(latched=latched, by=by):
+            whose = "" if by == "wizard" else " by the robot"
+            return "Moved", f"Emergency stop {'on' if latched else 'released'}{whose}"
+        case events.GoalChanged(state=state, place=place, detail=detail):
+            where = place or "the chosen point"
+            words = {
+                "requested": f"Going to {where}", "reached": f"Arrived at {where}",
+                "cancelled": f"No longer going to {where}", "failed": f"Could not get to {where}",
+            }  # fmt: skip
+            if state not in words:
+                return None
+            return ("Problems" if state == "failed" else "Moved"), _with_detail(words[state], detail)
+        case events.UtteranceChanged(speaker="robot", state="started", text=text):
+            return "Said", f"Robot: “{shortened(text, 120)}”"
+        case events.UtteranceChanged(speaker="robot", state="interrupted", text=text):
+            return "Said", f"Cut short: “{shortened(text, 60)}”"
+        case events.UtteranceChanged(speaker="robot", state="failed", text=text, detail=detail):
+            return "Problems", _with_detail(f"Not said: “{shortened(text, 60)}”", detail)
+        case events.UtteranceChanged(speaker="participant", state="finished", text=text):
+            return "Said", f"Participant: “{shortened(text, 120)}”"
+        case events.LlmExchange(outcome="answered", model=model):
+            return "Said", f"The assistant answered ({model})"
+        case events.LlmExchange(outcome="cancelled"):
+            return "Said", "Question to the assistant cancelled"
+        case events.LlmExchange(detail=detail):
+            return "Problems", _with_detail("The assistant gave no answer", detail)
+        case events.PersonAppeared(person_id=person_id):
+            return "People", f"{name_of(person_id)} came into view"
+        case events.PersonLeft(person_id=person_id):
+            return "People", f"{name_of(person_id)} left"
+        case events.PersonRenamed(person_id=person_id):
+            return "People", f"Named {name_of(person_id)}"
+        case events.PhotoTaken(file_name=file_name):
+            return "Session", f"Photo taken ({file_name.rsplit('/', 1)[-1]})"
+        case events.Marked(kind="wizard_error", label=label):
+            return "Session", _with_detail("Wizard error marked", label)
+        case events.Marked(label=label):
+            return "Session", _with_detail("Marked", label)
+        case events.ScenarioOpened(title=title):
+            return "Session", f"Scenario: {title}"
+        case events.Gap(stream=stream, count=count, reason=reason):
+            return "Problems", _with_detail(f"{count} values of {stream} were not recorded", reason)
+        case events.Problem(severity=severity, what=what, meaning=meaning):
+            return ("Session" if severity == "info" else "Problems"), f"{_sentence(what)} {meaning}".strip()
+        case events.SessionStarted(folder=folder):
+            return "Session", f"Recording started ({folder})"
+        case events.SessionEnded(folder=folder):
+            return "Session", f"Recording ended ({folder})"
+        case _:
+            return None
+
+
+def is_event(value: object) -> bool:
+    return type(value) in BY_TYPE
+
+
+def _with_detail(sentence: str, detail: str) -> str:
+    return f"{sentence}: {detail}" if detail else sentence
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else f"{text}."
