@@ -1,0 +1,171 @@
+"""The study folder: where sessions and the people database of one study lie."""
+
+import json
+import logging
+import os
+import re
+import shutil
+import tempfile
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime
+from pathlib import Path
+
+import platformdirs
+
+from caris_desktop.study.trial import TrialDetails
+
+_log = logging.getLogger(__name__)
+MIN_FREE_BYTES = 200 * 1024 * 1024
+_MAX_DETAILS_BYTES = 64 * 1024
+_MAX_DETAIL_CHARACTERS = 200
+
+
+class StudyFolderError(Exception):
+    """The study folder cannot be used: what happened, what it means for the session, what to do."""
+
+    def __init__(self, what: str, meaning: str, advice: str) -> None:
+        super().__init__(f"{what} {meaning} {advice}")
+        self.what = what
+        self.meaning = meaning
+        self.advice = advice
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFolder:
+    """The places inside one study folder."""
+
+    path: Path
+
+    @property
+    def sessions(self) -> Path:
+        return self.path / "sessions"
+
+    @property
+    def people_database(self) -> Path:
+        return self.path / "people.sqlite"
+
+    @property
+    def last_details(self) -> Path:
+        return self.path / "last-trial.json"
+
+
+def default_study_path() -> Path:
+    """``CARIS Desktop/default study`` under the user's documents, or under the data folder where there are none."""
+    documents = Path(platformdirs.user_documents_dir())
+    home = documents if documents.is_dir() else Path(platformdirs.user_data_dir("caris-desktop", appauthor=False))
+    return home / "CARIS Desktop" / "default study"
+
+
+def open_study_folder(path: Path | None = None) -> StudyFolder:
+    """The study folder at ``path`` (or the default one), made if it is not there, and checked by writing to it.
+
+    Raises
+    ------
+    StudyFolderError
+        If it cannot be made or written.
+    """
+    folder = StudyFolder((default_study_path() if path is None else path.expanduser()).absolute())
+    try:
+        folder.sessions.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder.sessions) as probe:
+            probe.write(b"x")
+            probe.flush()
+    except OSError as error:
+        raise _unusable(folder.path, error) from error
+    return folder
+
+
+def new_session_folder(
+    folder: StudyFolder,
+    details: TrialDetails,
+    *,
+    now: datetime | None = None,
+    min_free_bytes: int = MIN_FREE_BYTES,
+) -> Path:
+    """Make and return an empty folder such as ``sessions/2026-11-21_10-14-02_P07``, local time; never an existing one.
+
+    Raises
+    ------
+    StudyFolderError
+        If it cannot be made, or less than ``min_free_bytes`` are free.
+    """
+    try:
+        free_bytes = shutil.disk_usage(folder.sessions).free
+    except OSError as error:
+        raise _unusable(folder.path, error) from error
+    if free_bytes < min_free_bytes:
+        raise StudyFolderError(
+            f"Only {free_bytes / 1e6:.0f} MB are free where {folder.path} lies.",
+            "No session was started: a recording needs room for its video.",
+            f"Free at least {min_free_bytes / 1e6:.0f} MB, or choose another study folder.",
+        )
+    name = f"{now or datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
+    participant = file_name_part(details.participant)
+    if participant:
+        name = f"{name}_{participant}"
+    for number in range(1, 1000):
+        path = folder.sessions / (name if number == 1 else f"{name}-{number}")
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise _unusable(folder.path, error) from error
+        return path
+    raise StudyFolderError(
+        f"{folder.sessions} holds a thousand sessions of this second already.",
+        "No session was started.",
+        "Check the computer's clock.",
+    )
+
+
+def file_name_part(text: str) -> str:
+    """``text`` as a harmless part of a file name: ASCII letters, digits, ``-`` and ``_``, at most 40; may be empty."""
+    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", ascii_text).strip("-_")[:40].strip("-_")
+
+
+def load_last_details(folder: StudyFolder) -> TrialDetails:
+    """What the start dialog was last told in this study; empty where nothing usable is remembered."""
+    try:
+        with folder.last_details.open("rb") as file:
+            data = json.loads(file.read(_MAX_DETAILS_BYTES))
+    except FileNotFoundError:
+        return TrialDetails()
+    except (OSError, ValueError) as error:
+        _log.warning("%s is ignored: %s", folder.last_details, error)
+        return TrialDetails()
+    if not isinstance(data, Mapping):
+        _log.warning("%s is ignored: no trial details in it", folder.last_details)
+        return TrialDetails()
+    known = {field.name for field in fields(TrialDetails)}
+    return TrialDetails(
+        **{
+            key: value[:_MAX_DETAIL_CHARACTERS]
+            for key, value in data.items()
+            if key in known and isinstance(value, str)
+        }
+    )
+
+
+def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
+    """Remember ``details`` for the next start dialog. Raises StudyFolderError when that is not possible."""
+    temporary = folder.last_details.with_name(f".{folder.last_details.name}.part")
+    try:
+        with temporary.open("w", encoding="utf-8") as file:
+            json.dump(asdict(details), file, indent=2, ensure_ascii=False)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(folder.last_details)
+    except OSError as error:
+        raise _unusable(folder.path, error) from error
+
+
+def _unusable(path: Path, error: OSError) -> StudyFolderError:
+    return StudyFolderError(
+        f"The study folder {path} cannot be used: {error.strerror or error}.",
+        "No session can be recorded there. Driving and speaking still work.",
+        "Choose a folder that you may write to, or make room on its disk.",
+    )
