@@ -195,7 +195,7 @@ async def _api_key(endpoint: ModelEndpoint) -> str | None:
             _log.warning("the system keyring did not answer within %.0f s", _KEYRING_TIMEOUT_S)
     if not key and urlsplit(endpoint.base_url).hostname == urlsplit(OPENAI_URL).hostname:
         raise LanguageModelError(
-            f"There is no key for {_place(endpoint)}.",
+            "OpenAI answers only with a key, and there is none.",
             "The assistant cannot answer.",
             f"Set the environment variable {name} before starting the console, or choose another model.",
         )

@@ -15,6 +15,8 @@ from caris_desktop.domain.events import ChatMessage
 
 _log = logging.getLogger(__name__)
 
+_PROBE_TIMEOUTS = ChatTimeouts(first_token_s=30.0)
+_DEFAULT_SPEECH = SpeechSettings()
 SOUND_ADVICE = (
     "Connect loudspeakers or start the sound server (Debian, Ubuntu: libportaudio2, and libasound2-plugins for "
     "PulseAudio or PipeWire)."
@@ -34,7 +36,7 @@ async def probe_language_model(
     model: str,
     *,
     embedded_url: str | None = None,
-    timeouts: ChatTimeouts = ChatTimeouts(first_token_s=30.0),
+    timeouts: ChatTimeouts = _PROBE_TIMEOUTS,
 ) -> ProbeResult:
     """Ask ``model`` for one word. ``embedded`` without an address is only looked for, since nothing serves it yet."""
     if model.strip() == "embedded" and embedded_url is None:
@@ -44,7 +46,7 @@ async def probe_language_model(
     try:
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
         answer = stream_chat(
-            endpoint, [ChatMessage("user", "Say yes.")], max_tokens=8, temperature=0.0, timeouts=timeouts
+            endpoint, [ChatMessage("user", "Say yes.")], max_tokens=64, temperature=0.0, timeouts=timeouts
         )
         async with aclosing(answer):
             async for _ in answer:
@@ -56,7 +58,7 @@ async def probe_language_model(
     return ProbeResult(True, f"{model} began to answer after {time.monotonic() - asked_s:.1f} s")
 
 
-def probe_sound(settings: SpeechSettings = SpeechSettings(), *, timeout_s: float = 15.0) -> ProbeResult:
+def probe_sound(settings: SpeechSettings = _DEFAULT_SPEECH, *, timeout_s: float = 15.0) -> ProbeResult:
     """Whether there is a voice and an output device. Plays nothing."""
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     engine = VoiceEngine(settings, inbox, number=1, look=True)

@@ -1,0 +1,359 @@
+"""Streaming chat against real HTTP servers on loopback that behave, misbehave and vanish."""
+
+import asyncio
+import json
+import sys
+import types
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import pytest
+
+from caris_desktop.conversation.language_models import (
+    ChatTimeouts,
+    LanguageModelError,
+    ModelEndpoint,
+    resolve_endpoint,
+    stream_chat,
+)
+from caris_desktop.domain.events import ChatMessage
+
+QUESTION = (ChatMessage("system", "You guide tours."), ChatMessage("user", "Where is the café?"))
+SSE_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"
+LINES_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/x-ndjson\r\nConnection: close\r\n\r\n"
+SHORT = ChatTimeouts(connect_s=1.0, first_token_s=0.3, between_tokens_s=0.3)
+
+
+@dataclass
+class Served:
+    """One server: what it was asked, and whether its client went away before it had finished."""
+
+    url: str = ""
+    heads: list[str] = field(default_factory=list)
+    bodies: list[dict[str, object]] = field(default_factory=list)
+    client_gone: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+Answer = Callable[[asyncio.StreamWriter], Awaitable[None]]
+
+
+@asynccontextmanager
+async def serving(answer: Answer) -> AsyncIterator[Served]:
+    served = Served()
+
+    async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        head = (await reader.readuntil(b"\r\n\r\n")).decode()
+        length = next(int(line.split(":")[1]) for line in head.splitlines() if line.lower().startswith("content-len"))
+        served.heads.append(head)
+        served.bodies.append(json.loads(await reader.readexactly(length)))
+        speaking = asyncio.ensure_future(answer(writer))
+        reading = asyncio.ensure_future(reader.read())
+        await asyncio.wait([speaking, reading], return_when=asyncio.FIRST_COMPLETED)
+        if reading.done() and not speaking.done():
+            served.client_gone.set()
+        reading.cancel()
+        speaking.cancel()
+        writer.close()
+
+    server = await asyncio.start_server(handle, "127.0.0.1", 0)
+    host, port = server.sockets[0].getsockname()
+    served.url = f"http://{host}:{port}"
+    try:
+        yield served
+    finally:
+        server.close()
+
+
+def sends(*parts: bytes, then_waits: bool = False) -> Answer:
+    async def answer(writer: asyncio.StreamWriter) -> None:
+        for part in parts:
+            writer.write(part)
+            await writer.drain()
+            await asyncio.sleep(0.002)
+        if then_waits:
+            await asyncio.Event().wait()
+
+    return answer
+
+
+def delta(text: str, finish: str | None = None, **more: str) -> bytes:
+    choice = {"index": 0, "delta": {"content": text, **more}, "finish_reason": finish}
+    return b"data: " + json.dumps({"choices": [choice]}, ensure_ascii=False).encode() + b"\n\n"
+
+
+def ollama_line(text: str, *, done: bool = False) -> bytes:
+    message = {"message": {"role": "assistant", "content": text}, "done": done}
+    return json.dumps(message, ensure_ascii=False).encode() + b"\n"
+
+
+async def collect(
+    endpoint: ModelEndpoint, timeouts: ChatTimeouts = SHORT, pieces: list[str] | None = None
+) -> list[str]:
+    pieces = [] if pieces is None else pieces
+    async for piece in stream_chat(endpoint, QUESTION, max_tokens=20, temperature=0.5, timeouts=timeouts):
+        pieces.append(piece)
+    return pieces
+
+
+def ask(
+    answer: Answer, *, provider: str = "openai", key_env: str | None = None, pieces: list[str] | None = None
+) -> tuple[list[str], Served]:
+    async def run() -> tuple[list[str], Served]:
+        async with serving(answer) as served:
+            endpoint = ModelEndpoint(provider, served.url, "some-model", key_env)  # type: ignore[arg-type]
+            return await collect(endpoint, pieces=pieces), served
+
+    return asyncio.run(run())
+
+
+def refused(answer: Answer, *, provider: str = "openai", key_env: str | None = None) -> LanguageModelError:
+    with pytest.raises(LanguageModelError) as caught:
+        ask(answer, provider=provider, key_env=key_env)
+    return caught.value
+
+
+def test_openai_answer_arrives_piece_by_piece() -> None:
+    role = b'data: {"choices": [{"delta": {"role": "assistant"}, "finish_reason": null}]}\n\n'
+    pieces, served = ask(
+        sends(SSE_HEAD, b": ping\n\n", role, delta("Straight "), delta("on."), delta("", "stop"), b"data: [DONE]\n\n")
+    )
+    assert pieces == ["Straight ", "on."]
+    assert served.heads[0].startswith("POST /v1/chat/completions HTTP/1.1")
+    assert "authorization" not in served.heads[0].lower()
+    assert served.bodies == [
+        {
+            "model": "some-model",
+            "messages": [
+                {"role": "system", "content": "You guide tours."},
+                {"role": "user", "content": "Where is the café?"},
+            ],
+            "stream": True,
+            "max_tokens": 20,
+            "temperature": 0.5,
+        }
+    ]
+
+
+def test_ollama_answer_arrives_piece_by_piece() -> None:
+    pieces, served = ask(
+        sends(LINES_HEAD, ollama_line("Straight "), ollama_line("on."), ollama_line("", done=True)), provider="ollama"
+    )
+    assert pieces == ["Straight ", "on."]
+    assert served.heads[0].startswith("POST /api/chat HTTP/1.1")
+    assert served.bodies[0]["options"] == {"num_predict": 20, "temperature": 0.5}
+
+
+def test_bytes_may_be_cut_anywhere() -> None:
+    stream = SSE_HEAD + (delta("Grüße ") + delta("你好")).replace(b"\n", b"\r\n") + b"data: [DONE]\n\n"
+    pieces, _ = ask(sends(*(stream[at : at + 1] for at in range(len(stream)))))
+    assert pieces == ["Grüße ", "你好"]
+
+
+def test_a_finished_answer_does_not_wait_for_a_server_that_keeps_the_line_open() -> None:
+    pieces, _ = ask(sends(SSE_HEAD, delta("Yes.", "stop"), then_waits=True))
+    assert pieces == ["Yes."]
+
+
+def test_hidden_reasoning_counts_as_life_but_is_not_shown() -> None:
+    async def answer(writer: asyncio.StreamWriter) -> None:
+        writer.write(SSE_HEAD)
+        for _ in range(4):
+            writer.write(delta("", reasoning_content="hmm"))
+            await asyncio.sleep(0.15)
+        writer.write(delta("Yes.", "stop"))
+
+    assert ask(answer)[0] == ["Yes."]
+
+
+def test_the_key_is_sent_and_told_to_nobody_else(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("TEST_MODEL_KEY", "sk-very-secret")
+    body = b'{"error": {"message": "Incorrect API key provided: sk-very-secret"}}'
+    head = f"HTTP/1.1 401 Unauthorized\r\nContent-Length: {len(body)}\r\n\r\n".encode()
+    caplog.set_level("DEBUG")
+    error = refused(sends(head + body), key_env="TEST_MODEL_KEY")
+    assert "refused access" in error.what
+    assert "TEST_MODEL_KEY" in error.advice
+    assert "sk-very-secret" not in f"{error} {error.__cause__} {caplog.text}"
+    _, served = ask(sends(SSE_HEAD, delta("Yes.", "stop")), key_env="TEST_MODEL_KEY")
+    assert "authorization: bearer sk-very-secret" in served.heads[0].lower()
+
+
+def test_the_key_may_be_in_the_keyring(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyring = types.ModuleType("keyring")
+    keyring.get_password = lambda service, name: f"{service}/{name}"  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "keyring", keyring)
+    monkeypatch.delenv("TEST_MODEL_KEY", raising=False)
+    _, served = ask(sends(SSE_HEAD, delta("Yes.", "stop")), key_env="TEST_MODEL_KEY")
+    assert "authorization: bearer caris-desktop/test_model_key" in served.heads[0].lower()
+
+
+def test_a_key_with_a_line_break_is_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEST_MODEL_KEY", "sk-one\nsk-two")
+    error = refused(sends(SSE_HEAD), key_env="TEST_MODEL_KEY")
+    assert "characters" in error.what
+    assert "sk-" not in str(error)
+
+
+def test_openai_itself_is_not_asked_without_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    endpoint = resolve_endpoint("openai:some-model", embedded_url=None, environment={})
+    with pytest.raises(LanguageModelError, match="OPENAI_API_KEY"):
+        asyncio.run(collect(endpoint))
+
+
+def status(line: str, body: bytes = b"") -> bytes:
+    return f"HTTP/1.1 {line}\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
+
+
+@pytest.mark.parametrize(
+    ("provider", "reply", "expected"),
+    [
+        ("ollama", status("404 Not Found", b'{"error": "model not found"}'), "ollama pull some-model"),
+        ("openai", status("404 Not Found", b"<html>"), "does not know the model"),
+        ("openai", status("429 Too Many Requests"), "Wait a little"),
+        ("openai", status("500 Internal Server Error", b"\xff\xfe"), "HTTP status 500"),
+        ("openai", status("302 Found"), "HTTP status 302"),
+        ("openai", status("400 Bad Request", b'{"error": {"message": "too\\n\\u001b[31mlong"}}'), "too [31mlong"),
+        ("openai", SSE_HEAD + b'data: {"error": {"message": "out of memory"}}\n\n', "out of memory"),
+        ("openai", SSE_HEAD + b'{"error": "out of memory"}\n', "out of memory"),
+        ("ollama", LINES_HEAD + b'{"error": "out of memory"}\n', "out of memory"),
+        ("openai", SSE_HEAD + b"data: {broken\n\n", "is not JSON"),
+        ("openai", SSE_HEAD + b"data: " + b"[" * 100_000 + b"\n\n", "is not JSON"),
+        ("openai", SSE_HEAD + b"data: []\n\n", "not a JSON object"),
+        ("openai", SSE_HEAD + b'data: {"choices": [7]}\n\n', "no delta"),
+        ("openai", SSE_HEAD + b'data: {"choices": [{"delta": {"content": 7}}]}\n\n', "not text"),
+        ("openai", SSE_HEAD + b"data: \xff\xfe\n\n", "not UTF-8"),
+        ("ollama", LINES_HEAD + b'{"message": 7}\n', "no content"),
+        ("openai", SSE_HEAD + b"data: " + b"x" * 1_100_000, "over a megabyte"),
+        ("openai", SSE_HEAD + (b"data: " + b"x" * 90_000 + b"\n") * 12, "over a megabyte"),
+        ("openai", SSE_HEAD, "broke off"),
+        ("openai", SSE_HEAD + delta("Half an"), "broke off"),
+        ("ollama", LINES_HEAD + ollama_line("Half an"), "broke off"),
+        ("openai", b"HTTP/1.1 200 OK\r\nContent-Length: 9999\r\n\r\n" + delta("Half an"), "broke off"),
+        ("openai", b"SSH-2.0-OpenSSH_9.2\r\n", "connection"),
+        ("openai", b"", "connection"),
+    ],
+)
+def test_what_is_no_answer_becomes_a_clear_error(provider: str, reply: bytes, expected: str) -> None:
+    error = refused(sends(reply), provider=provider)
+    assert expected in f"{error.what} {error.advice}"
+    assert error.what and error.meaning and error.advice
+
+
+def test_pieces_before_the_line_was_cut_are_kept() -> None:
+    pieces: list[str] = []
+    with pytest.raises(LanguageModelError, match="broke off"):
+        ask(sends(SSE_HEAD, delta("Half "), delta("an")), pieces=pieces)
+    assert pieces == ["Half ", "an"]
+
+
+@pytest.mark.parametrize("head", [b"", SSE_HEAD, SSE_HEAD + b": ping\n\n" * 3])
+def test_a_server_that_never_begins_is_given_up(head: bytes) -> None:
+    error = refused(sends(head, then_waits=True))
+    assert "did not begin to answer" in error.what
+
+
+def test_a_server_that_falls_silent_is_given_up() -> None:
+    error = refused(sends(SSE_HEAD, delta("Half an"), then_waits=True))
+    assert "fell silent" in error.what
+
+
+def test_an_answer_without_end_is_given_up() -> None:
+    async def answer(writer: asyncio.StreamWriter) -> None:
+        writer.write(SSE_HEAD)
+        while True:
+            writer.write(delta("x" * 50_000))
+            await writer.drain()
+
+    assert "does not end" in refused(answer).what
+
+
+def test_the_readers_own_pauses_are_not_held_against_the_server() -> None:
+    async def run() -> list[str]:
+        pieces = []
+        async with serving(sends(SSE_HEAD, delta("a"), delta("b"), delta("c", "stop"))) as served:
+            endpoint = ModelEndpoint("openai", served.url, "m")
+            limits = ChatTimeouts(first_token_s=5.0, between_tokens_s=0.2)
+            async for piece in stream_chat(endpoint, QUESTION, max_tokens=9, temperature=0.0, timeouts=limits):
+                pieces.append(piece)
+                await asyncio.sleep(0.3)
+        return pieces
+
+    assert asyncio.run(run()) == ["a", "b", "c"]
+
+
+def test_nobody_listening_is_told_with_what_to_do() -> None:
+    endpoint = ModelEndpoint("ollama", "http://127.0.0.1:9", "m")
+    with pytest.raises(LanguageModelError, match="ollama serve"):
+        asyncio.run(collect(endpoint))
+
+
+@pytest.mark.parametrize("way", ["cancel", "close"])
+def test_giving_up_closes_the_line_to_the_server(way: str) -> None:
+    async def run() -> bool:
+        async with serving(sends(SSE_HEAD, delta("Well, "), then_waits=True)) as served:
+            endpoint = ModelEndpoint("openai", served.url, "m")
+            stream = stream_chat(endpoint, QUESTION, max_tokens=9, temperature=0.0)
+            assert await anext(stream) == "Well, "
+            if way == "close":
+                await stream.aclose()
+            else:
+                waiting = asyncio.ensure_future(anext(stream))
+                await asyncio.sleep(0)
+                waiting.cancel()
+                with pytest.raises(asyncio.CancelledError):
+                    await waiting
+            async with asyncio.timeout(5.0):
+                await served.client_gone.wait()
+        return True
+
+    assert asyncio.run(run())
+
+
+def test_a_proxy_never_sees_what_is_meant_for_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    assert ask(sends(SSE_HEAD, delta("Yes.", "stop")))[0] == ["Yes."]
+
+
+@pytest.mark.parametrize(
+    ("model", "environment", "provider", "base_url", "name"),
+    [
+        ("embedded", {}, "embedded", "http://127.0.0.1:5000", "embedded"),
+        ("ollama:llama3.2:1b", {}, "ollama", "http://127.0.0.1:11434", "llama3.2:1b"),
+        ("ollama:m", {"OLLAMA_HOST": "0.0.0.0"}, "ollama", "http://127.0.0.1:11434", "m"),
+        ("ollama:m", {"OLLAMA_HOST": ":8080"}, "ollama", "http://127.0.0.1:8080", "m"),
+        ("ollama:m", {"OLLAMA_HOST": "lab-pc"}, "ollama", "http://lab-pc:11434", "m"),
+        ("ollama:m", {"OLLAMA_HOST": "https://lab-pc/models/"}, "ollama", "https://lab-pc:443/models", "m"),
+        ("ollama:m", {"OLLAMA_HOST": "[::1]:9000"}, "ollama", "http://[::1]:9000", "m"),
+        ("openai:gpt", {}, "openai", "https://api.openai.com/v1", "gpt"),
+        ("openai:m", {"OPENAI_BASE_URL": "http://lab-pc:8000"}, "openai", "http://lab-pc:8000", "m"),
+    ],
+)
+def test_models_are_found_where_the_scenario_and_environment_say(
+    model: str, environment: dict[str, str], provider: str, base_url: str, name: str
+) -> None:
+    endpoint = resolve_endpoint(model, embedded_url="http://127.0.0.1:5000", environment=environment)
+    assert (endpoint.provider, endpoint.base_url, endpoint.model) == (provider, base_url, name)
+
+
+@pytest.mark.parametrize(
+    ("model", "environment", "expected"),
+    [
+        ("", {}, "names no language model"),
+        ("gemini:pro", {}, "names no language model"),
+        ("ollama:", {}, "names no language model"),
+        ("embedded", {}, "not running"),
+        ("ollama:m", {"OLLAMA_HOST": "ftp://lab-pc"}, "OLLAMA_HOST"),
+        ("openai:m", {"OPENAI_BASE_URL": "http://lab-pc:port"}, "OPENAI_BASE_URL"),
+        ("openai:m", {"OPENAI_BASE_URL": "http://me:secret@lab-pc"}, "keys do not belong"),
+        ("openai:m", {"OPENAI_BASE_URL": "http://lab pc"}, "OPENAI_BASE_URL"),
+    ],
+)
+def test_unusable_models_and_addresses_are_refused(model: str, environment: dict[str, str], expected: str) -> None:
+    with pytest.raises(LanguageModelError, match=expected) as caught:
+        resolve_endpoint(model, embedded_url=None, environment=environment)
+    assert "secret" not in str(caught.value)
