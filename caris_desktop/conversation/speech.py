@@ -324,6 +324,10 @@ class _SpeechDesk:
     def _fail_voice(self, detail: str) -> None:
         self.kill_engine()
         self._enter("off", None)
+        failed, self._waiting = self._waiting, deque()
+        for utterance in failed:
+            self._report(utterance, "failed", clock.now_ns(), f"this computer has no voice ({detail})")
+        self._report_dropped()
         self._send(
             SpeechFailed(
                 Problem(
@@ -335,10 +339,6 @@ class _SpeechDesk:
                 )
             )
         )
-        failed, self._waiting = self._waiting, deque()
-        for utterance in failed:
-            self._report(utterance, "failed", clock.now_ns(), f"this computer has no voice ({detail})")
-        self._report_dropped()
 
     def _set_audible(self, audible: bool, detail: str) -> None:
         if audible == self._audible:

@@ -1,5 +1,6 @@
 """Preflight: does a language model answer, can this computer speak?"""
 
+import asyncio
 import logging
 import queue
 import time
@@ -8,7 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
-from caris_desktop.conversation.language_models import ChatTimeouts, LanguageModelError, resolve_endpoint, stream_chat
+from caris_desktop.conversation.language_models import (
+    ChatTimeouts,
+    LanguageModelError,
+    ModelEndpoint,
+    resolve_endpoint,
+    stream_chat,
+)
 from caris_desktop.conversation.speech import VoiceEngine
 from caris_desktop.conversation.speech_messages import SpeechSettings
 from caris_desktop.domain.events import ChatMessage
@@ -32,30 +39,33 @@ class ProbeResult:
     advice: str = ""
 
 
-async def probe_language_model(
+def probe_language_model(
     model: str,
     *,
     embedded_url: str | None = None,
     timeouts: ChatTimeouts = _PROBE_TIMEOUTS,
 ) -> ProbeResult:
-    """Ask ``model`` for one word. ``embedded`` without an address is only looked for, since nothing serves it yet."""
+    """Ask ``model`` for one word; blocks, at most for ``timeouts``. ``embedded`` without an address is only looked for, since nothing serves it yet."""
     if model.strip() == "embedded" and embedded_url is None:
         missing = missing_for_embedded()
         return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
-    asked_s = time.monotonic()
     try:
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
-        answer = stream_chat(
-            endpoint, [ChatMessage("user", "Say yes.")], max_tokens=64, temperature=0.0, timeouts=timeouts
-        )
-        async with aclosing(answer):
-            async for _ in answer:
-                break
-            else:
-                return ProbeResult(False, f"{model} answers with nothing", "Choose another model.")
+        seconds = asyncio.run(_seconds_to_answer(endpoint, timeouts))
     except LanguageModelError as error:
         return ProbeResult(False, error.what, error.advice)
-    return ProbeResult(True, f"{model} began to answer after {time.monotonic() - asked_s:.1f} s")
+    if seconds is None:
+        return ProbeResult(False, f"{model} answers with nothing", "Choose another model.")
+    return ProbeResult(True, f"{model} began to answer after {seconds:.1f} s")
+
+
+async def _seconds_to_answer(endpoint: ModelEndpoint, timeouts: ChatTimeouts) -> float | None:
+    asked_s = time.monotonic()
+    answer = stream_chat(endpoint, [ChatMessage("user", "Say yes.")], max_tokens=64, temperature=0.0, timeouts=timeouts)
+    async with aclosing(answer):
+        async for _ in answer:
+            return time.monotonic() - asked_s
+    return None
 
 
 def probe_sound(settings: SpeechSettings = _DEFAULT_SPEECH, *, timeout_s: float = 15.0) -> ProbeResult:
