@@ -16,8 +16,7 @@ fi
 source packaging/virtual_screen.sh
 start_virtual_screen
 output=demo-output/$(date +%Y%m%d-%H%M%S)
-mkdir -p -- "$output"
-printf 'No display: rehearsing on a virtual screen, 1920x1080. Results go to %s\n' "$output"
+printf 'No display: rehearsing on a virtual screen of 1920x1080. Results go to %s\n' "$output"
 status=0
 .venv/bin/caris-desktop rehearse layouts/tour-guide.yaml --out "$output" "$@" || status=$?
 exit "$status"

@@ -71,7 +71,8 @@ can_make_environments() { "$1" -c 'import ensurepip, venv' 2>/dev/null; }
 # Reads package names from the arguments and prints those that dpkg does not list as installed, by name or as provided.
 missing_packages() {
   local installed name
-  installed=$(dpkg-query -W -f '${db:Status-Status} ${Package}, ${Provides}\n' 2>/dev/null |
+  # A dpkg that cannot answer counts as one with nothing installed.
+  installed=$({ dpkg-query -W -f '${db:Status-Status} ${Package}, ${Provides}\n' 2>/dev/null || true; } |
     sed -n 's/^installed //p' | tr ',' '\n' | sed 's/^ *//; s/[ :(].*//' | sort -u)
   for name in "$@"; do
     grep -qxF -- "$name" <<<"$installed" || printf '%s\n' "$name"
@@ -259,22 +260,22 @@ urllib.request.urlopen(urllib.request.Request(sys.argv[1], method="HEAD"), timeo
 ' "$torch_cpu_index/torch/" 2>/dev/null
 }
 
-# Without a CPU build the default index's torch brings CUDA along: say how much that is before it is fetched.
+# Says how much torch with CUDA is before it is fetched. fast-deps reads the metadata of a wheel without the wheel.
 announce_cuda_download() {
   local report answer=y
-  detail "No CPU build of torch is at hand; the default package index may bring one with CUDA, usually 2 to 4 GB. Looking it up ..."
+  detail "Looking up how large torch with CUDA is ..."
   report=$(mktemp -t caris-torch.XXXXXX)
-  if pip_run install --dry-run --report "$report" "${torch_pins[@]}"; then
+  if pip_run install --dry-run --use-feature=fast-deps --report "$report" "${torch_pins[@]}"; then
     "$venv_python" packaging/download_size.py "$report" | sed 's/^/      /'
   else
-    detail "its size could not be found out"
+    detail "its size could not be found out; usually it is about 3 GB"
   fi
   rm -f -- "$report"
   if interactive; then
     read -r -p "      Go on with this download? [Y/n] " answer
     case ${answer:-y} in
       [yY]*) ;;
-      *) stop "torch was declined." "To use the CPU build, make $torch_cpu_index reachable, or put a CPU wheel of torch 2.13.0 where pip looks (--find-links)." ;;
+      *) stop "torch was declined." "For the CPU build make $torch_cpu_index reachable, or put a CPU wheel of ${torch_pins[0]} where pip looks (PIP_FIND_LINKS)." ;;
     esac
   fi
 }
@@ -285,6 +286,7 @@ choose_torch() {
   fi
   if [[ $torch_variant == cuda ]]; then
     detail "torch with CUDA as asked (CARIS_TORCH=cuda)"
+    announce_cuda_download
     # A CPU build in place would satisfy the same version number.
     pip_run uninstall -y torch torchvision || true
     pip_install "${torch_pins[@]}"
@@ -303,6 +305,7 @@ choose_torch() {
     detail "torch: a CPU build is at hand"
     return
   fi
+  detail "No CPU build of torch is at hand: the default package index brings one with CUDA, which works without a GPU too."
   announce_cuda_download
 }
 

@@ -1,0 +1,141 @@
+"""The set-up scripts: what they refuse, what they tell, and the virtual screen they bring up and take down."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+linux_only = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the scripts' system part is for Linux")
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Scripts and project file alone, in a folder with a space in its name, so that no run touches this checkout."""
+    copy = tmp_path / "a checkout"
+    shutil.copytree(REPOSITORY / "packaging", copy / "packaging")
+    shutil.copy(REPOSITORY / "pyproject.toml", copy)
+    return copy
+
+
+@pytest.fixture
+def programs(tmp_path: Path) -> Path:
+    """A folder of stand-ins that goes first on PATH: an ordinary user on a Debian on which nothing is installed."""
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    answers = {"id": "echo 1000", "sudo": "exit 1", "dpkg-query": "exit 1", "apt-get": "echo reached >&2; exit 1"}
+    for name, answer in answers.items():
+        write_program(folder / name, answer)
+    return folder
+
+
+def write_program(path: Path, body: str) -> None:
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
+
+
+def run_setup(
+    checkout: Path, *arguments: str, programs: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    inherited = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    if programs is not None:
+        inherited["PATH"] = f"{programs}{os.pathsep}{inherited['PATH']}"
+    # Should a run get as far as pip against expectation, it must not fetch anything.
+    return subprocess.run(
+        ["bash", str(checkout / "packaging" / "setup.sh"), *arguments],
+        env=inherited | {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": ""} | environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_an_unknown_argument_is_refused(checkout: Path) -> None:
+    result = run_setup(checkout, "--tests")
+    assert result.returncode == 2
+    assert "'--tests'" in result.stderr and "--test)" in result.stderr
+
+
+def test_a_misspelt_torch_variant_is_refused(checkout: Path) -> None:
+    result = run_setup(checkout, CARIS_TORCH="gpu")
+    assert result.returncode == 2
+    assert "cpu or cuda" in result.stderr
+
+
+@linux_only
+def test_a_user_who_may_not_install_gets_the_exact_command(checkout: Path, programs: Path) -> None:
+    result = run_setup(checkout, programs=programs)
+    assert result.returncode == 1
+    commands = [line.split() for line in result.stderr.splitlines() if "apt-get install" in line]
+    assert len(commands) == 1
+    assert commands[0][:3] == ["sudo", "apt-get", "install"]
+    assert {"libegl1", "libxcb-cursor0", "libportaudio2", "xvfb", "openbox", "espeak-ng"} <= set(commands[0])
+    assert "reached" not in result.stderr
+    assert not (checkout / ".venv").exists()
+
+
+@linux_only
+def test_a_machine_with_a_display_needs_no_virtual_screen(checkout: Path, programs: Path) -> None:
+    result = run_setup(checkout, programs=programs, DISPLAY=":99")
+    assert result.returncode == 1
+    assert "libegl1" in result.stderr
+    assert "xvfb" not in result.stderr
+
+
+@linux_only
+def test_an_unsuitable_python_is_named(checkout: Path, programs: Path) -> None:
+    for name in ("python3", "python3.11", "python3.12", "python3.13"):
+        write_program(programs / name, '[ "$1" = --version ] && echo "Python 3.9.2"; exit 1')
+    write_program(programs / "dpkg-query", "")
+    write_program(programs / "id", "echo 0")
+    write_program(programs / "apt-get", "exit 0")
+    result = run_setup(checkout, programs=programs)
+    assert result.returncode == 1
+    assert "3.11, 3.12 or 3.13" in result.stderr
+    assert "Python 3.9.2" in result.stderr
+    assert "CARIS_PYTHON=" in result.stderr
+
+
+def test_the_size_of_a_download_and_its_cuda_packages_are_told(tmp_path: Path) -> None:
+    names = ["torch", "nvidia-cudnn-cu13", "triton", "numpy"]
+    packages = [{"metadata": {"name": name}, "download_info": {"url": f"file:///{name}.whl"}} for name in names]
+    report = tmp_path / "report.json"
+    report.write_text(json.dumps({"install": packages}))
+    command = [sys.executable, str(REPOSITORY / "packaging" / "download_size.py"), str(report)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    assert "0 MB to download" in told
+    assert "2 CUDA packages" in told and "nvidia-cudnn-cu13" in told and "numpy" not in told
+
+
+def test_this_environment_holds_what_the_console_needs() -> None:
+    command = [sys.executable, str(REPOSITORY / "packaging" / "check_environment.py")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stdout
+
+
+@linux_only
+@pytest.mark.skipif(not (shutil.which("Xvfb") and shutil.which("openbox")), reason="Xvfb or openbox is not installed")
+def test_the_virtual_screen_is_up_when_its_start_returns_and_gone_with_its_shell(tmp_path: Path) -> None:
+    script = (
+        f"set -eu; source '{REPOSITORY}/packaging/virtual_screen.sh'; start_virtual_screen; "
+        'test -S "/tmp/.X11-unix/X${DISPLAY#:}"; echo "${virtual_screen_pids[@]}"; exit 7'
+    )
+    result = subprocess.run(
+        ["bash", "-c", script],
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 7, result.stderr
+    pids = [int(pid) for pid in result.stdout.split()]
+    assert len(pids) == 2
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+    assert list(tmp_path.iterdir()) == []
