@@ -4,7 +4,6 @@ import contextlib
 import datetime
 import logging
 import re
-import sys
 import urllib.parse
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -311,8 +310,7 @@ class DeviceCamera:
         self._target = target
         # A missing device is reported as a Problem; OpenCV would add lines of its own at every retry.
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        backend = cv2.CAP_V4L2 if target.startswith("/dev/") or sys.platform == "linux" else cv2.CAP_ANY
-        self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target, backend)
+        self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
         if not self._capture.isOpened():
             raise CameraError(
                 f"Camera {target} cannot be opened.",

@@ -5,7 +5,7 @@ import logging
 import os
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -19,6 +19,14 @@ from caris_desktop.perception.weights import WeightsError, find_weights
 log = logging.getLogger(__name__)
 
 _FAILURES_AT_MOST = 5
+
+
+def default_threads() -> int:
+    """Half of the cores, at most four: more gain little, and the console needs some.
+
+    On two busy cores a second thread was measured to make a frame slower, since each waits for the other.
+    """
+    return max(1, min(4, (os.cpu_count() or 2) // 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +44,7 @@ class InferenceSettings:
     confidence: float = 0.1
     max_hz: float = 30.0
     max_load: float = 0.8
-    threads: int = 2
+    threads: int = field(default_factory=default_threads)
     niceness: int = 10
 
 

@@ -74,12 +74,11 @@ def _collect(inbox: "queue.SimpleQueue[Any]", inference: ChildProcess, camera: C
     started_s = cpu_s = 0.0
     while not (ended and newest is None and not busy):
         item = inbox.get(timeout=_PATIENCE_S)
+        assert not isinstance(item, InferenceFailed), item.problem
         if isinstance(item, InferenceReady):
             ready = item
             camera.send(PlayVideo())
             started_s, cpu_s = time.monotonic(), _cpu_s(inference)
-        elif isinstance(item, InferenceFailed):
-            raise AssertionError(item.problem)
         elif isinstance(item, FrameRef):
             frames.append(item)
             newest = item

