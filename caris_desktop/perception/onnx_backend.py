@@ -40,18 +40,24 @@ def onnx_backend_class(*, threads: int) -> type[Any]:
 
         def load_model(self, weight: Any) -> None:
             # On a GPU the exported size costs little, and ultralytics knows the providers.
-            resizable = None if self.device.type != "cpu" else _resizable(Path(weight))
-            if resizable is None:
+            session = self._resizable_session(Path(weight)) if self.device.type == "cpu" else None
+            if session is None:
                 super().load_model(weight)
                 return
             self.apply_metadata(self.read_metadata(weight))
-            self.session = onnxruntime.InferenceSession(
-                resizable, self.session_options, providers=["CPUExecutionProvider"]
-            )
+            self.session = session
             self.output_names = [_RAW_HEAD]
             self.dynamic = self.metadata["dynamic"] = True
             self.fp16 = self.use_io_binding = False
             self._decodes = True
+
+        def _resizable_session(self, path: Path) -> Any:
+            resizable = _resizable(path)
+            if resizable is None:
+                return None
+            session = onnxruntime.InferenceSession(resizable, self.session_options, providers=["CPUExecutionProvider"])
+            (shape,) = (output.shape for output in session.get_outputs())
+            return session if len(shape) == 3 and isinstance(shape[1], int) and shape[1] > 4 * _BINS else None
 
         def forward(self, im: Any) -> Any:
             outputs = super().forward(im)
