@@ -8,12 +8,12 @@ repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd -- "$repository"
 bash packaging/setup.sh
 
-if [[ $(uname -s) != Linux || -n ${DISPLAY:-} || -n ${WAYLAND_DISPLAY:-} ]]; then
+# shellcheck source=packaging/virtual_screen.sh
+source packaging/virtual_screen.sh
+if has_display; then
   exec .venv/bin/caris-desktop --demo --scenario layouts/tour-guide.yaml "$@"
 fi
 
-# shellcheck source=packaging/virtual_screen.sh
-source packaging/virtual_screen.sh
 start_virtual_screen
 output=demo-output/$(date +%Y%m%d-%H%M%S)
 printf 'No display: rehearsing on a virtual screen of 1920x1080. Results go to %s\n' "$output"

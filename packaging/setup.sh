@@ -11,6 +11,8 @@ set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd -- "$repository"
+# shellcheck source=packaging/virtual_screen.sh
+source packaging/virtual_screen.sh
 
 torch_pins=(torch==2.13.0 torchvision==0.28.0)
 torch_cpu_index=https://download.pytorch.org/whl/cpu
@@ -45,7 +47,6 @@ stop() {
 }
 
 interactive() { [[ -t 0 && -t 1 && -z ${CI:-} ]]; }
-has_display() { [[ -n ${DISPLAY:-} || -n ${WAYLAND_DISPLAY:-} ]]; }
 on_linux() { [[ $(uname -s) == Linux ]]; }
 
 # --- 1/4 system libraries -----------------------------------------------------------------------------------------------

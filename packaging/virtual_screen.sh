@@ -1,6 +1,17 @@
 # shellcheck shell=bash
 # A screen that nobody sees, with a window manager (focus and dialogs behave like a desktop only with one). To be sourced:
 # `start_virtual_screen` sets DISPLAY and returns when both are up; they end with the shell that started them.
+# `has_display` tells whether one is needed at all.
+
+# A DISPLAY that outlived its server (a stale variable) is none; one of another machine is taken at its word.
+has_display() {
+  if [[ $(uname -s) != Linux || -n ${WAYLAND_DISPLAY:-} ]]; then return 0; fi
+  if [[ -z ${DISPLAY:-} ]]; then return 1; fi
+  if [[ $DISPLAY =~ ^(unix)?:([0-9]+) ]]; then
+    local socket=/tmp/.X11-unix/X${BASH_REMATCH[2]}
+    [[ -S $socket ]] || grep -q "$socket\$" /proc/net/unix 2>/dev/null
+  fi
+}
 
 virtual_screen_folder=
 virtual_screen_pids=()

@@ -82,10 +82,17 @@ def test_a_user_who_may_not_install_gets_the_exact_command(checkout: Path, progr
 
 @linux_only
 def test_a_machine_with_a_display_needs_no_virtual_screen(checkout: Path, programs: Path) -> None:
-    result = run_setup(checkout, programs=programs, DISPLAY=":99")
+    result = run_setup(checkout, programs=programs, DISPLAY="desk:10")
     assert result.returncode == 1
     assert "libegl1" in result.stderr
     assert "xvfb" not in result.stderr
+
+
+@linux_only
+def test_a_display_that_is_no_longer_there_does_not_count(checkout: Path, programs: Path) -> None:
+    result = run_setup(checkout, programs=programs, DISPLAY=":64321")
+    assert result.returncode == 1
+    assert "xvfb" in result.stderr
 
 
 @linux_only
