@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import NoReturn
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
@@ -59,7 +60,7 @@ class InferenceReady:
 
 @dataclass(frozen=True, slots=True)
 class InferenceFailed:
-    """Inference cannot run (any more); the process ends after sending this."""
+    """Inference cannot run (any more); the process sends nothing more. Starting it again would fail in the same way."""
 
     stamp_ns: int
     problem: Problem
@@ -105,12 +106,10 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         )
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
-        connection.send(InferenceFailed(clock.now_ns(), _weights_problem(error)))
-        return
+        _fail(connection, _weights_problem(error))
     except Exception:
         log.exception("the detector could not be started")
-        connection.send(InferenceFailed(clock.now_ns(), _start_problem()))
-        return
+        _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info("detector %s ready after %.1f s", weights.path, load_s)
     connection.send(InferenceReady(clock.now_ns(), weights.label, load_s))
@@ -136,8 +135,7 @@ def _follow(connection: Connection, frames: FrameReader, tracker: PersonTracker,
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
             if failures >= _FAILURES_AT_MOST:
-                connection.send(InferenceFailed(clock.now_ns(), _processing_problem()))
-                return
+                _fail(connection, _processing_problem())
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         failures = 0
@@ -165,6 +163,13 @@ def _follow(connection: Connection, frames: FrameReader, tracker: PersonTracker,
             )
         )
         time.sleep(rest_s(work_s, settings))
+
+
+def _fail(connection: Connection, problem: Problem) -> NoReturn:
+    """Report, then wait for the end: a process that ends by itself looks like a crash, which is worth a new try."""
+    connection.send(InferenceFailed(clock.now_ns(), problem))
+    while True:
+        newest(connection)
 
 
 def newest(connection: Connection) -> FrameRef:
