@@ -133,6 +133,7 @@ class SessionRecorder:
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._guarded(self._log.flush)
+            self._watch_disk()
         if now_ns - self._housekept_ns >= _SECOND_NS:
             self._housekept_ns = now_ns
             for name, (last_ns, waiting) in list(self._latched.items()):
@@ -140,7 +141,6 @@ class SessionRecorder:
                     self._latched[name] = (now_ns, None)
                     self._put(BY_TYPE[type(waiting)], waiting)
             self._tell_missed()
-            self._watch_disk()
             self._guarded(self._plain.write_people)
 
     def sync(self) -> None:

@@ -1,0 +1,1 @@
+"""Recording, tested through the real process and real files."""

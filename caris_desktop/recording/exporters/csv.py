@@ -151,6 +151,7 @@ def _columns_of_field(path: tuple[str, ...], hint: Any) -> Iterator[Column]:
         )
     else:
         kind, description = _kind(hint)
+        description = f"{_in_words(name, unit)} {description}".strip()
         if name == "robot_stamp_ns":
             description = "The robot's own stamp, on the robot's clock; empty where it sent none."
         yield Column(name, unit, kind, description, read)
@@ -189,6 +190,16 @@ def _unit(name: str) -> str:
     return _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
+def _in_words(name: str, unit: str) -> str:
+    """``pose_in_map_x_m`` as ``Pose in map, x.``"""
+    words = name.rpartition("_")[0] if unit else name
+    frame = words.find("_in_")
+    if frame > 0:
+        end = words.find("_", frame + 4)
+        words = words if end < 0 else f"{words[:end]},{words[end:]}"
+    return f"{words.replace('_', ' ').capitalize()}."
+
+
 def _kind(hint: Any) -> tuple[str, str]:
     """The kind of value in words, and what is allowed or how to read it."""
     origin = get_origin(hint)
@@ -219,10 +230,10 @@ def _shape(array: Any) -> str:
     return "x".join(map(str, array.shape))
 
 
-def _smallest(array: Any) -> float | int | None:
+def _smallest(array: Any) -> Any:
     finite = array[np.isfinite(array)]
-    # Through a Python number, so that a float32 is not shown with digits that it does not hold.
-    return None if finite.size == 0 else finite.min().item()
+    # Not through a Python number: a float32 would be shown with digits that it does not hold.
+    return None if finite.size == 0 else finite.min()
 
 
 def _joined(array: Any) -> str:

@@ -1,0 +1,48 @@
+"""Records onto a small disk until it is full; prints one JSON object with what the recorder said."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem, SessionEnded
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.recording.messages import RecorderReport
+from caris_desktop.recording.session_recorder import DiskLimits
+from tests.recording.driving import RecorderUnderTest, mark, start
+
+# The small disk has 24 MiB: 8 are the reserve, the video may take about 3, events the rest.
+LIMITS = DiskLimits(warn_free_bytes=15_500_000, end_video_free_bytes=13_000_000)
+
+
+def main(folder: Path) -> None:
+    ring = FrameRing.create(640 * 480 * 3)
+    recorder = RecorderUnderTest(ring, limits=LIMITS)
+    recorder.send(start(folder))
+    recorder.wait_for(RecorderReport)
+    noise = np.random.default_rng(1)
+    number, deadline = 0, time.monotonic() + 60
+    while time.monotonic() < deadline and not any(
+        isinstance(message, RecorderReport) and message.state == "failed" for message in recorder.heard
+    ):
+        image_bgr = noise.integers(0, 32, (480, 640, 3), dtype=np.uint8)
+        recorder.send(ring.write(image_bgr, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
+        if any(isinstance(message, Problem) and "nearly" in message.what for message in recorder.heard):
+            # What compression cannot make smaller.
+            recorder.send(mark(f"{number} {noise.bytes(100_000).hex()}"))
+            number += 1
+        recorder.drain()
+        time.sleep(0.02)
+    problems = [message.what for message in recorder.heard if isinstance(message, Problem)]
+    report = recorder.wait_for(RecorderReport, state="failed")
+    ended = recorder.wait_for(SessionEnded)
+    recorder.close()
+    ring.close()
+    print(json.dumps({"problems": problems, "state": report.state, "reason": ended.reason}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
