@@ -147,11 +147,10 @@ class MotionLease:
             elapsed_s = min(max(now_s - self._sent_s, 0.0), self._period_s)
             self._current = ramp(self._current, self._target, self._limits, elapsed_s)
             leased = LeasedTwist(self._current, self._holder)
-            self._due_s = now_s + self._period_s
+            self._due_s = self._next_due_s(now_s)
         elif self._phase is _Phase.ZEROING:
             leased = LeasedTwist(ZERO_TWIST, self._zero_source)
-            # Step from the planned time, so that the rate holds however late the timer was.
-            self._due_s = max(self._due_s, now_s - self._period_s) + self._period_s
+            self._due_s = self._next_due_s(now_s)
             if self._due_s > self._zeros_end_s + _EARLY_S:
                 self._phase = _Phase.IDLE
                 self._due_s = math.inf
@@ -159,6 +158,10 @@ class MotionLease:
             return None
         self._sent_s = now_s
         return leased
+
+    def _next_due_s(self, now_s: float) -> float:
+        # From the planned time, so that the rate holds however late the timer was.
+        return max(self._due_s, now_s - self._period_s / 2.0) + self._period_s
 
     def _begin_zeros(self, now_s: float, source: CommandSource) -> None:
         self._phase = _Phase.ZEROING

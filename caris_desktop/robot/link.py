@@ -25,7 +25,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.robot.lease import ZERO_REPEAT_S, MotionLease
+from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.outbox import Outbox, ProblemReporter
@@ -58,8 +58,6 @@ logger = logging.getLogger(__name__)
 QUALITY_EVERY_S = 1.0
 CLOCK_EVERY_S = 5.0
 GOODBYE_S = 0.3
-# The console waits no longer than this for its own answer; an order that is older says nothing about now.
-OLDEST_ORDER_S = 0.15
 
 UNREACHABLE_MEANING = "Driving, video and everything else of the robot is off. The console keeps trying to connect."
 
@@ -189,6 +187,7 @@ class ControlLink:
         self._clock_offset_ms: float | None = None
         self._clock_uncertainty_ms: float | None = None
         self._told_missing = False
+        self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
         self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
@@ -207,9 +206,11 @@ class ControlLink:
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
         """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
+        held_by = [c.stamp_ns for c in received if isinstance(c, (commands.Drive, commands.RenewLease))]
+        newest_s = min(max(held_by, default=0) / 1e9, self._loop.time())
         for command in received:
             try:
-                self._obey(command)
+                self._obey(command, newest_s)
             except Exception:
                 # The lease must go on whatever a single command does.
                 logger.exception("The command %r failed", command)
@@ -224,6 +225,7 @@ class ControlLink:
             self._move()
             # The timer goes on sending the zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
+        self._closing = True
         for task in self._tasks:
             task.cancel()
         await self._ros.aclose(GOODBYE_S)
@@ -231,13 +233,14 @@ class ControlLink:
 
     # Commands
 
-    def _obey(self, command: commands.RobotCommand) -> None:
+    def _obey(self, command: commands.RobotCommand, newest_s: float) -> None:
+        """``newest_s`` is when the console last said that it holds the lease, as far as is known now."""
         now_s = self._loop.time()
         # A stamp from the future would keep a lease beyond its time.
         given_s = min(command.stamp_ns / 1e9, now_s)
         match command:
             case commands.Drive():
-                self._drive(command, given_s, now_s)
+                self._drive(command, given_s, now_s - newest_s)
             case commands.RenewLease():
                 self._lease.renew(given_s)
             case commands.Release():
@@ -265,13 +268,13 @@ class ControlLink:
             case commands.CloseLink():
                 pass
 
-    def _drive(self, command: commands.Drive, given_s: float, now_s: float) -> None:
-        refusal = self._drive_refusal(command, given_s, now_s)
-        if refusal and self._lease.held:
-            self._lease.end(now_s)
-        if self._lease.latched:
-            self._lease.drive(command.target, command.source, now_s)
+    def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
+        refusal = self._drive_refusal(command, age_s)
         if refusal:
+            self._lease.end(self._loop.time())
+            if self._lease.latched:
+                # Something tries to move against the emergency stop: say zero once more.
+                self._lease.drive(command.target, command.source, self._loop.time())
             self._put(DriveEnded(now_ns(), refusal))
             return
         if command.target.moving:
@@ -279,7 +282,7 @@ class ControlLink:
             self._navigator.cancel("the wizard drives")
         self._lease.drive(command.target, command.source, given_s)
 
-    def _drive_refusal(self, command: commands.Drive, given_s: float, now_s: float) -> str:
+    def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
         if not self._connected:
             return "The robot is not connected"
         if self._lease.latched:
@@ -288,7 +291,7 @@ class ControlLink:
             return "The link to the robot is in trouble"
         if command.stamp_ns < self._drives_count_from_ns:
             return "The link was lost meanwhile; press the key again"
-        if now_s - given_s > OLDEST_ORDER_S and not self._lease.held:
+        if age_s > EXPIRY_S:
             return "The command came too late; press the key again"
         return ""
 
@@ -362,6 +365,7 @@ class ControlLink:
                     "Clear it when the robot is connected again.",
                 )
             )
+            self._put(EmergencyStopChanged(now_ns(), self._lease.latched, "robot"))
         elif service:
             self._in_background(self._tell_emergency_stop(service, False))
         else:
@@ -399,6 +403,8 @@ class ControlLink:
                     "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
                 )
             )
+            # Who asked may show it as cleared already.
+            self._put(EmergencyStopChanged(now_ns(), True, "robot"))
             return
         if not latched:
             # Its topic will say the same a moment later; the wizard need not wait for it.
@@ -458,7 +464,8 @@ class ControlLink:
         if not self._wizard_latched and self._lease.latched:
             # What the robot's own button says now is not known; it is told again on reconnect.
             self._latch(robot=False, by="robot")
-        self._report.changed("lost", f"The link to the robot was lost: {reason}")
+        if not self._closing:
+            self._report.changed("lost", f"The link to the robot was lost: {reason}")
 
     def link_unreachable(self, what: str, advice: str) -> None:
         self._report.unreachable(what, advice)
@@ -616,6 +623,7 @@ class MediaLink:
         dialect = Dialect(profile.ros)
         self._put = outbox.put
         self._frames = frames
+        self._closing = False
         self._report = _Reporter("media", settings.address, outbox)
         self._ros = SafeRos(settings.address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES)
         for camera in profile.cameras:
@@ -641,6 +649,7 @@ class MediaLink:
         logger.warning("The media link moves nothing; ignored: %s", [type(command).__name__ for command in received])
 
     async def finish(self) -> None:
+        self._closing = True
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 
@@ -654,7 +663,8 @@ class MediaLink:
         self._report.changed("connected")
 
     def link_lost(self, reason: str) -> None:
-        self._report.changed("lost", f"The link for video and map was lost: {reason}")
+        if not self._closing:
+            self._report.changed("lost", f"The link for video and map was lost: {reason}")
 
     def link_unreachable(self, what: str, advice: str) -> None:
         self._report.unreachable(what, advice)

@@ -77,7 +77,7 @@ async def publish() -> None:
 
 
 async def obey() -> None:
-    reader = asyncio.StreamReader()
+    reader = asyncio.StreamReader(limit=2**24)
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     while line := await reader.readline():
         order = json.loads(line)

@@ -1,0 +1,335 @@
+"""The control link against a rosbridge double: what goes over the wire, and what does not."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import CloseLink, Drive, GoTo, Release, RenewLease, Say, SetEmergencyStop, StopMotion
+from caris_desktop.domain.events import (
+    CommandSent,
+    DriveEnded,
+    EmergencyStopChanged,
+    GoalChanged,
+    LinkQuality,
+    Problem,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import BatteryState, LaserScan, Odometry
+from tests.robot.link_bench import BridgeDouble, LinkProcess
+from tests.support.polling import wait_for
+
+
+@pytest.fixture
+def bridge() -> Iterator[BridgeDouble]:
+    double = BridgeDouble()
+    yield double
+    double.kill()
+
+
+@pytest.fixture
+def link(bridge: BridgeDouble) -> Iterator[LinkProcess]:
+    process = LinkProcess(bridge.address)
+    process.wait_for_state("connected")
+    yield process
+    process.close()
+
+
+def moving(bridge: BridgeDouble) -> list[tuple[float, float, float]]:
+    return [twist for twist in bridge.twists() if twist[1] or twist[2]]
+
+
+def test_a_drive_moves_a_release_stops_and_every_twist_is_reported_exactly(
+    bridge: BridgeDouble, link: LinkProcess
+) -> None:
+    link.drive(0.3, 0.7)
+    link.hold(lambda: len(moving(bridge)) >= 8, "eight velocity commands")
+    link.send(Release(now_ns()))
+    wait_for(lambda: len(bridge.twists()) - len(moving(bridge)) >= 11, "zeros for half a second")
+    wait_for(lambda: len(link.of(CommandSent)) == len(bridge.twists()), "a report of each")
+    reported = [(sent.twist.forward_mps, sent.twist.turn_radps) for sent in link.of(CommandSent)]
+    assert reported == [(forward, turn) for _, forward, turn in bridge.twists()]
+    assert [sent.sequence for sent in link.of(CommandSent)] == list(range(1, len(reported) + 1))
+    zeros = bridge.twists()[len(moving(bridge)) :]
+    assert 0.4 <= zeros[-1][0] - zeros[0][0] <= 0.7
+    # Then silence.
+    with pytest.raises(AssertionError):
+        wait_for(lambda: len(bridge.twists()) > len(reported), "more", timeout_s=0.3)
+
+
+def test_without_renewal_the_robot_is_stopped(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    wait_for(lambda: bridge.twists() and not bridge.twists()[-1][1], "zero")
+    twists = bridge.twists()
+    first_zero_s = next(at_s for at_s, forward, _ in twists if not forward)
+    assert first_zero_s - twists[0][0] <= 0.3
+    assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped answering for a moment"]
+
+
+def test_the_death_of_the_console_stops_the_robot(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
+    died_s = time.monotonic()
+    link.disappear()
+    link.process.join(5)
+    assert link.process.exitcode == 0
+    zeros = [at_s for at_s, forward, _ in bridge.twists() if not forward]
+    assert zeros
+    assert zeros[0] - died_s < 0.2
+    assert moving(bridge)[-1][0] <= zeros[0]
+
+
+def test_ctrl_c_in_the_terminal_does_not_end_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
+    os.kill(link.process.pid or 0, signal.SIGINT)
+    link.drive()
+    wait_for(lambda: moving(bridge), "it still drives")
+    link.send(CloseLink(now_ns()))
+    link.process.join(5)
+    assert link.process.exitcode == 0
+    assert link.wait_for_state("closed")
+
+
+def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command(
+    bridge: BridgeDouble, link: LinkProcess
+) -> None:
+    subscribed = {line["topic"] for line in bridge.operations("subscribe")}
+    assert {"/scan", "/odom", "/tf", "/battery_state"} <= subscribed
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
+    changes = len(link.states())
+    killed_s = time.monotonic()
+    bridge.kill()
+    link.wait_for_state("lost", after=changes)
+    assert time.monotonic() - killed_s < 1.0
+    ended = len(link.of(DriveEnded))
+    assert ended == 1
+    # The wizard still holds the key, and presses it anew, while there is no robot.
+    link.hold(lambda: time.monotonic() - killed_s > 1.5, "a while without the robot")
+    link.drive()
+    wait_for(lambda: len(link.of(DriveEnded)) == ended + 1, "the refusal")
+    bridge.lines.clear()
+    scans = len(link.of(LaserScan))
+    bridge.start()
+    back_s = time.monotonic()
+    link.wait_for_state("connected", after=changes)
+    assert time.monotonic() - back_s < 3.0
+    link.hold(lambda: len(link.of(LaserScan)) > scans + 5, "scans again")
+    assert {line["topic"] for line in bridge.operations("subscribe")} == subscribed
+    assert bridge.twists() == []
+    link.drive()
+    wait_for(lambda: moving(bridge), "a new key press moves it")
+
+
+def test_a_robot_that_stops_answering_is_noticed_within_a_second(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
+    changes = len(link.states())
+    bridge.signal(signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    link.hold(lambda: "lost" in link.states()[changes:], "the loss")
+    assert time.monotonic() - stopped_s < 1.3
+    assert link.states()[changes : changes + 2] == ["trouble", "lost"]
+    assert link.of(DriveEnded)
+    link.hold(lambda: time.monotonic() - stopped_s > 2.0, "two seconds")
+    bridge.signal(signal.SIGCONT)
+    continued_s = time.monotonic()
+    link.wait_for_state("connected", after=changes)
+    assert time.monotonic() - continued_s < 3.0
+    scans = len(link.of(LaserScan))
+    link.hold(lambda: len(link.of(LaserScan)) > scans + 5, "scans again")
+    assert all(at_s < stopped_s + 0.01 for at_s, _, _ in bridge.twists()), "nothing of before or during the gap"
+
+
+def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 3, "some velocity commands")
+    changes = len(link.states())
+    bridge.signal(signal.SIGSTOP)
+    link.hold(lambda: "trouble" in link.states()[changes:], "trouble")
+    bridge.signal(signal.SIGCONT)
+    link.wait_for_state("connected", after=changes)
+    assert "lost" not in link.states()
+    wait_for(lambda: len(bridge.twists()) > 8 and bridge.twists()[-1][1] == 0.0, "zeros")
+    count = len(moving(bridge))
+    link.hold(lambda: len(link.of(LaserScan)) > 5, "the key still held moves nothing")
+    assert len(moving(bridge)) == count
+
+
+def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
+    bridge: BridgeDouble, link: LinkProcess
+) -> None:
+    wait_for(lambda: link.of(LaserScan), "scans")
+    link.drive()
+    link.hold(lambda: moving(bridge), "motion")
+    for text in (
+        "",
+        "{",
+        "[]",
+        "null",
+        "[" * 100_000,
+        '{"op": 5}',
+        '{"op": "dance"}',
+        '{"op": "publish"}',
+        '{"op": "publish", "topic": {}, "msg": 1}',
+        '{"op": "publish", "topic": "/scan", "msg": {"ranges": "x"}}',
+        '{"op": "publish", "topic": "/odom", "msg": null}',
+        '{"op": "service_response", "id": ["x"], "result": false}',
+        '{"op": "action_result", "id": "x", "values": "no"}',
+        '{"op": "action_feedback", "id": 3}',
+        '{"op": "fragment", "id": "a", "num": -1, "total": 2, "data": ""}',
+        '{"op": "status", "level": "warning", "msg": ["odd"]}',
+    ):
+        bridge.tell(text=text)
+    bridge.tell(hex="ff")
+    bridge.tell(hex="00112233")
+    bridge.tell(size=20_000_000)
+    scans = len(link.of(LaserScan))
+    link.hold(lambda: len(link.of(LaserScan)) > scans + 8, "scans go on")
+    assert link.states() == ["connecting", "connected"]
+    assert link.of(DriveEnded) == []
+    problems = [problem for problem in link.of(Problem) if "cannot be used" in problem.what]
+    assert len(problems) == 1
+
+
+def test_when_binary_messages_cannot_be_read_json_is_asked_for(bridge: BridgeDouble, link: LinkProcess) -> None:
+    assert {line["compression"] for line in bridge.operations("subscribe")} == {"cbor"}
+    for _ in range(3):
+        bridge.tell(hex="c1ffff")
+    wait_for(
+        lambda: {"none"} == {line["compression"] for line in bridge.operations("subscribe", "/scan")[1:]},
+        "a subscription in JSON",
+    )
+
+
+def test_a_message_in_fragments_is_put_together(bridge: BridgeDouble, link: LinkProcess) -> None:
+    whole = '{"op":"publish","topic":"/battery_state","msg":{"percentage":0.25}}'
+    for number, piece in enumerate((whole[:30], whole[30:])):
+        bridge.tell(text=json.dumps({"op": "fragment", "id": "f", "num": number, "total": 1.6, "data": piece}))
+    wait_for(lambda: [state.charge_fraction for state in link.of(BatteryState)] == [0.25], "the battery")
+
+
+def test_an_old_order_moves_nothing(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(Drive(now_ns() - 400_000_000, Twist2D(0.3), "keyboard"))
+    wait_for(lambda: link.of(DriveEnded), "the refusal")
+    assert moving(bridge) == []
+
+
+def test_a_stop_says_zero_and_cancels_every_goal(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(StopMotion(now_ns()))
+    wait_for(bridge.twists, "zero")
+    [cancel] = wait_for(lambda: bridge.operations("publish", "/move_base/cancel"), "cancel")
+    assert cancel["msg"] == {"stamp": {"secs": 0, "nsecs": 0}, "id": ""}
+    assert {sent.source for sent in link.of(CommandSent)} == {"stop"}
+
+
+def goal_status(goal_id: str, status: int) -> dict[str, object]:
+    return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": status, "text": ""}
+
+
+def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0), "kitchen"))
+    [goal] = wait_for(lambda: bridge.operations("publish", "/move_base/goal"), "the goal")
+    goal_id = goal["msg"]["goal_id"]["id"]
+    position = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    bridge.publish("/move_base/status", {"status_list": [goal_status(goal_id, 1)]})
+    wait_for(lambda: [change.state for change in link.of(GoalChanged)] == ["requested", "active"], "active")
+    time.sleep(0.5)  # progress is told twice a second
+    feedback = {"base_position": {"header": {}, "pose": position}}
+    bridge.publish("/move_base/feedback", {"status": goal_status(goal_id, 1), "feedback": feedback})
+    wait_for(lambda: link.of(GoalChanged)[-1].distance_left_m == 5.0, "the distance left")
+    link.drive()
+    wait_for(lambda: bridge.operations("publish", "/move_base/cancel"), "the cancellation")
+    bridge.publish("/move_base/result", {"status": goal_status(goal_id, 2), "result": {}})
+    last = wait_for(lambda: [c for c in link.of(GoalChanged) if c.state == "cancelled"], "cancelled")[0]
+    assert (last.goal_id, last.place, last.detail) == ("g1", "kitchen", "the wizard drives")
+
+
+def test_a_goal_does_not_outlive_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0)))
+    wait_for(lambda: bridge.operations("publish", "/move_base/goal"), "the goal")
+    bridge.kill()
+    wait_for(lambda: link.of(GoalChanged)[-1].state == "failed", "failed")
+    bridge.lines.clear()
+    bridge.start()
+    wait_for(lambda: bridge.operations("publish", "/move_base/cancel"), "cancel of everything")
+    assert bridge.operations("publish", "/move_base/goal") == []
+    assert bridge.operations("publish", "/move_base/cancel")[0]["msg"]["id"] == ""
+
+
+def test_the_emergency_stop_latches_and_clears_only_by_asking(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 3, "motion")
+    link.send(SetEmergencyStop(now_ns(), True))
+    wait_for(lambda: link.of(EmergencyStopChanged), "latched")
+    [call] = wait_for(
+        lambda: [c for c in bridge.operations("call_service") if c["service"] == "/emergency_stop/set"], ""
+    )
+    assert call["args"] == {"data": True}
+    count = len(moving(bridge))
+    link.drive()
+    wait_for(lambda: [ended.reason for ended in link.of(DriveEnded)] == ["The emergency stop is set"], "refused")
+    link.send(SetEmergencyStop(now_ns(), False))
+    wait_for(lambda: [change.latched for change in link.of(EmergencyStopChanged)] == [True, False], "cleared")
+    assert len(moving(bridge)) == count
+    link.drive()
+    wait_for(lambda: len(moving(bridge)) > count, "it drives again")
+
+
+def test_the_robots_own_emergency_stop_ends_the_drive(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.drive()
+    link.hold(lambda: len(moving(bridge)) >= 3, "motion")
+    bridge.publish("/emergency_stop", {"data": True})
+    [change] = link.hold(lambda: link.of(EmergencyStopChanged), "latched")
+    assert (change.latched, change.by) == (True, "robot")
+    wait_for(lambda: bridge.twists()[-1][1] == 0.0, "zero")
+
+
+def test_the_robot_speaks_and_says_when_it_is_done(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(Say(now_ns(), "u1", "Hello"))
+    [said] = wait_for(lambda: bridge.operations("publish", "/tts"), "the sentence")
+    assert said["msg"] == {"data": "Hello"}
+    bridge.publish("/tts/speaking", {"data": True})
+    bridge.publish("/tts/speaking", {"data": False})
+    wait_for(
+        lambda: (
+            [(u.utterance_id, u.state) for u in link.of(UtteranceChanged)] == [("u1", "started"), ("u1", "finished")]
+        ),
+        "started and finished",
+    )
+
+
+def test_the_round_trip_and_the_robots_clock_are_measured(bridge: BridgeDouble, link: LinkProcess) -> None:
+    [quality, *_] = wait_for(lambda: link.of(LinkQuality), "a measurement")
+    assert 0.0 < quality.round_trip_ms < 500.0
+    assert quality.clock_offset_ms is not None
+    assert quality.clock_uncertainty_ms is not None
+    expected_ms = 1_700_000_000_000.0 - quality.stamp_ns / 1e6
+    assert abs(quality.clock_offset_ms - expected_ms) < 1000.0 + quality.clock_uncertainty_ms
+
+
+def test_sensor_streams_arrive_stamped(bridge: BridgeDouble, link: LinkProcess) -> None:
+    scan = wait_for(lambda: link.of(LaserScan), "a scan")[0]
+    assert scan.robot_stamp_ns == 12_000_000_005
+    assert abs(now_ns() - scan.stamp_ns) < 10_000_000_000
+    assert scan.ranges_m.tolist()[2] == float("inf")
+    assert wait_for(lambda: link.of(Odometry), "odometry")[0].pose_in_odom == Pose2D(1.0, 2.0, 0.0)
+
+
+def test_an_unreachable_robot_is_one_problem_and_not_one_per_attempt() -> None:
+    process = LinkProcess("ws://127.0.0.1:9")
+    try:
+        wait_for(lambda: process.of(Problem), "the problem")
+        time.sleep(1.5)  # several attempts
+        [problem] = process.of(Problem)
+        assert "no rosbridge listens at ws://127.0.0.1:9" in problem.what
+        assert "rosbridge" in problem.advice
+        process.drive()
+        process.send(RenewLease(now_ns()))
+        wait_for(lambda: process.of(DriveEnded), "the refusal")
+    finally:
+        process.close()

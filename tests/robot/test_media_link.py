@@ -1,0 +1,105 @@
+"""The media link against a rosbridge double: pictures into the ring, maps to the console."""
+
+import base64
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+
+import cv2
+import numpy as np
+import pytest
+
+from caris_desktop.domain.events import LinkChanged, Problem
+from caris_desktop.domain.sensing import FrameRef, OccupancyGrid
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.robot.link import LinkSettings, run_media_link
+from tests.robot.link_bench import BridgeDouble, LinkProcess
+from tests.support.polling import wait_for
+
+CAMERA = "/camera/image_raw/compressed"
+
+
+def run_with_ring(connection: Connection, settings: LinkSettings, ring_name: str) -> None:
+    ring = FrameRing.attach(ring_name)
+    run_media_link(connection, settings, ring)
+    ring.close()
+
+
+@pytest.fixture
+def bridge() -> Iterator[BridgeDouble]:
+    double = BridgeDouble()
+    yield double
+    double.kill()
+
+
+@pytest.fixture
+def ring() -> Iterator[FrameRing]:
+    created = FrameRing.create()
+    yield created
+    created.close()
+
+
+@pytest.fixture
+def link(bridge: BridgeDouble, ring: FrameRing) -> Iterator[LinkProcess]:
+    process = LinkProcess(bridge.address, body=run_with_ring, extra=(ring.name,))
+    process.wait_for_state("connected")
+    yield process
+    process.close()
+
+
+def image_message(content: bytes) -> dict[str, object]:
+    return {"header": {"stamp": {"secs": 3, "nsecs": 4}}, "format": "jpeg", "data": base64.b64encode(content).decode()}
+
+
+def jpeg(grey: int, *, width_px: int = 64, height_px: int = 48) -> bytes:
+    return cv2.imencode(".jpg", np.full((height_px, width_px, 3), grey, np.uint8))[1].tobytes()
+
+
+def test_a_picture_lands_in_the_ring(bridge: BridgeDouble, ring: FrameRing, link: LinkProcess) -> None:
+    bridge.publish(CAMERA, image_message(jpeg(200)))
+    [ref] = wait_for(lambda: link.of(FrameRef), "a frame")
+    assert (ref.camera, ref.width_px, ref.height_px, ref.robot_stamp_ns) == ("front", 64, 48, 3_000_000_004)
+    image_bgr = ring.read(ref)
+    assert image_bgr is not None
+    assert abs(int(image_bgr.mean()) - 200) < 3
+
+
+def test_cameras_are_asked_for_one_frame_at_a_time(bridge: BridgeDouble, link: LinkProcess) -> None:
+    [subscription] = wait_for(lambda: bridge.operations("subscribe", CAMERA), "the subscription")
+    assert subscription["queue_length"] == 1
+    assert subscription["throttle_rate"] > 0
+
+
+def test_broken_pictures_are_one_problem_and_the_next_good_one_is_shown(
+    bridge: BridgeDouble, link: LinkProcess
+) -> None:
+    for content in (b"", b"no picture", jpeg(9)[:60], b"\xff\xd8\xff\xff" * 100):
+        bridge.publish(CAMERA, image_message(content))
+    bridge.publish(CAMERA, image_message(jpeg(9, width_px=3000, height_px=2000)))
+    bridge.publish(CAMERA, {"format": "jpeg", "data": "§"})
+    bridge.tell(text="{}")
+    bridge.publish(CAMERA, image_message(jpeg(100)))
+    wait_for(lambda: link.of(FrameRef), "a frame")
+    wait_for(lambda: link.of(Problem), "a problem")
+    assert len({problem.what for problem in link.of(Problem)}) <= 2
+    assert [change.state for change in link.of(LinkChanged)] == ["connecting", "connected"]
+    assert {change.link for change in link.of(LinkChanged)} == {"media"}
+
+
+def test_a_map_arrives(bridge: BridgeDouble, link: LinkProcess) -> None:
+    origin = {"position": {"x": -1.0, "y": -2.0, "z": 0.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    info = {"resolution": 0.05, "width": 3, "height": 2, "origin": origin}
+    bridge.publish("/map", {"info": info, "data": [-1, 0, 100, 0, 0, 50]})
+    [grid] = wait_for(lambda: link.of(OccupancyGrid), "the map")
+    assert grid.cells.tolist() == [[-1, 0, 100], [0, 0, 50]]
+    assert grid.origin_in_map.x_m == -1.0
+
+
+def test_a_map_larger_than_is_accepted_costs_a_problem_and_not_the_link(
+    bridge: BridgeDouble, link: LinkProcess
+) -> None:
+    bridge.tell(size=70 * 2**20)
+    [problem] = wait_for(lambda: link.of(Problem), "a problem")
+    assert "70 MB" in problem.what
+    bridge.publish(CAMERA, image_message(jpeg(100)))
+    wait_for(lambda: link.of(FrameRef), "a frame after it")
+    assert [change.state for change in link.of(LinkChanged)] == ["connecting", "connected"]

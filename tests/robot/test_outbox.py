@@ -1,0 +1,86 @@
+"""What goes to the console while the console reads, and while it does not."""
+
+import multiprocessing
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+import pytest
+
+from caris_desktop.domain.events import CommandSent, Gap, Problem
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.robot.outbox import MOST_VALUES_PER_STREAM, Outbox, ProblemReporter
+
+
+def drain(connection: Connection) -> list[Any]:
+    values = []
+    while connection.poll(0.3):
+        values.append(connection.recv())
+    return values
+
+
+def pose(number: int) -> RobotPose:
+    return RobotPose(number, None, Pose2D(float(number), 0.0, 0.0))
+
+
+def command(number: int) -> CommandSent:
+    return CommandSent(number, number, Twist2D(), "keyboard")
+
+
+def test_a_console_that_sleeps_blocks_nobody_loses_no_event_and_wakes_to_the_newest() -> None:
+    ours, theirs = multiprocessing.Pipe()
+    outbox = Outbox(theirs)
+    longest_s = 0.0
+    # Far more than a pipe holds.
+    for number in range(20_000):
+        started_s = time.perf_counter()
+        outbox.put(command(number))
+        outbox.put(pose(number))
+        longest_s = max(longest_s, time.perf_counter() - started_s)
+    assert longest_s < 0.5
+    values = drain(ours)
+    assert [value.sequence for value in values if isinstance(value, CommandSent)] == list(range(20_000))
+    poses = [value for value in values if isinstance(value, RobotPose)]
+    assert poses[-1] == pose(19_999)
+    missing = sum(value.count for value in values if isinstance(value, Gap) and value.stream == "pose")
+    assert len(poses) + missing == 20_000
+    assert missing > 0
+    outbox.close(1.0)
+
+
+def test_a_burst_passes_whole() -> None:
+    ours, theirs = multiprocessing.Pipe()
+    outbox = Outbox(theirs)
+    for number in range(MOST_VALUES_PER_STREAM):
+        outbox.put(pose(number))
+    assert drain(ours) == [pose(number) for number in range(MOST_VALUES_PER_STREAM)]
+    outbox.close(1.0)
+
+
+def test_a_console_that_is_gone_does_not_hurt() -> None:
+    ours, theirs = multiprocessing.Pipe()
+    outbox = Outbox(theirs)
+    ours.close()
+    for number in range(100):
+        outbox.put(command(number))
+    outbox.close(1.0)
+
+
+def test_only_what_the_stream_table_knows_is_taken() -> None:
+    _, theirs = multiprocessing.Pipe()
+    outbox = Outbox(theirs)
+    with pytest.raises(KeyError):
+        outbox.put("text")
+    outbox.close(1.0)
+
+
+def test_equal_mishaps_become_one_problem_with_their_number() -> None:
+    told: list[Problem] = []
+    reporter = ProblemReporter(told.append, at_most_every_s=0.05)
+    for _ in range(50):
+        reporter.count("a", severity="warning", what="{count} broken", meaning="m", advice="a")
+    assert [problem.what for problem in told] == ["1 broken"]
+    time.sleep(0.06)
+    reporter.count("a", severity="warning", what="{count} broken", meaning="m", advice="a")
+    assert told[-1].what == "50 broken"

@@ -1,0 +1,236 @@
+"""roslibpy's API on the safe transport, against a rosbridge double."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
+
+import cbor2
+import pytest
+import roslibpy
+
+from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError, topic_of_publish
+from tests.robot.link_bench import BridgeDouble
+
+
+class Observer:
+    """Notes what the transport tells."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.refused: list[str] = []
+
+    def link_connected(self) -> None:
+        self.told.append("connected")
+
+    def link_silent(self) -> None:
+        self.told.append("silent")
+
+    def link_heard(self) -> None:
+        self.told.append("heard")
+
+    def link_lost(self, reason: str) -> None:
+        self.told.append("lost")
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        self.told.append("unreachable")
+
+    def link_round_trip(self, round_trip_s: float) -> None:
+        """Not of interest here."""
+
+    def link_refused(self, detail: str) -> None:
+        self.refused.append(detail)
+
+
+@pytest.fixture(scope="module")
+def running_bridge() -> Iterator[BridgeDouble]:
+    double = BridgeDouble()
+    yield double
+    double.kill()
+
+
+@pytest.fixture
+def bridge(running_bridge: BridgeDouble) -> BridgeDouble:
+    running_bridge.lines.clear()
+    return running_bridge
+
+
+async def until(observe: Callable[[], Any], what: str, timeout_s: float = 10.0) -> Any:
+    deadline = asyncio.get_running_loop().time() + timeout_s
+    while not (observed := observe()):
+        assert asyncio.get_running_loop().time() < deadline, what
+        await asyncio.sleep(0.01)
+    return observed
+
+
+def connected(bridge: BridgeDouble, use: Callable[[SafeRos, Observer], Awaitable[None]], **options: Any) -> None:
+    async def run() -> None:
+        observer = Observer()
+        ros = SafeRos(bridge.address, observer, **options)
+        ros.connect()
+        await until(lambda: "connected" in observer.told, "connected")
+        await use(ros, observer)
+        await ros.aclose(1.0)
+
+    asyncio.run(run())
+
+
+def test_what_is_published_while_disconnected_is_gone_and_what_stands_is_established_on_connection(
+    bridge: BridgeDouble,
+) -> None:
+    async def run() -> None:
+        observer = Observer()
+        ros = SafeRos(bridge.address, observer)
+        listening = SafeTopic(ros, "/a", "std_msgs/String")
+        listening.subscribe(lambda _: None)
+        velocity = SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
+        assert [velocity.publish({"n": number}) for number in range(5)] == [False] * 5
+        failures: list[Any] = []
+        roslibpy.Service(ros, "/s", "t").call(roslibpy.ServiceRequest(), print, failures.append)
+        assert failures == ["the robot is not connected"]
+        ros.connect()
+        await until(lambda: ros.is_connected, "connected")
+        assert velocity.publish({"n": 99})
+        await until(lambda: bridge.operations("publish"), "the publish")
+        assert [line["msg"]["n"] for line in bridge.operations("publish")] == [99]
+        assert [line["topic"] for line in bridge.lines if line.get("op") in ("subscribe", "advertise")] == [
+            "/a",
+            "/cmd_vel",
+        ]
+        assert ros.factory.dropped == 6
+        await ros.aclose(1.0)
+
+    asyncio.run(run())
+
+
+def test_topics_of_one_name_are_independent(bridge: BridgeDouble) -> None:
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        first: list[Any] = []
+        second: list[Any] = []
+        one, other = SafeTopic(ros, "/a", "std_msgs/String"), SafeTopic(ros, "/a", "std_msgs/String")
+        one.subscribe(first.append)
+        other.subscribe(second.append)
+        one.unsubscribe()
+        await until(lambda: bridge.operations("unsubscribe"), "unsubscribed")
+        bridge.publish("/a", {"data": "x"})
+        await until(lambda: second, "the message")
+        assert (first, second) == ([], [{"data": "x"}])
+
+    connected(bridge, use)
+
+
+def test_a_callback_that_fails_hurts_nobody(bridge: BridgeDouble, caplog: pytest.LogCaptureFixture) -> None:
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        heard: list[Any] = []
+
+        def fail(message: Any) -> None:
+            raise RuntimeError("broken callback")
+
+        SafeTopic(ros, "/a", "std_msgs/String").subscribe(fail)
+        SafeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
+        for _ in range(2):
+            bridge.publish("/a", {"data": "x"})
+            await until(lambda: heard, "the message")
+            heard.clear()
+
+    connected(bridge, use)
+    assert "broken callback" in caplog.text
+
+
+def test_a_service_answers_fails_in_time_and_is_never_waited_for_in_the_loop(bridge: BridgeDouble) -> None:
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        assert (await ros.ask("/rosapi/services", "rosapi/Services"))["services"] == ["/emergency_stop/set"]
+        with pytest.raises(ServiceCallError, match="no answer within"):
+            await ros.ask("/nobody", "std_srvs/Empty")
+        with pytest.raises(RuntimeError, match="freeze"):
+            ros.get_topics()
+        # From another thread roslibpy's blocking calls work.
+        assert "/scan" in await asyncio.to_thread(ros.get_topics)
+
+    connected(bridge, use, service_timeout_s=0.3)
+
+
+def test_calls_and_goals_under_way_fail_when_the_link_is_lost() -> None:
+    bridge = BridgeDouble()
+
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        goals: list[Any] = []
+        action = roslibpy.ActionClient(ros, "/navigate_to_pose", "nav2_msgs/action/NavigateToPose")
+        action.send_goal({}, goals.append, goals.append, goals.append)
+        call = asyncio.ensure_future(ros.ask("/nobody", "std_srvs/Empty"))
+        await until(lambda: bridge.operations("call_service"), "the call")
+        bridge.kill()
+        with pytest.raises(ServiceCallError, match="lost"):
+            await call
+        assert "lost" in goals[0]["values"]["error_msg"]
+
+    connected(bridge, use, service_timeout_s=30.0)
+
+
+def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
+    bridge = BridgeDouble()
+
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        heard: list[Any] = []
+        topic = roslibpy.Topic(ros, "/a", "std_msgs/String")
+        topic.subscribe(heard.append)
+        topic.publish({"data": "both directions"})
+        await until(lambda: bridge.operations("publish"), "published")
+        bridge.kill()
+        await until(lambda: "lost" in observer.told, "lost")
+        bridge.lines.clear()
+        bridge.start()
+        await until(lambda: bridge.operations("subscribe") and bridge.operations("advertise"), "established")
+        await asyncio.sleep(1.2)  # roslibpy repeats itself a second after the loss
+        assert len(bridge.operations("subscribe")) == len(bridge.operations("advertise")) == 1
+        bridge.publish("/a", {"data": "x"})
+        await until(lambda: heard, "the message")
+        bridge.kill()
+
+    connected(bridge, use)
+
+
+def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) -> None:
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        newest: list[Any] = []
+        every: list[Any] = []
+        SafeTopic(ros, "/newest", "std_msgs/String").subscribe(newest.append)
+        SafeTopic(ros, "/every", "std_msgs/String", every_message=True).subscribe(every.append)
+        await until(lambda: len(bridge.operations("subscribe")) == 2, "subscribed")
+        for number in range(50):
+            for topic in ("/newest", "/every"):
+                text = json.dumps({"op": "publish", "topic": topic, "msg": {"data": number}})
+                # All of it in one turn of the loop, as after a stall.
+                ros.factory.wire_received(text.encode())
+        await until(lambda: len(every) == 50 and newest, "all")
+        assert newest == [{"data": 49}]
+        assert [message["data"] for message in every] == list(range(50))
+        assert ros.factory.overtaken == 49
+
+    connected(bridge, use)
+
+
+def test_the_topic_is_read_from_the_first_bytes_of_either_encoding() -> None:
+    message = {"op": "publish", "topic": "/camera/image_raw/compressed", "msg": {"topic": "/x", "op": "publish"}}
+    assert topic_of_publish(json.dumps(message).encode()) == b"/camera/image_raw/compressed"
+    assert topic_of_publish(cbor2.dumps(message)) == b"/camera/image_raw/compressed"
+    assert topic_of_publish(cbor2.dumps({**message, "topic": "/a"})) == b"/a"
+    for other in ({"op": "status", "msg": "x"}, {"msg": message}, {"op": "service_response", "topic": "/x"}):
+        assert topic_of_publish(json.dumps(other).encode()) is None
+        assert topic_of_publish(cbor2.dumps(other)) is None
+    assert topic_of_publish(b"") is None
+
+
+def test_a_preflight_names_what_the_robot_lacks(bridge: BridgeDouble) -> None:
+    sentences = check_robot(load_profile("simulated"), bridge.address)
+    assert "Map: the robot has no topic /map." in sentences
+    assert "Camera front: the robot has no topic /camera/image_raw/compressed." in sentences
+    assert not [sentence for sentence in sentences if "/scan" in sentence or "/emergency_stop/set" in sentence]
+
+
+def test_a_preflight_of_a_robot_that_is_not_there_says_what_to_do() -> None:
+    [sentence] = check_robot(load_profile("simulated"), "ws://127.0.0.1:9")
+    assert "no rosbridge listens at ws://127.0.0.1:9" in sentence
+    assert "Start rosbridge" in sentence
