@@ -1,5 +1,6 @@
 """Dock panels arranged by a readable tree, and that tree read back from where the docks are."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -156,12 +157,19 @@ class DockHost(QMainWindow):
         for dock in self._docks.values():
             dock.visibilityChanged.connect(self._schedule_read_back)
             dock.dockLocationChanged.connect(self._schedule_read_back)
-        for bar in self.findChildren(QTabBar):
-            bar.setDocumentMode(True)
-            bar.setExpanding(False)
-            bar.setDrawBase(False)
+        self._style_tabs()
         self._arranging = False
         self._apply_weights()
+
+    def _style_tabs(self) -> None:
+        for bar in self.findChildren(QTabBar):
+            bar.setExpanding(False)
+            bar.setDrawBase(False)
+            bar.setAccessibleName("Panels in tabs")
+        for dock in self._docks.values():
+            title_bar = dock.titleBarWidget()
+            if isinstance(title_bar, PanelTitleBar):
+                title_bar.set_tabbed(bool(self.tabifiedDockWidgets(dock)))
 
     def toggle_actions(self) -> list[QAction]:
         """One checkable action per panel that shows or closes it."""
@@ -176,14 +184,13 @@ class DockHost(QMainWindow):
 
     def _place(self, node: LayoutNode) -> None:
         if isinstance(node, TabNode):
-            for earlier, later in zip(node.tabs, node.tabs[1:], strict=False):
+            for earlier, later in itertools.pairwise(node.tabs):
                 self.tabifyDockWidget(self._docks[earlier], self._docks[later])
         elif isinstance(node, SplitNode):
             orientation = _orientation(node)
-            for earlier, later in zip(node.children, node.children[1:], strict=False):
-                self.splitDockWidget(
-                    self._docks[_representative(earlier)], self._docks[_representative(later)], orientation
-                )
+            first_docks = [self._docks[_representative(child)] for child in node.children]
+            for before, after in itertools.pairwise(first_docks):
+                self.splitDockWidget(before, after, orientation)
             for child in node.children:
                 self._place(child)
 
@@ -252,6 +259,7 @@ class DockHost(QMainWindow):
             self._read_back.start()
 
     def _on_rearranged(self) -> None:
+        self._style_tabs()
         tree = self.read_layout()
         if tree is not None and tree != self._tree:
             self._tree = tree

@@ -4,9 +4,8 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -124,9 +123,9 @@ class HoldToDrive(QObject):
             if spec.kind != "hold":
                 continue
             for text in spec.driving_keys:
-                self._bare[int(QKeySequence(text)[0].key())] = spec.id
+                self._bare[int(_chord(text).key())] = spec.id
             for text in spec.keys:
-                chord = QKeySequence(text)[0]
+                chord = _chord(text)
                 self._chords[int(chord.key()), chord.keyboardModifiers().value] = spec.id
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -198,7 +197,7 @@ class HoldToDrive(QObject):
             self._console.release_drive("")
         self.held_changed.emit(held)
 
-    def _on_stop_key(self, key: Literal[Qt.Key.Key_Escape] | Qt.Key) -> None:
+    def _on_stop_key(self, key: Qt.Key) -> None:
         if self._active or self._onscreen:
             # The console's stop ends the motion; a key that is still down must not start it again.
             self._active.clear()
@@ -245,6 +244,12 @@ class HoldToDrive(QObject):
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:
             self.release_all("Another program came to the front")
+
+
+def _chord(text: str) -> QKeyCombination:
+    # PySide's stubs do not know that a sequence can be indexed.
+    chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
+    return chord
 
 
 def _takes_over(window: QWidget) -> bool:

@@ -5,7 +5,16 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import ActionSpec, cap_text
@@ -264,10 +273,10 @@ class ShortcutSheet(Overlay):
         left, right = QVBoxLayout(), QVBoxLayout()
         used = 0
         for name, group in groups.items():
-            side = left if used < rows / 2 else right
+            side = left if used + len(group) / 2 <= rows / 2 else right
             used += len(group) + 1
-            side.addLayout(self._group(name, group))
-            side.addSpacing(12)
+            side.addWidget(self._group(name, group))
+            side.addSpacing(16)
         for side in (left, right):
             side.addStretch(1)
             sides.addLayout(side, 1)
@@ -278,8 +287,11 @@ class ShortcutSheet(Overlay):
         column.addWidget(scroll, 1)
         return body
 
-    def _group(self, name: str, specs: Sequence[ActionSpec]) -> QGridLayout:
-        grid = QGridLayout()
+    def _group(self, name: str, specs: Sequence[ActionSpec]) -> QWidget:
+        holder = QWidget()
+        holder.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        grid = QGridLayout(holder)
+        grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(8)
         grid.setVerticalSpacing(6)
         heading = QLabel(name)
@@ -297,7 +309,7 @@ class ShortcutSheet(Overlay):
                 grid.addLayout(caps, row, column)
         grid.setColumnStretch(0, 1)
         grid.setColumnMinimumWidth(2, 56)
-        return grid
+        return holder
 
     def _dim(self, text: str) -> QLabel:
         label = QLabel(text)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
@@ -12,7 +12,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.theme import Theme
 
-TITLE_HEIGHT_PX = 42
+TITLE_HEIGHT_PX = 38
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Panel(QWidget):
         self.console = context.console
         self.state = context.console.state
         self.theme = context.theme
-        self.actions = context.actions
+        self.table = context.actions
         self.hold = context.hold
         self._active = False
         self._fact = ("", "")
@@ -96,7 +96,7 @@ class PanelTitleBar(QWidget):
         self._fact = _ElidedLabel()
         self._fact.setObjectName("panel_fact")
         row = QHBoxLayout(self)
-        row.setContentsMargins(14, 4, 8, 4)
+        row.setContentsMargins(14, 3, 6 if panel.title_widgets() else 14, 3)
         row.setSpacing(8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
@@ -109,6 +109,17 @@ class PanelTitleBar(QWidget):
         panel.active_changed.connect(self._on_active_changed)
         self._theme.changed.connect(self._style)
         self._style()
+
+    def sizeHint(self) -> QSize:
+        # A dock asks its title bar for this and for nothing else.
+        return QSize(160, TITLE_HEIGHT_PX)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, TITLE_HEIGHT_PX)
+
+    def set_tabbed(self, tabbed: bool) -> None:
+        """In tabs the tab says the title already."""
+        self._title.setVisible(not tabbed)
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))

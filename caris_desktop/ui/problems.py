@@ -1,6 +1,6 @@
 """Problems as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
@@ -46,10 +46,11 @@ class ProblemCards(QWidget):
             known.show_problem(problem, again=True)
         else:
             card = ProblemCard(self._theme, problem)
-            card.dismissed = self._dismiss
+            card.dismissed.connect(self._dismiss)
             card.start_going_away()
             self._cards.append(card)
             self._column.addWidget(card)
+            card.show()
             if len(self._cards) > SHOWN_AT_ONCE:
                 self._dismiss(self._cards[0])
         self._place()
@@ -70,6 +71,7 @@ class ProblemCards(QWidget):
             self._column.heightForWidth(self.width()) if self._column.hasHeightForWidth() else self.sizeHint().height()
         )
         self.resize(self.width(), height)
+        self._column.activate()
         self.move(QPoint(self._over.width() - self.width() - 20, self._over.height() - height - 20))
         self.raise_()
 
@@ -82,12 +84,13 @@ class ProblemCards(QWidget):
 class ProblemCard(QWidget):
     """One problem."""
 
+    dismissed = Signal(object)  # the card itself
+
     def __init__(self, theme: Theme, problem: Problem) -> None:
         super().__init__()
         self.problem = problem
         self._theme = theme
         self._count = 1
-        self.dismissed = lambda card: None
         self._what = QLabel()
         self._meaning = QLabel()
         self._advice = QLabel()
@@ -98,7 +101,7 @@ class ProblemCard(QWidget):
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=28)
         close.setObjectName("problem_dismiss")
         close.setAccessibleName("Dismiss")
-        close.clicked.connect(lambda: self.dismissed(self))
+        close.clicked.connect(lambda: self.dismissed.emit(self))
         column = QVBoxLayout()
         column.setSpacing(3)
         column.addWidget(self._what)
@@ -109,7 +112,7 @@ class ProblemCard(QWidget):
         row.addLayout(column, 1)
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         self._timer = QTimer(self, singleShot=True)
-        self._timer.timeout.connect(lambda: self.dismissed(self))
+        self._timer.timeout.connect(lambda: self.dismissed.emit(self))
         theme.changed.connect(self._style)
         self._style()
 

@@ -68,7 +68,7 @@ class StartDialog(QDialog):
         self._fields: dict[str, QLineEdit] = {}
         for name, label, placeholder in _FIELDS:
             field = QLineEdit(str(getattr(prefilled, name)))
-            field.setObjectName(f"start_dialog_{name}")
+            field.setObjectName(f"start_{name}")
             field.setPlaceholderText(placeholder)
             field.setAccessibleName(label)
             field.setMinimumHeight(36)

@@ -17,6 +17,11 @@ _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu")
 _FALLBACK_FAMILIES = ("DejaVu Sans", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
 
 
+def apply_theme(app: QApplication, choice: str = "system") -> "Theme":
+    """The theme for a window that is made with it: ``MainWindow(console, theme=apply_theme(app, "dark"))``."""
+    return Theme(app, as_choice(choice))
+
+
 def as_choice(value: object) -> ThemeChoice:
     """The choice that a stored setting means; anything unknown means to follow the system."""
     for choice in CHOICES:
@@ -120,7 +125,9 @@ QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: 
 QLineEdit#speak_field {{ font-size: {tokens.SPEECH_PX}px; padding: 10px 12px; }}
 QLineEdit#speak_field:focus {{ padding: 9px 11px; }}
 QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
-QPlainTextEdit#assistant_answer[readOnly="true"] {{ background: transparent; border-color: transparent; padding: 2px 0; }}
+QPlainTextEdit#assistant_answer[readOnly="true"] {{
+    background: transparent; border-color: transparent; padding: 2px 0;
+}}
 QComboBox {{ font-size: {status}px; padding: 4px 8px; }}
 QComboBox::drop-down {{ border: 0; width: 22px; }}
 QComboBox QAbstractItemView, QMenu {{
@@ -146,17 +153,18 @@ QTabBar::tab:focus {{ color: {colors.blue}; }}
 QScrollArea, QScrollArea > QWidget > QWidget, QListView {{ background: transparent; border: 0; }}
 QScrollBar:vertical {{ width: 10px; background: transparent; margin: 0; }}
 QScrollBar:horizontal {{ height: 10px; background: transparent; margin: 0; }}
-QScrollBar::handle {{ background: {colors.line_strong}; border-radius: 4px; min-height: 28px; min-width: 28px; margin: 1px; }}
+QScrollBar::handle {{
+    background: {colors.line_strong}; border-radius: 4px; min-height: 28px; min-width: 28px; margin: 1px;
+}}
 QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{
     background: transparent; width: 0; height: 0;
 }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}
 QSlider::sub-page:horizontal {{ height: 4px; border-radius: 2px; background: {colors.blue}; }}
 QSlider::handle:horizontal {{
-    width: 16px; height: 16px; margin: -7px 0; border-radius: 9px; background: {colors.text};
-    border: 1px solid {colors.line_strong};
+    width: 12px; height: 12px; margin: -6px 0; border-radius: 8px; background: {colors.panel};
+    border: 2px solid {colors.blue};
 }}
-QSlider::handle:horizontal:focus {{ border: 2px solid {colors.blue}; }}
 QSlider::sub-page:horizontal:disabled {{ background: {colors.line_strong}; }}
-QSlider::handle:horizontal:disabled {{ background: {colors.dim}; }}
+QSlider::handle:horizontal:disabled {{ border-color: {colors.dim}; }}
 """

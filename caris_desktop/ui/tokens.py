@@ -50,6 +50,7 @@ class Colors:
     video_text: str
     video_dim: str
     video_chip: str
+    video_line: str
     box_named: str
     box_unnamed: str
     box_warning: str
@@ -91,6 +92,7 @@ DARK = Colors(
     video_text="#f2f4f7",
     video_dim="#a7b0bf",
     video_chip="#d0101318",
+    video_line="#2effffff",
     box_named="#3fb984",
     box_unnamed="#7db8f7",
     box_warning="#f0b45a",
@@ -132,6 +134,7 @@ LIGHT = Colors(
     video_text="#f2f4f7",
     video_dim="#b6bfcc",
     video_chip="#d0101318",
+    video_line="#2effffff",
     box_named="#3fb984",
     box_unnamed="#7db8f7",
     box_warning="#f0b45a",

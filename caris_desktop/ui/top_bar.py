@@ -1,7 +1,7 @@
 """The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
 
 from PySide6.QtCore import QPoint, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain import clock
@@ -40,7 +40,9 @@ class TopBar(QWidget):
         self._theme = theme
         self._console = console
         self._actions = actions
-        self.scenario_button = ActionButton(theme, "", menu_arrow=True, look="ghost", text_px=tokens.SPEECH_PX - 1)
+        self.scenario_button = ActionButton(
+            theme, "", menu_arrow=True, look="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True
+        )
         self.scenario_button.setObjectName("scenario_button")
         self.scenario_button.setToolTip("Switch the scenario. The robot stays connected.")
         self.scenario_button.clicked.connect(self.scenario_menu_requested)
@@ -48,12 +50,12 @@ class TopBar(QWidget):
         self._trial.setObjectName("trial_label")
         self._trial.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
         self._details: TrialDetails | None = None
-        self.record_button = ActionButton(theme, "Start recording", icon="record")
+        self.record_button = ActionButton(theme, "Start recording", icon="record", may_shrink=True)
         self.record_button.setObjectName("record_button")
         self.record_button.clicked.connect(self._on_record_clicked)
         self._record_menu = QMenu(self)
         self._record_menu.setObjectName("record_menu")
-        self._record_menu.addAction("Stop recording").triggered.connect(lambda: self._console.stop_session())
+        self._record_menu.addAction("Stop recording").triggered.connect(console.stop_session)
         mark = ActionButton(theme, "Mark", icon="bookmark-simple")
         mark.setObjectName("mark_button")
         mark.bind(actions, "mark")
@@ -61,9 +63,10 @@ class TopBar(QWidget):
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
         error.setToolTip("Mark that something went wrong on the wizard's side, for the analysis")
-        find = ActionButton(theme, "Find anything", icon="magnifying-glass")
-        find.setObjectName("find_button")
-        find.bind(actions, "find")
+        self._find = ActionButton(theme, "Find anything", icon="magnifying-glass")
+        self._find.setObjectName("find_button")
+        self._find.bind(actions, "find")
+        self._find.setToolTip("Find anything: actions, phrases, places, panels")
         self.window_button = ActionButton(theme, "", icon="layout")
         self.window_button.setObjectName("window_menu_button")
         self.window_button.setAccessibleName("Panels and appearance")
@@ -81,7 +84,7 @@ class TopBar(QWidget):
         row.addWidget(self.record_button)
         row.addWidget(mark)
         row.addWidget(error)
-        row.addWidget(find)
+        row.addWidget(self._find)
         row.addStretch(1)
         row.addWidget(self.window_button)
         row.addWidget(self.emergency)
@@ -104,8 +107,14 @@ class TopBar(QWidget):
         self._details = details
         self._refresh()
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._find.set_label("Find anything" if self.width() >= 1500 else "Find")
+
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
+        if menu is self._record_menu:
+            menu.setActiveAction(menu.actions()[0])
 
     def _style(self) -> None:
         palette = self._trial.palette()
@@ -134,7 +143,8 @@ class TopBar(QWidget):
                 seconds = (clock.now_ns() - status.started_ns) / 1e9
                 limits = [] if permissions.video_recording else ["no video"]
                 limits += [] if permissions.photos else ["no photos"]
-                suffix = f" · {', '.join(limits)}" if limits else ""
+                roomy = bool(limits) and self.width() >= 1500
+                suffix = f" · {', '.join(limits)}" if roomy else ""
                 self.record_button.set_label(f"Recording {words.elapsed(seconds)}{suffix}", dot="red_fill")
             case "starting":
                 self.record_button.set_label("Starting…", icon="record")
@@ -178,7 +188,7 @@ class EmergencyBand(QWidget):
         self._text = QLabel("Emergency stop is on. The robot stays where it is until you release it.")
         self.release = ActionButton(theme, "Release emergency stop")
         self.release.setObjectName("emergency_release")
-        self.release.clicked.connect(lambda: console.clear_emergency_stop())
+        self.release.clicked.connect(console.clear_emergency_stop)
         row = QHBoxLayout()
         row.setContentsMargins(16, 8, 16, 8)
         row.setSpacing(16)

@@ -1,6 +1,7 @@
 """Assistant: ask the language model, read its answer as it comes, and have it said or not."""
 
 from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
 
 from caris_desktop.live.status import AssistantStatus
@@ -38,6 +39,7 @@ class AssistantPanel(Panel):
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
         self._answer.setTabChangesFocus(True)
+        self._answer.setMinimumHeight(30)
         self._note = QLabel()
         self._note.setObjectName("assistant_note")
         self._note.setWordWrap(True)
@@ -49,7 +51,7 @@ class AssistantPanel(Panel):
         self._edit.clicked.connect(self._on_edit)
         self._cancel = ActionButton(self.theme, "Cancel", icon="x")
         self._cancel.setObjectName("assistant_cancel")
-        self._cancel.clicked.connect(lambda: self.console.cancel_assistant())
+        self._cancel.clicked.connect(self.console.cancel_assistant)
         top = QHBoxLayout()
         top.setSpacing(8)
         top.addWidget(self.field, 1)
@@ -78,7 +80,11 @@ class AssistantPanel(Panel):
         return QSize(420, 240)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(270, 150)
+        return QSize(260, 120)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._question.setVisible(bool(self._question.text()) and self.height() >= 196)
 
     def _style(self) -> None:
         for label in (self._question, self._note):
@@ -125,8 +131,8 @@ class AssistantPanel(Panel):
             self._show_answer(status.answer)
         answering = status.state == "answering"
         has_answer = bool(status.answer.strip()) and not answering
-        self._question.setText(f"You asked: {words.shortened(status.question, 140)}")
-        self._question.setVisible(bool(status.question))
+        self._question.setText(f"You asked: {words.shortened(status.question, 140)}" if status.question else "")
+        self._question.setVisible(bool(status.question) and self.height() >= 196)
         self._say.setEnabled(has_answer)
         self._edit.setEnabled(has_answer and not self._editing)
         self._say.setVisible(not answering)

@@ -1,8 +1,8 @@
 """Drive: arrow pad, speed setting and what the robot is asked to do now."""
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QVBoxLayout, QWidget
+from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QVBoxLayout, QWidget
 
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens, words
@@ -36,16 +36,16 @@ class DrivePanel(Panel):
         self._reason = QLabel()
         self._reason.setObjectName("drive_reason")
         self._reason.setWordWrap(True)
-        self._pad = DrivePad(self.theme, self.actions, self.hold)
+        self._pad = DrivePad(self.theme, self.table, self.hold)
         self._pad.setObjectName("drive_pad")
         self._stop = ActionButton(self.theme, "Stop", icon="hand-palm")
         self._stop.setObjectName("stop_button")
-        self._stop.clicked.connect(lambda: self.console.stop())
-        self._stop.set_key(self.actions.key_text("stop"))
+        self._stop.clicked.connect(self.console.stop)
+        self._stop.set_key(self.table.key_text("stop"))
         self._slower = ActionButton(self.theme, "", icon="minus", height_px=30)
         self._faster = ActionButton(self.theme, "", icon="plus", height_px=30)
         for button, action_id in ((self._slower, "slower"), (self._faster, "faster")):
-            button.bind(self.actions, action_id)
+            button.bind(self.table, action_id)
             button.setAccessibleName("Slower" if action_id == "slower" else "Faster")
         self._slider = QSlider(Qt.Orientation.Horizontal)
         self._slider.setObjectName("speed_slider")
@@ -54,7 +54,7 @@ class DrivePanel(Panel):
         self._slider.setPageStep(10)
         self._slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._slider.setAccessibleName("Top speed")
-        self._slider.setMinimumWidth(60)
+        self._slider.setMinimumWidth(40)
         self._slider.valueChanged.connect(self._on_slider_moved)
         self._speed = QLabel()
         self._speed.setObjectName("speed_label")
@@ -63,6 +63,7 @@ class DrivePanel(Panel):
         words_column.setSpacing(2)
         words_column.addWidget(self._line)
         words_column.addWidget(self._reason)
+        words_column.addStretch(1)
         top.addLayout(words_column, 1)
         top.addWidget(self._stop, 0, Qt.AlignmentFlag.AlignTop)
         speed_row = QHBoxLayout()
@@ -71,28 +72,53 @@ class DrivePanel(Panel):
         speed_row.addWidget(self._slider, 1)
         speed_row.addWidget(self._faster)
         speed_row.addWidget(self._speed)
-        layout = QVBoxLayout(self)
-        card_margins(layout)
-        layout.addLayout(top)
-        layout.addWidget(self._pad, 1)
-        layout.addLayout(speed_row)
+        self._first = QVBoxLayout()
+        self._first.setSpacing(tokens.GRID_PX)
+        self._first.addLayout(top, 1)
+        self._second = QVBoxLayout()
+        self._second.setSpacing(tokens.GRID_PX)
+        self._second.addWidget(self._pad, 1)
+        self._speed_row = speed_row
+        self._second.addLayout(speed_row)
+        self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
+        card_margins(self._layout)
+        self._layout.addLayout(self._first)
+        self._layout.addLayout(self._second, 1)
         self.theme.changed.connect(self._style)
         self.state.drive.changed.connect(self._on_drive_changed)
         self.hold.held_changed.connect(self._on_held_changed)
+        self.table.keys_changed.connect(self._on_keys_changed)
         self._style()
         self._on_drive_changed(self.state.drive.value)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(260, 190)
+        return QSize(250, 120)
 
     def sizeHint(self) -> QSize:
         return QSize(340, 260)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        # Low and wide (a tab under the map, say): words and speed beside the pad instead of around it.
+        beside = self.height() < 210 and self.width() >= 400
+        direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
+        if direction != self._layout.direction():
+            self._layout.setDirection(direction)
+            self._layout.setSpacing(24 if beside else tokens.GRID_PX)
+            self._layout.setStretch(0, 1 if beside else 0)
+            target, source = (self._first, self._second) if beside else (self._second, self._first)
+            source.removeItem(self._speed_row)
+            self._speed_row.setParent(None)
+            target.addLayout(self._speed_row)
+
+    def _on_keys_changed(self) -> None:
+        self._show(self.state.drive.value)
 
     def _style(self) -> None:
         self._line.setFont(self.theme.font(tokens.SPEECH_PX - 1, tokens.WEIGHT_SEMIBOLD))
         self._reason.setFont(self.theme.font(tokens.STATUS_PX))
         self._speed.setFont(self.theme.font(tokens.STATUS_PX))
-        self._speed.setMinimumWidth(self._speed.fontMetrics().horizontalAdvance("0.00 m/s at most") + 2)
+        self._speed.setMinimumWidth(self._speed.fontMetrics().horizontalAdvance("0.00 m/s") + 2)
         self._show(self.state.drive.value)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
@@ -107,7 +133,7 @@ class DrivePanel(Panel):
     def _show(self, drive: DriveStatus) -> None:
         self._line.setText(words.drive_line(drive))
         top_mps = drive.max_forward_mps * drive.speed_fraction
-        self._speed.setText(f"{top_mps:.2f} m/s at most")
+        self._speed.setText(f"{top_mps:.2f} m/s")
         self._slider.blockSignals(True)
         self._slider.setValue(round(drive.speed_fraction * 100))
         self._slider.blockSignals(False)
@@ -121,7 +147,8 @@ class DrivePanel(Panel):
         elif self.hold.held:
             text = "Let go to stop."
         else:
-            text = "Hold an arrow or key to drive."
+            free = self.table.driving_focus
+            text = "Hold an arrow or W A S D to drive." if free else "Alt + W A S D drives while you type."
         self._reason.setText(text)
         palette = self._reason.palette()
         palette.setColor(self._reason.foregroundRole(), self.theme.color(role))
@@ -134,7 +161,7 @@ class DrivePanel(Panel):
         elif self.hold.held:
             self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
         else:
-            self.set_fact("bare keys drive" if self.actions.driving_focus else "Alt + keys drive")
+            self.set_fact(f"{top_mps:.2f} m/s at most")
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
@@ -171,7 +198,7 @@ class HoldArrow(QWidget):
         self._actions = actions
         self._hold = hold
         self._action_id = action_id
-        self.setMinimumSize(56, 40)
+        self.setMinimumSize(52, 36)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName(_NAMES[action_id])
         self.setToolTip(f"{_NAMES[action_id]}: hold")

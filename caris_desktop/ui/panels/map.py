@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QFontMetricsF,
@@ -17,7 +18,7 @@ from PySide6.QtGui import (
     QTransform,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
@@ -33,7 +34,7 @@ UNDER_WAY = ("requested", "active")
 _MIN_SCALE, _MAX_SCALE = 4.0, 400.0  # pixels per metre
 
 
-def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> np.ndarray:  # type: ignore[type-arg]
+def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
     """Where the beams ended, float64 of shape (returns, 2), metres in the map."""
     ranges = scan.ranges_m
     valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
@@ -67,6 +68,10 @@ class MapPanel(Panel):
         self._go = ActionButton(self.theme, "Go to", icon="navigation-arrow", height_px=30, menu_arrow=True)
         self._go.setObjectName("map_go_button")
         self._go.clicked.connect(self._open_go_menu)
+        self._cancel = ActionButton(self.theme, "Cancel", icon="x", height_px=30)
+        self._cancel.setObjectName("goal_cancel")
+        self._cancel.setToolTip("Do not go there any more")
+        self._cancel.clicked.connect(self.console.cancel_goal)
         self._follow = ActionButton(self.theme, "", icon="crosshair", height_px=30)
         self._follow.setObjectName("map_follow_button")
         self._follow.setAccessibleName("Follow the robot")
@@ -82,8 +87,6 @@ class MapPanel(Panel):
         self.view.place_clicked.connect(self._on_place_clicked)
         self._popover = _PlacePopover(self.theme, self.view)
         self._popover.go.clicked.connect(self._on_popover_go)
-        self._goal_bar = _GoalBar(self.theme, self.view)
-        self._goal_bar.cancel.clicked.connect(lambda: self.console.cancel_goal())
         state = self.state
         state.map.changed.connect(self.view.show_map)
         state.pose.changed.connect(self._on_pose_changed)
@@ -106,7 +109,7 @@ class MapPanel(Panel):
 
     def title_widgets(self) -> list[QWidget]:
         shown: list[QWidget] = [self._follow, self._fit]
-        return [self._go, *shown] if self._may_go and self.console.scenario.places else shown
+        return [self._go, self._cancel, *shown] if self._may_go and self.console.scenario.places else shown
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -115,7 +118,7 @@ class MapPanel(Panel):
         return QSize(420, 300)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(240, 140)
+        return QSize(240, 110)
 
     def _go_to(self, place: str) -> None:
         self._popover.hide()
@@ -140,7 +143,10 @@ class MapPanel(Panel):
 
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
         self.view.show_goal(goal if goal is not None and goal.state in UNDER_WAY else None)
-        self._goal_bar.show_goal(goal)
+        going = goal is not None and goal.state in UNDER_WAY
+        self._cancel.setVisible(going)
+        self._go.setVisible(not going)
+        self._refresh()
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
         state = self.state
@@ -163,7 +169,8 @@ class MapPanel(Panel):
                 text, role = "no LIDAR yet", "dim"
         goal = state.goal.value
         if goal is not None and goal.state in UNDER_WAY:
-            text, role = f"going to {goal.place or 'a point'}", "green"
+            left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""
+            text, role = f"going to {goal.place or 'a point'}{left}", "green"
         elif self.view.follow:
             text += " · follows robot"
         self.set_fact(text, role)
@@ -195,7 +202,8 @@ class MapView(QWidget):
         self.follow = False
         self._drag_from: QPointF | None = None
         self._dragged = False
-        self._label_rects: dict[str, QRectF] = {}
+        self._place_rects: dict[str, QRectF] = {}
+        self._hovered: str | None = None
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setAccessibleName("Map with the robot's position")
@@ -372,29 +380,47 @@ class MapView(QWidget):
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
         metrics = QFontMetricsF(font)
         painter.setFont(font)
-        self._label_rects.clear()
-        for place in self._places:
-            at = self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m)
-            goal = self._goal is not None and self._goal.place == place.name
-            width = metrics.horizontalAdvance(place.name) + 34
-            rect = QRectF(at.x() - 12, at.y() - 12, width, 24)
-            if rect.right() > self.width() - 6 and rect.left() > width:
-                rect.moveRight(at.x() + 12)
-            self._label_rects[place.name] = rect
+        self._place_rects.clear()
+        marks = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in self._places}
+        taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
+        if self._pose is not None:
+            robot = self.to_view(self._pose.x_m, self._pose.y_m)
+            taken.append(QRectF(robot.x() - 13, robot.y() - 38, 26, 44))
+        goal_place = self._goal.place if self._goal is not None else None
+        # The goal and the place under the pointer get their words first; what finds no room keeps its flag.
+        order = sorted(marks, key=lambda name: (name != goal_place, name != self._hovered))
+        for name in order:
+            at, width = marks[name], metrics.horizontalAdvance(name) + 12
+            going = name == goal_place
+            hit = QRectF(at.x() - 11, at.y() - 11, 22, 22)
+            label = self._free_room(at, width, taken)
+            if label is None and (going or name == self._hovered):
+                label = QRectF(min(max(4.0, at.x() - width / 2), self.width() - width - 4), at.y() - 32, width, 20)
             ground = self._theme.color("panel")
-            ground.setAlpha(215)
-            painter.setPen(QPen(self._theme.color("green" if goal else "line_strong"), 1.4 if goal else 1))
+            painter.setPen(QPen(self._theme.color("green" if going else "line_strong"), 1.5))
             painter.setBrush(ground)
-            painter.drawRoundedRect(rect, 12, 12)
-            flag = QRectF(at.x() - 7, at.y() - 7, 14, 14)
-            draw_icon(painter, flag, "flag", self._theme.color("green" if goal else "dim"))
-            painter.setPen(self._theme.color("text"))
-            text = (
-                rect.adjusted(24, 0, -8, 0)
-                if rect.left() <= at.x() - 11 and rect.right() > at.x() + 13
-                else rect.adjusted(10, 0, -24, 0)
-            )
-            painter.drawText(text, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), place.name)
+            painter.drawEllipse(at, 9, 9)
+            flag = QRectF(at.x() - 6.5, at.y() - 6.5, 13, 13)
+            draw_icon(painter, flag, "flag", self._theme.color("green" if going else "text"))
+            if label is not None:
+                taken.append(label)
+                hit = hit.united(label)
+                ground.setAlpha(220)
+                painter.setPen(Qt.PenStyle.NoPen)
+                painter.setBrush(ground)
+                painter.drawRoundedRect(label, 5, 5)
+                painter.setPen(self._theme.color("green" if going else "text"))
+                painter.drawText(label, Qt.AlignmentFlag.AlignCenter, name)
+            self._place_rects[name] = hit
+
+    def _free_room(self, at: QPointF, width: float, taken: list[QRectF]) -> QRectF | None:
+        """Room for a label right of, left of, above or below its flag that covers nothing."""
+        room = QRectF(self.rect()).adjusted(2, 2, -2, -2)
+        for left, top in ((11, -10), (-11 - width, -10), (-width / 2, -31), (-width / 2, 11)):
+            label = QRectF(at.x() + left, at.y() + top, width, 20)
+            if room.contains(label) and not any(label.intersects(other) for other in taken):
+                return label
+        return None
 
     def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
         tip = self.to_view(pose.x_m, pose.y_m)
@@ -463,8 +489,11 @@ class MapView(QWidget):
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         if self._drag_from is None:
-            over = self._place_at(event.position()) is not None
-            self.setCursor(Qt.CursorShape.PointingHandCursor if over else Qt.CursorShape.ArrowCursor)
+            over = self._place_at(event.position())
+            self.setCursor(Qt.CursorShape.ArrowCursor if over is None else Qt.CursorShape.PointingHandCursor)
+            if over != self._hovered:
+                self._hovered = over
+                self.update()
             return
         moved = event.position() - self._drag_from
         if self._dragged or moved.manhattanLength() > 6:
@@ -483,7 +512,7 @@ class MapView(QWidget):
         super().mouseReleaseEvent(event)
 
     def _place_at(self, point: QPointF) -> str | None:
-        return next((name for name, rect in self._label_rects.items() if rect.contains(point)), None)
+        return next((name for name, rect in self._place_rects.items() if rect.contains(point)), None)
 
 
 def _pin(tip: QPointF) -> QPainterPath:
@@ -518,6 +547,7 @@ class _PlacePopover(_Floating):
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(theme, parent)
+        self._room = parent
         self.place = ""
         self.go = ActionButton(theme, "Go there", icon="navigation-arrow", look="primary", height_px=30)
         self.go.setObjectName("map_popover_go")
@@ -534,40 +564,13 @@ class _PlacePopover(_Floating):
     def open_at(self, place: str, where: QPointF) -> None:
         self.place = place
         self.go.set_label(f"Go to {place}")
+        self.go.setObjectName(f"go_to_{place}")
         self.adjustSize()
-        room = self.parentWidget().rect()
+        room = self._room.rect()
         left = min(max(6, round(where.x()) - self.width() // 2), room.width() - self.width() - 6)
         top = round(where.y()) + 16
         if top + self.height() > room.height() - 6:
             top = round(where.y()) - 16 - self.height()
         self.move(left, max(6, top))
-        self.show()
-        self.raise_()
-
-
-class _GoalBar(_Floating):
-    """The goal under way, with the distance left and a way to cancel it."""
-
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(theme, parent)
-        self._text = QLabel()
-        self._text.setObjectName("goal_text")
-        self.cancel = ActionButton(theme, "Cancel", height_px=28, text_px=tokens.STATUS_PX)
-        self.cancel.setObjectName("goal_cancel")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(12, 5, 6, 5)
-        row.setSpacing(10)
-        row.addWidget(self._text)
-        row.addWidget(self.cancel)
-        self.hide()
-
-    def show_goal(self, goal: GoalChanged | None) -> None:
-        if goal is None or goal.state not in UNDER_WAY:
-            self.hide()
-            return
-        left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""
-        self._text.setText(f"Going to {goal.place or 'a point'}{left}")
-        self.adjustSize()
-        self.move(10, 10)
         self.show()
         self.raise_()

@@ -59,7 +59,7 @@ class PeoplePanel(Panel):
         return QSize(340, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(230, 90)
+        return QSize(220, 64)
 
     def row(self, person_id: str) -> "PersonRow | None":
         return self._rows.get(person_id)
@@ -70,13 +70,16 @@ class PeoplePanel(Panel):
             row = self._rows.pop(person_id)
             self._list.removeWidget(row)
             row.deleteLater()
-        # Rows keep their order of appearance, so that nothing jumps away under the pointer.
-        for person in sorted(persons, key=lambda person: person.since_ns):
+        # In order of appearance, so that nothing jumps away under the pointer; those who left go to the end.
+        for place, person in enumerate(sorted(persons, key=lambda person: (not person.here, person.since_ns))):
             known_row = self._rows.get(person.person_id)
             if known_row is None:
                 known_row = PersonRow(self.theme, self.console, person, can_name=self._can_name)
                 self._rows[person.person_id] = known_row
-                self._list.insertWidget(self._list.count() - 1, known_row)
+                self._list.insertWidget(place, known_row)
+            elif self._list.indexOf(known_row) != place:
+                self._list.removeWidget(known_row)
+                self._list.insertWidget(place, known_row)
             known_row.show_person(person)
         self._refresh()
 
@@ -124,7 +127,8 @@ class PersonRow(QWidget):
         self._field.setMaxLength(60)
         self._field.hide()
         self._field.returnPressed.connect(self._on_name_entered)
-        self._field.left_without_enter = self._close_field
+        # Left without Enter, an unfinished name changes nothing.
+        self._field.editingFinished.connect(self._close_field)
         self._rename = ActionButton(theme, "Name", icon="pencil-simple", height_px=30, text_px=tokens.STATUS_PX + 1)
         self._rename.setObjectName("person_rename_button")
         self._rename.setVisible(can_name)
@@ -188,12 +192,7 @@ class PersonRow(QWidget):
 
 
 class _NameField(QLineEdit):
-    """Closes when it loses the focus, so an unfinished name changes nothing."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.left_without_enter = lambda: None
-        self.editingFinished.connect(lambda: self.left_without_enter())
+    """Enter in it says nothing to the rest of the window."""
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         super().keyPressEvent(event)

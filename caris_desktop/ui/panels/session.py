@@ -59,9 +59,7 @@ class SessionPanel(Panel):
         self._what = QLabel()
         self._what.setObjectName("session_what")
         self._what.setWordWrap(True)
-        self._folder = ActionButton(
-            self.theme, "Open folder", icon="folder-open", height_px=30, text_px=tokens.STATUS_PX + 1
-        )
+        self._folder = ActionButton(self.theme, "Open folder", icon="folder-open")
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
         self._filter = QComboBox()
@@ -85,12 +83,13 @@ class SessionPanel(Panel):
         top = QHBoxLayout()
         top.setSpacing(10)
         top.addWidget(self._toggle)
-        top.addWidget(self._what, 1)
         top.addWidget(self._folder)
+        top.addStretch(1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 12, 8, 8)
         layout.setSpacing(8)
         layout.addLayout(top)
+        layout.addWidget(self._what)
         layout.addWidget(self._log, 1)
         self.state.recording.changed.connect(self._on_recording_changed)
         self.state.event_happened.connect(self._on_event)
@@ -107,7 +106,7 @@ class SessionPanel(Panel):
         return QSize(420, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(260, 120)
+        return QSize(240, 96)
 
     def log_lines(self) -> list[str]:
         """The sentences on show, oldest first."""
@@ -259,7 +258,7 @@ class EventDelegate(QStyledItemDelegate):
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
-        rect: QRect = option.rect  # type: ignore[attr-defined]
+        rect: QRect = option.rect
         category = str(index.data(_CATEGORY_ROLE))
         problem = category == "Problems"
         painter.save()

@@ -29,24 +29,25 @@ class SpeakPanel(Panel):
         self.field.said.connect(self._on_said)
         self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30)
         self._silence.setObjectName("silence_button")
-        self._silence.bind(self.actions, "silence")
+        self._silence.bind(self.table, "silence")
         chips = QWidget()
         policy = QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Minimum)
         policy.setHeightForWidth(True)
         chips.setSizePolicy(policy)
-        flow = FlowLayout(chips)
+        flow = FlowLayout(chips, gap_px=6)
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
-            spec = self.actions.spec(action_id)
+            spec = self.table.spec(action_id)
             if spec is None:
                 continue
-            chip = ActionButton(self.theme, spec.text, key_first=True)
+            chip = ActionButton(self.theme, spec.text, key_first=True, height_px=32, may_shrink=True)
             chip.setObjectName(action_id)
-            chip.bind(self.actions, action_id)
+            chip.bind(self.table, action_id)
             chip.setToolTip(spec.text)
             flow.addWidget(chip)
         self._queue = QLabel()
+        self._queue.setTextFormat(Qt.TextFormat.PlainText)
+        self._queue.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._queue.setObjectName("speak_queue")
-        self._queue.setWordWrap(True)
         self._hints = QWidget()
         hints = QHBoxLayout(self._hints)
         hints.setContentsMargins(0, 0, 0, 0)
@@ -56,10 +57,10 @@ class SpeakPanel(Panel):
             hints.addWidget(KeyCap(self.theme, cap))
             self._hint_labels.append(QLabel(text))
             hints.addWidget(self._hint_labels[-1])
-        self._back_cap = KeyCap(self.theme, self.actions.key_text("focus_driving"))
+        self._back_cap = KeyCap(self.theme, self.table.key_text("focus_driving"))
         self._back = QLabel("back to driving")
         self._hint_labels.append(self._back)
-        if self.actions.spec("focus_driving") is not None:
+        if self.table.spec("focus_driving") is not None:
             hints.addSpacing(8)
             hints.addWidget(self._back_cap)
             hints.addWidget(self._back)
@@ -78,8 +79,8 @@ class SpeakPanel(Panel):
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 12, 14, 10)
-        layout.setSpacing(10)
+        layout.setContentsMargins(14, 10, 14, 8)
+        layout.setSpacing(8)
         layout.addWidget(self.field)
         layout.addWidget(scroll, 1)
         self.state.speech.changed.connect(self._on_speech_changed)
@@ -97,7 +98,7 @@ class SpeakPanel(Panel):
         return QSize(600, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(280, 150)
+        return QSize(270, 130)
 
     def _style(self) -> None:
         for label in (self._queue, *self._hint_labels):
@@ -135,7 +136,7 @@ class SpeakField(QLineEdit):
         self._draft = ""
         self.setPlaceholderText("Type what the robot says…")
         self.setAccessibleName("What the robot says next")
-        self.setMinimumHeight(50)
+        self.setMinimumHeight(48)
         self.setMaxLength(1000)
         self.returnPressed.connect(self._on_return)
         theme.changed.connect(self.update)

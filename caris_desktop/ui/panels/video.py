@@ -54,16 +54,16 @@ class VideoPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("video_panel")
-        self.view = FrameView(self.theme, self.actions, self)
+        self.view = FrameView(self.theme, self.table, self)
         self.view.setObjectName("video_view")
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.view)
         self._photo: ActionButton | None = None
-        if self.actions.spec("photo") is not None:
+        if self.table.spec("photo") is not None:
             self._photo = ActionButton(self.theme, "Photo", icon="camera", height_px=30)
             self._photo.setObjectName("photo_button")
-            self._photo.bind(self.actions, "photo")
+            self._photo.bind(self.table, "photo")
         self._shown: list[float] = []
         self._latency_s = 0.0
         state = self.state
@@ -90,7 +90,7 @@ class VideoPanel(Panel):
         return QSize(720, 480)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(280, 190)
+        return QSize(260, 150)
 
     def _on_frame_changed(self, frame: FrameRef) -> None:
         self._shown.append(time.monotonic())
@@ -145,8 +145,10 @@ class VideoPanel(Panel):
         elif state.scan.freshness in ("stale", "lost"):
             chips.append(("LIDAR is silent", "warning"))
         self.view.show_chips(chips)
+        linked = state.link.value.state in ("connected", "trouble")
+        self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
         self.view.show_age(age_s)
-        self.actions.set_condition("video", state.frame.freshness == "fresh")
+        self.table.set_condition("video", state.frame.freshness == "fresh")
 
 
 class FrameView(QWidget):
@@ -166,6 +168,7 @@ class FrameView(QWidget):
         self._names: dict[str, str] = {}
         self._freshness = "none"
         self._age_s: float | None = None
+        self._lost_reason = ""
         self._chips: list[tuple[str, str]] = []
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName("Picture from the robot's camera")
@@ -198,6 +201,10 @@ class FrameView(QWidget):
         if freshness in ("lost", "none"):
             self._image = self._pixels = self._frame = None
         self.update()
+
+    def show_lost_reason(self, reason: str) -> None:
+        """What to add when the picture is lost."""
+        self._lost_reason = reason
 
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
         if chips != self._chips:
@@ -254,10 +261,8 @@ class FrameView(QWidget):
         theme = self._theme
         center = QRectF(self.rect()).center()
         if self._freshness == "lost":
-            head, sub = (
-                "No picture",
-                f"The camera has sent nothing for {words.age(self._age_s or 0.0)}. Drive with care.",
-            )
+            silent = words.age(self._age_s or 0.0)
+            head, sub = "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
         else:
             head, sub = "Waiting for the camera", "The picture appears here as soon as the robot sends it."
         draw_icon(
@@ -338,9 +343,9 @@ class FrameView(QWidget):
                 if width > self.width() - 20:
                     continue
             rect = QRectF(left, top, width, 34)
-            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setPen(QPen(theme.color("video_line"), 1))
             painter.setBrush(theme.color("video_chip"))
-            painter.drawRoundedRect(rect, 8, 8)
+            painter.drawRoundedRect(rect.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
             text_rect = rect
             if role == "warning":
                 painter.setBrush(Qt.BrushStyle.NoBrush)

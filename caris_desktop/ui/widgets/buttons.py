@@ -32,6 +32,8 @@ class ActionButton(QAbstractButton):
         height_px: int = tokens.CONTROL_HEIGHT_PX,
         text_px: int = tokens.BODY_PX,
         menu_arrow: bool = False,
+        may_shrink: bool = False,
+        semibold: bool = False,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -44,7 +46,9 @@ class ActionButton(QAbstractButton):
         self._height_px = height_px
         self._text_px = text_px
         self._menu_arrow = menu_arrow
-        self._weight = tokens.WEIGHT_SEMIBOLD if look in ("danger", "primary") else tokens.WEIGHT_NORMAL
+        self._may_shrink = may_shrink
+        self._semibold = semibold
+        self._weight = self._weight_for(look)
         self.setText(text)
         self.setAccessibleName(text)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -73,9 +77,13 @@ class ActionButton(QAbstractButton):
             self._icon_name = icon
         if look is not None:
             self._look = look
-            self._weight = tokens.WEIGHT_SEMIBOLD if look in ("danger", "primary") else tokens.WEIGHT_NORMAL
+            self._weight = self._weight_for(look)
         self.updateGeometry()
         self.update()
+
+    def _weight_for(self, look: Look) -> int:
+        bold = self._semibold or look in ("danger", "primary", "outline_danger")
+        return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 
     def bind(self, actions: Actions, action_id: str) -> None:
         """Do what the action does, with its key, name and availability."""
@@ -91,6 +99,8 @@ class ActionButton(QAbstractButton):
     def minimumSizeHint(self) -> QSize:
         # A long label may be cut short (with its full text in the tooltip), its key never.
         full = self.sizeHint()
+        if not self._may_shrink:
+            return full
         return QSize(min(full.width(), round(key_cap_width(self._theme, self._key)) + 72), full.height())
 
     def _side_px(self) -> int:

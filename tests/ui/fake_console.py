@@ -1,0 +1,153 @@
+"""A console without robot, threads or files: takes down every intent and moves a real LiveState accordingly."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import (
+    CommandSource,
+    EmergencyStopChanged,
+    GoalChanged,
+    Marked,
+    PersonRenamed,
+    StopRequested,
+    UtteranceChanged,
+    UtteranceOrigin,
+)
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus, RecordingStatus
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.study.trial import TrialDetails
+
+
+class FakeFrames:
+    """Frames by sequence number."""
+
+    def __init__(self) -> None:
+        self.images: dict[int, NDArray[np.uint8]] = {}
+
+    def add(self, image_bgr: NDArray[np.uint8], *, stamp_ns: int | None = None) -> FrameRef:
+        sequence = len(self.images) + 1
+        self.images[sequence] = image_bgr
+        return FrameRef(
+            stamp_ns=clock.now_ns() if stamp_ns is None else stamp_ns,
+            robot_stamp_ns=None,
+            camera="front",
+            ring="fake",
+            slot=0,
+            sequence=sequence,
+            width_px=image_bgr.shape[1],
+            height_px=image_bgr.shape[0],
+        )
+
+    def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        image_bgr = self.images.get(ref.sequence)
+        return None if image_bgr is None else image_bgr.copy()
+
+
+class FakeConsole:
+    """Implements WizardIntents; ``calls`` holds (name, arguments) of every intent in order."""
+
+    def __init__(self, scenario: Scenario, other_scenarios: dict[Path, Scenario] | None = None) -> None:
+        self.state = LiveState()
+        self.scenario = scenario
+        self.frames = FakeFrames()
+        self.calls: list[tuple[str, Any]] = []
+        self._others = other_scenarios or {}
+
+    def named(self, name: str) -> list[Any]:
+        """Arguments of every call of ``name``."""
+        return [arguments for called, arguments in self.calls if called == name]
+
+    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+        self.calls.append(("drive", (forward, left, turn, source)))
+
+    def release_drive(self, reason: str = "") -> None:
+        self.calls.append(("release_drive", reason))
+
+    def set_speed_fraction(self, fraction: float) -> None:
+        self.calls.append(("set_speed_fraction", fraction))
+        self._set_drive(speed_fraction=fraction)
+
+    def stop(self) -> None:
+        self.calls.append(("stop", None))
+        self.state.take(StopRequested(clock.now_ns()))
+
+    def emergency_stop(self) -> None:
+        self.calls.append(("emergency_stop", None))
+        self._set_drive(emergency_stop=True)
+        self.state.take(EmergencyStopChanged(clock.now_ns(), latched=True, by="wizard"))
+
+    def clear_emergency_stop(self) -> None:
+        self.calls.append(("clear_emergency_stop", None))
+        self._set_drive(emergency_stop=False)
+
+    def go_to_place(self, name: str) -> None:
+        self.calls.append(("go_to_place", name))
+        place = next(place for place in self.scenario.places if place.name == name)
+        goal = GoalChanged(clock.now_ns(), "goal-1", "active", place.pose_in_map, place=name, distance_left_m=3.2)
+        self.state.goal.set(goal)
+
+    def cancel_goal(self) -> None:
+        self.calls.append(("cancel_goal", None))
+        self.state.goal.set(None)
+
+    def say(self, text: str, origin: UtteranceOrigin) -> None:
+        self.calls.append(("say", (text, origin)))
+        self.state.take(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
+
+    def silence(self) -> None:
+        self.calls.append(("silence", None))
+
+    def ask_assistant(self, question: str) -> None:
+        self.calls.append(("ask_assistant", question))
+        self.state.assistant.set(AssistantStatus("answering", "SmolLM2", f"x{len(self.calls)}", question))
+
+    def cancel_assistant(self) -> None:
+        self.calls.append(("cancel_assistant", None))
+        self.state.assistant.set(dataclasses.replace(self.state.assistant.value, state="ready"))
+
+    def say_answer(self, text: str) -> None:
+        self.calls.append(("say_answer", text))
+
+    def rename_person(self, person_id: str, name: str) -> None:
+        self.calls.append(("rename_person", (person_id, name)))
+        self.state.persons.set(
+            tuple(
+                dataclasses.replace(person, name=name) if person.person_id == person_id else person
+                for person in self.state.persons.value
+            )
+        )
+        self.state.take(PersonRenamed(clock.now_ns(), person_id))
+
+    def take_photo(self) -> None:
+        self.calls.append(("take_photo", None))
+
+    def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None:
+        self.calls.append(("mark", (label, kind)))
+        self.state.take(Marked(clock.now_ns(), label, kind))
+
+    def start_session(self, details: TrialDetails) -> None:
+        self.calls.append(("start_session", details))
+        self.state.recording.set(
+            RecordingStatus("recording", Path("/sessions/2026-11-21_14-02-11_P07"), clock.now_ns(), 0, 41_000_000_000)
+        )
+
+    def stop_session(self) -> None:
+        self.calls.append(("stop_session", None))
+        self.state.recording.set(dataclasses.replace(self.state.recording.value, state="idle"))
+
+    def open_scenario(self, path: Path) -> bool:
+        self.calls.append(("open_scenario", path))
+        if path not in self._others:
+            return False
+        self.scenario = self._others[path]
+        return True
+
+    def _set_drive(self, **changes: Any) -> None:
+        self.state.drive.set(dataclasses.replace(self.state.drive.value, **changes))

@@ -1,0 +1,130 @@
+"""Shows the window filled with plausible values and saves pictures of it: ``python -m tests.ui.preview OUT``.
+
+Run it under a display (a virtual one with a window manager will do) or with QT_QPA_PLATFORM=offscreen.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from PySide6.QtCore import QEventLoop, QTimer
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import ThemeChoice
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+SIZES = ((1366, 768), (1920, 1080))
+
+
+def spin(milliseconds: int) -> None:
+    loop = QEventLoop()
+    QTimer.singleShot(milliseconds, loop.quit)
+    loop.exec()
+
+
+class Scene:
+    """One filled window whose fast streams keep coming."""
+
+    def __init__(self, scenario: samples.Scenario) -> None:
+        self.console = FakeConsole(scenario)
+        self.window = MainWindow(self.console)
+        self.window._top_bar.show_details(TrialDetails("Lab visit", "P07", "B", "2", "Kim"))
+        self.frames = list(samples.video_frames())
+        self.index = 20
+        self.flowing = True
+        samples.fill_console(self.console)
+        self.timer = QTimer(interval=66)
+        self.timer.timeout.connect(self.step)
+        self.timer.start()
+
+    def step(self) -> None:
+        if not self.flowing:
+            return
+        image, boxes = self.frames[self.index % len(self.frames)]
+        frame = self.console.frames.add(image)
+        self.console.state.take(frame)
+        self.console.state.take(samples.people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
+        samples.refresh_streams(self.console, Pose2D(6.6, 3.4, 0.55))
+
+    def save(self, path: Path) -> None:
+        self.window.grab().save(str(path))
+        print(path)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--only", default="")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    app = QApplication(sys.argv[:1])
+    began = time.monotonic()
+    for name, scenario in (("tour", samples.TOUR), ("mental", samples.MENTAL)):
+        scene = Scene(scenario)
+        window = scene.window
+        window.show()
+        for choice in ("dark", "light"):
+            theme: ThemeChoice = "dark" if choice == "dark" else "light"
+            window.theme.set_choice(theme)
+            for width, height in SIZES:
+                stem = f"{name}-{choice}-{width}"
+                if arguments.only and arguments.only not in stem:
+                    continue
+                window.resize(width, height)
+                spin(700)
+                scene.save(arguments.out / f"{stem}.png")
+        if name == "tour" and not arguments.only:
+            states(scene, arguments.out)
+        window.close()
+    app.processEvents()
+    print(f"{time.monotonic() - began:.1f} s")
+    return 0
+
+
+def states(scene: Scene, out: Path) -> None:
+    """Overlays, problems, emergency stop, stale and lost."""
+    window, console = scene.window, scene.console
+    window.resize(1366, 768)
+    window.theme.set_choice("dark")
+    window.show_command_palette()
+    spin(200)
+    scene.save(out / "palette.png")
+    window.hold.escape_pressed.emit()
+    window.show_shortcuts()
+    spin(200)
+    scene.save(out / "shortcuts.png")
+    window.hold.escape_pressed.emit()
+    window.open_start_dialog()
+    spin(300)
+    dialog = window.findChild(type(window._dialog))
+    dialog.grab().save(str(out / "dialog.png"))
+    dialog.reject()
+    console.state.take(
+        Problem(1, "warning", "The camera sends pictures late", "Driving is slowed down.", "Move closer to the router.")
+    )
+    console.state.take(Problem(1, "error", "The recording stopped", "Nothing is kept from now on.", "Free disk space."))
+    console.emergency_stop()
+    spin(300)
+    scene.save(out / "emergency.png")
+    console.clear_emergency_stop()
+    scene.flowing = False
+    spin(1100)
+    console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
+    spin(100)
+    scene.save(out / "stale.png")
+    spin(2200)
+    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
+    spin(300)
+    scene.save(out / "lost.png")
+    scene.flowing = True
+
+
+if __name__ == "__main__":
+    sys.exit(main())

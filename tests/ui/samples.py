@@ -1,0 +1,249 @@
+"""Two scenarios as the shipped ones arrange them, and values that look like a running session."""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import (
+    GoalChanged,
+    LinkChanged,
+    Marked,
+    PersonAppeared,
+    PhotoTaken,
+    ScenarioOpened,
+    SessionStarted,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import (
+    BatteryState,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    People,
+    PersonBox,
+    RobotPose,
+)
+from caris_desktop.live.status import (
+    AssistantStatus,
+    DriveStatus,
+    LinkStatus,
+    PerceptionStatus,
+    PersonStatus,
+    RecordingStatus,
+    SpeechStatus,
+)
+from caris_desktop.scenario.model import (
+    AssistantSettings,
+    DrivingLimits,
+    PanelLeaf,
+    Permissions,
+    Place,
+    Scenario,
+    SplitNode,
+    TabNode,
+)
+from tests.ui.fake_console import FakeConsole
+
+TOUR_LAYOUT = SplitNode(
+    "horizontal",
+    (
+        SplitNode("vertical", (PanelLeaf("video"), PanelLeaf("speak")), (0.68, 0.32)),
+        SplitNode(
+            "vertical",
+            (PanelLeaf("map"), PanelLeaf("drive"), TabNode(("assistant", "session"), "assistant"), PanelLeaf("people")),
+            (0.32, 0.24, 0.24, 0.2),
+        ),
+    ),
+    (0.62, 0.38),
+)
+TOUR = Scenario(
+    title="Tour guide",
+    layout=TOUR_LAYOUT,
+    phrases=(
+        "Hello! Welcome to the lab.", "Please follow me.", "We have arrived.", "Let me think…",
+        "Could you say that again?", "Do you have any questions?", "Goodbye, and thank you for visiting!",
+    ),
+    filler="Hmm, good question.",
+    places=(
+        Place("Reception", Pose2D(1.5, 6.4, 0)), Place("Lab bench", Pose2D(6.2, 6.4, 0)),
+        Place("Robot arm", Pose2D(12.6, 5.0, 0)), Place("Kitchen", Pose2D(12.0, 1.5, 0)),
+    ),
+    assistant=AssistantSettings(),
+    path=Path("/layouts/tour_guide.yaml"),
+)  # fmt: skip
+
+MENTAL_LAYOUT = SplitNode(
+    "horizontal",
+    (
+        SplitNode("vertical", (PanelLeaf("video"), PanelLeaf("people")), (0.62, 0.38)),
+        SplitNode("vertical", (PanelLeaf("assistant"), PanelLeaf("speak")), (0.55, 0.45)),
+        SplitNode("vertical", (PanelLeaf("drive"), PanelLeaf("session")), (0.42, 0.58)),
+    ),
+    (0.3, 0.44, 0.26),
+)
+MENTAL = Scenario(
+    title="Mental health check",
+    layout=MENTAL_LAYOUT,
+    phrases=(
+        "I’m listening.", "Take your time.", "Thank you for sharing that.", "Let me think…",
+        "I’ll pass this to the wellness team. They can follow up with you.", "We can stop at any time.",
+    ),
+    filler="Mm-hm.",
+    permissions=Permissions(photos=False, video_recording=False),
+    driving=DrivingLimits(max_forward_mps=0.2),
+    path=Path("/layouts/mental_health_check.yaml"),
+)  # fmt: skip
+
+_WALLS = (
+    (0, 0, 15, 0), (15, 0, 15, 8), (15, 8, 0, 8), (0, 8, 0, 0),
+    (4, 8, 4, 5), (4, 3, 4, 0), (9, 8, 9, 5.6), (9, 3.8, 9, 0),
+    (9, 3.0, 10.6, 3.0), (12.2, 3.0, 15, 3.0), (5.4, 7.0, 7.4, 7.0), (13.4, 6.2, 14.2, 6.2),
+)  # fmt: skip
+
+
+def floor_plan(*, resolution_m: float = 0.05) -> OccupancyGrid:
+    cells = np.full((200, 340), -1, np.int8)
+
+    def fill(x0: float, y0: float, x1: float, y1: float, value: int) -> None:
+        columns = sorted((round((x0 + 1) / resolution_m), round((x1 + 1) / resolution_m)))
+        rows = sorted((round((y0 + 1) / resolution_m), round((y1 + 1) / resolution_m)))
+        cells[rows[0] : rows[1] + 2, columns[0] : columns[1] + 2] = value
+
+    fill(0, 0, 15, 8, 0)
+    cells[20:70, 285:320] = -1
+    for wall in _WALLS:
+        fill(*wall, 100)
+    return OccupancyGrid(clock.now_ns(), None, resolution_m, Pose2D(-1.0, -1.0, 0.0), cells)
+
+
+def scan_at(pose: Pose2D, *, beams: int = 720) -> LaserScan:
+    """Rays cast against the floor plan, with a little noise."""
+    increment = 2 * math.pi / beams
+    angles = -math.pi + increment * np.arange(beams) + pose.heading_rad
+    best = np.full(beams, np.inf)
+    direction = np.stack((np.cos(angles), np.sin(angles)))
+    for x0, y0, x1, y1 in _WALLS:
+        ex, ey = x1 - x0, y1 - y0
+        cross = direction[0] * ey - direction[1] * ex
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = ((x0 - pose.x_m) * ey - (y0 - pose.y_m) * ex) / cross
+            share = ((x0 - pose.x_m) * direction[1] - (y0 - pose.y_m) * direction[0]) / cross
+        hit = (along > 0.05) & (share >= 0) & (share <= 1)
+        best = np.where(hit, np.minimum(best, along), best)
+    noise = np.random.default_rng(3).normal(0, 0.012, beams)
+    ranges = np.where(best < 8.0, best + noise, np.inf).astype(np.float32)
+    return LaserScan(clock.now_ns(), None, "laser", -math.pi, increment, 0.05, 8.0, ranges, Pose2D(0, 0, 0))
+
+
+def corridor(width_px: int = 640, height_px: int = 480) -> NDArray[np.uint8]:
+    """A plain room, for where there is no better picture."""
+    image = np.zeros((height_px, width_px, 3), np.uint8)
+    rows = np.linspace(0, 1, height_px)[:, None]
+    image[:] = (np.array([150, 150, 145]) - 60 * rows[..., None]).astype(np.uint8)
+    image[height_px * 6 // 10 :] = (120, 130, 140)
+    return image
+
+
+def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float, float, float]]]]:
+    """Frames of a street with its people's boxes where the shared data lies beside the repository, else a plain room."""
+    data = Path(__file__).resolve().parents[3] / "shared" / "data" / "TUD-Campus"
+    video, truth = data / "TUD-Campus.mp4", data / "gt.txt"
+    if video.is_file():
+        import cv2
+
+        boxes: dict[int, list[tuple[float, float, float, float]]] = {}
+        if truth.is_file():
+            for line in truth.read_text().splitlines():
+                values = [float(value) for value in line.split(",")]
+                boxes.setdefault(int(values[0]), []).append((values[2], values[3], values[4], values[5]))
+        capture = cv2.VideoCapture(str(video))
+        number = 0
+        while True:
+            read, image = capture.read()
+            if not read:
+                break
+            number += 1
+            yield image.astype(np.uint8), boxes.get(number, [])
+    else:
+        yield corridor(), [(250.0, 120.0, 110.0, 300.0)]
+
+
+def fill_console(console: FakeConsole, frame_index: int = 20) -> None:
+    """Bring the state to the middle of a session."""
+    state = console.state
+    now_ns = clock.now_ns()
+    pose = Pose2D(6.6, 3.4, 0.55)
+    frames = list(video_frames())
+    image, boxes = frames[min(frame_index, len(frames) - 1)]
+    frame = console.frames.add(image)
+    state.link.set(LinkStatus("connected", "Simulated robot", "ws://127.0.0.1:9090", "", 12.0))
+    state.drive.set(
+        DriveStatus(
+            True, "", 1.0, "", 0.7, 0.35, 0.0,
+            console.scenario.driving.max_forward_mps, console.scenario.driving.max_turn_radps,
+        )
+    )  # fmt: skip
+    state.recording.set(
+        RecordingStatus(
+            "recording", Path("/sessions/2026-11-21_14-02_P07"), now_ns - 763_000_000_000, 184_000_000, 41_300_000_000
+        )
+    )
+    now = UtteranceChanged(now_ns, "u1", "robot", "Over there is our robot arm. We built it.", "typed", "started")
+    later = UtteranceChanged(now_ns, "u2", "robot", "It can lift five kilos.", "typed", "requested")
+    state.speech.set(SpeechStatus(True, "robot", now, (later,)))
+    state.assistant.set(
+        AssistantStatus(
+            "ready", "SmolLM2 (local)", "x1", "Can the robot arm hurt people when it moves?",
+            "It stops as soon as it touches something, and there is a safety zone around it.",
+        )
+    )  # fmt: skip
+    state.perception.set(PerceptionStatus("ready", "yolov8n", "", 31.0))
+    state.persons.set(
+        (
+            PersonStatus("p1", 1, "Luis", True, now_ns - 190_000_000_000, now_ns),
+            PersonStatus("p2", 2, "Ana Torres", True, now_ns - 64_000_000_000, now_ns),
+            PersonStatus("p3", 4, "", True, now_ns - 12_000_000_000, now_ns),
+            PersonStatus("p4", 3, "", False, now_ns - 300_000_000_000, now_ns - 41_000_000_000),
+        )
+    )
+    if console.scenario.places:
+        target = console.scenario.places[2]
+        state.goal.set(GoalChanged(now_ns, "g", "active", target.pose_in_map, place=target.name, distance_left_m=6.2))
+    for event in (
+        ScenarioOpened(now_ns, "tour_guide.yaml", console.scenario.title, ""),
+        LinkChanged(now_ns, "robot", "connected", "ws://127.0.0.1:9090"),
+        SessionStarted(now_ns, "2026-11-21_14-02_P07"),
+        PersonAppeared(now_ns, "p1", 1),
+        UtteranceChanged(now_ns, "u0", "robot", "Hello! Welcome to the lab.", "phrase", "started"),
+        PersonAppeared(now_ns, "p3", 4),
+        Marked(now_ns, ""),
+        PhotoTaken(now_ns, "front", 3, "photos/photo-0003.png"),
+        now,
+    ):
+        state.take(event)
+    state.take(floor_plan())
+    state.take(BatteryState(clock.now_ns(), 0.78))
+    refresh_streams(console, pose, frame_boxes=boxes)
+    state.take(frame)
+    state.take(people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
+
+
+def people_for(sequence: int, width_px: int, height_px: int, boxes: list[tuple[float, float, float, float]]) -> People:
+    found = tuple(
+        PersonBox(index, f"p{index}", left, top, width, height, 0.9)
+        for index, (left, top, width, height) in enumerate(boxes[:4], start=1)
+    )
+    return People(clock.now_ns(), "front", sequence, width_px, height_px, found, 31.0)
+
+
+def refresh_streams(console: FakeConsole, pose: Pose2D, frame_boxes: object = None) -> None:
+    state = console.state
+    state.take(RobotPose(clock.now_ns(), None, pose))
+    state.take(dataclasses.replace(scan_at(pose), stamp_ns=clock.now_ns()))
+    state.take(Odometry(clock.now_ns(), None, pose, Twist2D(0.35, 0.0, 0.07)))
