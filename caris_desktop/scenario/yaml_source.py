@@ -61,7 +61,11 @@ def parse_yaml(text: str) -> LocatedData:
     YamlSourceError
         On a syntax error, a duplicate key, a reference, a tag, or a number that is not finite.
     """
-    loader = _PlainLoader(text)
+    try:
+        loader = _PlainLoader(text)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise YamlSourceError(f"the character #x{error.character:04x} is not allowed", line) from error
     try:
         root = loader.get_single_node()
         if root is None:
@@ -102,6 +106,9 @@ def _plain(loader: _PlainLoader, node: Node, path: KeyPath, lines: dict[KeyPath,
 def _scalar(loader: _PlainLoader, node: Node, line: int) -> Any:
     kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
     if kind in ("str", "timestamp", "value", "merge"):
+        return node.value
+    if (kind == "bool" and node.value.lower() not in ("true", "false")) or (kind != "bool" and ":" in node.value):
+        # YAML 1.1 reads yes and off as booleans and 12:30 as a number; in a list of phrases they are words.
         return node.value
     if kind not in ("int", "float", "bool", "null"):
         raise YamlSourceError(f"the tag {node.tag} is not allowed. Allowed: text, numbers, true, false", line)

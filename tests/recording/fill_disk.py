@@ -15,12 +15,19 @@ from caris_desktop.recording.session_recorder import DiskLimits
 from tests.recording.driving import RecorderUnderTest, mark, start
 
 # The small disk has 24 MiB: 8 are the reserve, the video may take about 3, events the rest.
-LIMITS = DiskLimits(warn_free_bytes=15_500_000, end_video_free_bytes=13_000_000)
+LIMITS = {
+    "slowly": DiskLimits(warn_free_bytes=15_500_000, end_video_free_bytes=13_000_000),
+    "suddenly": DiskLimits(warn_free_bytes=0, end_video_free_bytes=0),
+}
 
 
-def main(folder: Path) -> None:
+def problems(recorder: RecorderUnderTest) -> list[str]:
+    return [message.what for message in recorder.heard if isinstance(message, Problem)]
+
+
+def main(folder: Path, how: str) -> None:
     ring = FrameRing.create(640 * 480 * 3)
-    recorder = RecorderUnderTest(ring, limits=LIMITS)
+    recorder = RecorderUnderTest(ring, limits=LIMITS[how])
     recorder.send(start(folder))
     recorder.wait_for(RecorderReport)
     noise = np.random.default_rng(1)
@@ -30,19 +37,18 @@ def main(folder: Path) -> None:
     ):
         image_bgr = noise.integers(0, 32, (480, 640, 3), dtype=np.uint8)
         recorder.send(ring.write(image_bgr, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
-        if any(isinstance(message, Problem) and "nearly" in message.what for message in recorder.heard):
+        if how == "suddenly" or any("nearly" in what for what in problems(recorder)):
             # What compression cannot make smaller.
             recorder.send(mark(f"{number} {noise.bytes(100_000).hex()}"))
             number += 1
         recorder.drain()
         time.sleep(0.02)
-    problems = [message.what for message in recorder.heard if isinstance(message, Problem)]
     report = recorder.wait_for(RecorderReport, state="failed")
     ended = recorder.wait_for(SessionEnded)
     recorder.close()
     ring.close()
-    print(json.dumps({"problems": problems, "state": report.state, "reason": ended.reason}))
+    print(json.dumps({"problems": problems(recorder), "state": report.state, "reason": ended.reason}))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -346,30 +346,49 @@ def in_own_mounts(script: str, *arguments: str) -> subprocess.CompletedProcess[s
     return subprocess.run(command_line, capture_output=True, text=True, check=False, timeout=90, cwd=REPOSITORY)
 
 
-def test_full_disk_ends_the_video_first_and_then_the_session_with_everything_kept(tmp_path: Path) -> None:
+def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
+    """What the recorder said while a disk of 24 MiB filled up, and a copy of the session."""
     disk, kept = tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
     result = in_own_mounts(
-        'mount -t tmpfs -o size=24m none "$1"; "$3" -m tests.recording.fill_disk "$1/s"; cp -r "$1/s" "$2"',
+        'mount -t tmpfs -o size=24m none "$1"; "$3" -m tests.recording.fill_disk "$1/s" "$4"; cp -r "$1/s" "$2"',
         str(disk),
         str(kept),
         sys.executable,
+        how,
     )
     assert result.returncode == 0, result.stderr
-    said = json.loads(result.stdout)
+    return json.loads(result.stdout), kept
+
+
+def test_a_disk_that_fills_up_ends_the_video_first_and_then_the_session(tmp_path: Path) -> None:
+    said, kept = fill_disk(tmp_path, "slowly")
     assert said["problems"][0].startswith("The disk is filling up")
     assert said["problems"][1].startswith("The disk is nearly full")
-    assert said["problems"][-1] == "The disk is full."
-    assert said["state"] == "failed"
-    assert said["reason"] == "disk_full"
-    head = json.loads((kept / "session.json").read_text())
+    assert said["problems"][2:] == ["The disk is full."]
+    head = check_session_of_full_disk(said, kept)
+    # The video had room for its index and is an ordinary mp4.
+    assert len(video_times_s(kept / "video-front.mp4")[0]) == head["videos"][0]["frames"] > 0
+
+
+def test_a_disk_that_is_suddenly_full_keeps_what_was_recorded(tmp_path: Path) -> None:
+    said, kept = fill_disk(tmp_path, "suddenly")
+    assert "The disk is full." in said["problems"]
+    head = check_session_of_full_disk(said, kept)
+    # A fragment may be lost, at most half a second.
+    assert len(video_times_s(kept / "video-front.mp4")[0]) >= head["videos"][0]["frames"] - 25 > 0
+
+
+def check_session_of_full_disk(said: dict[str, Any], kept: Path) -> dict[str, Any]:
+    assert (said["state"], said["reason"]) == ("failed", "disk_full")
+    head: dict[str, Any] = json.loads((kept / "session.json").read_text())
     assert head["reason"] == "disk_full"
     messages = mcap_messages(kept)
     labels = [int(data["label"].split()[0]) for topic, _, data in messages if topic == "/event/marked"]
     assert labels == list(range(len(labels)))
     assert len(labels) > 20
     assert messages[-1][0] == "/event/session_ended"
-    assert len(video_times_s(kept / "video-front.mp4")[0]) == head["videos"][0]["frames"] > 0
+    return head
 
 
 def test_read_only_disk_is_told_and_the_recorder_lives_on(tmp_path: Path) -> None:

@@ -1,0 +1,248 @@
+"""Scenario files: what loads, what is refused and in which words, what saving keeps."""
+
+import dataclasses
+import json
+import math
+import os
+from pathlib import Path
+from typing import get_args
+
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario import model
+from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, load_scenario, save_scenario, schema_path
+from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
+
+TOUR = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
+SMALL = "version: 1\ntitle: Small\nlayout: {panel: video}\n"
+
+
+def refusal(tmp_path: Path, text: str | bytes) -> str:
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    return message.replace(str(path), "mine.yaml")
+
+
+def test_words_that_old_yaml_takes_for_something_else_are_words(tmp_path: Path) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(SMALL + "phrases: [Yes, off, 12:30, 2026-11-21, =, <<]\n")
+    assert load_scenario(path).phrases == ("Yes", "off", "12:30", "2026-11-21", "=", "<<")
+
+
+@pytest.mark.parametrize("path", sorted(layouts_dir().glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_scenarios_load_and_say_where_their_schema_is(path: Path) -> None:
+    scenario = load_scenario(path)
+    assert scenario.path == path.resolve()
+    assert len(scenario.sha256) == 64
+    comment = path.read_text(encoding="utf-8").splitlines()[0]
+    assert comment == "# yaml-language-server: $schema=../resources/schemas/scenario.schema.json"
+    assert (path.parent / comment.partition("$schema=")[2]).resolve() == schema_path().resolve()
+
+
+def test_the_two_shipped_scenarios_differ_in_what_they_permit() -> None:
+    tour = load_scenario(layouts_dir() / "tour-guide.yaml")
+    check = load_scenario(layouts_dir() / "mental-health-check.yaml")
+    assert tour.permissions.photos
+    assert not check.permissions.photos
+    assert check.driving.max_forward_mps == pytest.approx(0.2)
+    assert tour.layout != check.layout
+    assert {"Reception", "Robot arm", "Kitchen"} <= {place.name for place in tour.places}
+    lab_bench = next(place for place in tour.places if place.name == "Lab bench")
+    assert lab_bench.pose_in_map.heading_rad == pytest.approx(-math.pi / 2)
+
+
+def test_the_schema_is_one_and_knows_what_the_model_knows() -> None:
+    schema = json.loads(schema_path().read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert tuple(schema["$defs"]["panel"]["enum"]) == get_args(model.PanelName)
+    for key, value_type in {
+        "permissions": model.Permissions,
+        "driving": model.DrivingLimits,
+        "assistant": model.AssistantSettings,
+    }.items():
+        assert set(schema["properties"][key]["properties"]) == {f.name for f in dataclasses.fields(value_type)}
+
+
+def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    scenario = load_scenario(path)
+    assert scenario == Scenario(title="Small", layout=PanelLeaf("video"), path=path.resolve(), sha256=scenario.sha256)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line_of", "expected"),
+    [
+        (
+            "panel: video",
+            "panel: vidoe",
+            "vidoe",
+            "unknown panel 'vidoe'. Allowed: video, map, drive, people, speak, assistant, session. "
+            "Did you mean 'video'?",
+        ),
+        ("phrases:", "phrase:", "phrase:", "unknown key 'phrase'. Allowed: "),
+        ("phrases:", "phrase:", "phrase:", "Did you mean 'phrases'?"),
+        (
+            "max_forward_mps: 0.5",
+            "max_forward_mps: fast",
+            "fast",
+            "'driving.max_forward_mps' must be a number, found 'f",
+        ),
+        (
+            "max_forward_mps: 0.5",
+            "max_forward_mps: 0",
+            "max_f",
+            "'driving.max_forward_mps' is 0. Allowed: more than 0.",
+        ),
+        ("max_forward_mps: 0.5", "max_forward_mps: .inf", "max_f", ".inf is not a usable number"),
+        ("photos: true", "photos: maybe", "maybe", "'permissions.photos' must be true or false, found 'maybe'."),
+        ("voice: robot", "voice: loud", "loud", "unknown voice 'loud'. Allowed: robot, computer."),
+        ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, ollama:NAME or openai:NAME."),
+        ("title: Tour guide", "title: ''", "title", "'title' is empty."),
+        ("title: Tour guide\n", "", "version", "'title' is missing."),
+        ("version: 1", "version: 2", "version", "has version 2, this program reads up to version 1. Update"),
+        ("version: 1", "version: one", "version", "the version must be a whole number, found 'one'"),
+        ("weights: [70, 30]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
+        ("panel: speak", "panel: video", "panel: video", "the panel 'video' is placed twice."),
+        (
+            "current: people",
+            "current: map",
+            "current",
+            "'map' is not one of these tabs. Allowed: people, drive, session.",
+        ),
+        ("- panel: speak", "- {}", "- {}", "a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with"),
+        ("voice: robot", "voice: robot\nvoice: computer", "voice: computer", "'voice' is given twice (first in line "),
+        ("voice: robot", "voice: !!python/object:os.system x", "voice", "python/object:os.system is not allowed"),
+        ("voice: robot", "voice: [robot", "phrases", "not valid YAML: "),
+        ("{name: Kitchen", "{name: reception", "{name: reception", "the place 'reception' is listed twice."),
+        ("filler: Let me think...", "filler: &a x\nvoice2: *a", "*a", "references (*name) are not allowed"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line_and_what_is_allowed(
+    tmp_path: Path, old: str, new: str, line_of: str, expected: str
+) -> None:
+    assert old in TOUR
+    text = TOUR.replace(old, new, 1)
+    message = refusal(tmp_path, text)
+    assert expected in message
+    lines = [number for number, line in enumerate(text.splitlines(), start=1) if line_of in line]
+    assert any(f"mine.yaml, line {number}: " in message for number in lines), message
+
+
+def test_several_problems_are_told_at_once_in_the_order_of_the_lines(tmp_path: Path) -> None:
+    text = TOUR.replace("voice: robot", "voice: loud").replace("panel: map", "panel: mapp")
+    first, second = refusal(tmp_path, text).splitlines()
+    assert "'loud'" in first
+    assert "'mapp'" in second
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "the file is empty"),
+        (b"# nothing\n", "the file is empty"),
+        (b"just words", "found something else"),
+        (b"\xff\xfe\x00", "not UTF-8 text"),
+        (b"a" * (MAX_FILE_BYTES + 1), "too large for a scenario"),
+        (b"layout: " + b"[" * 5000, "nested more than 40 levels deep"),
+        (b"version: 1\ntitle: {1: 2}: x\n", "not valid YAML"),
+        (b"? [a]\n: b\n", "a key must be a plain word"),
+        (b"title: x\n\x00", "line 2: the character #x0000 is not allowed"),
+    ],
+    ids=["empty", "comment", "words", "binary", "huge", "deep", "syntax", "odd key", "nul"],
+)
+def test_files_that_are_no_scenario_are_refused(tmp_path: Path, content: bytes, expected: str) -> None:
+    assert expected in refusal(tmp_path, content)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="cannot be read: No such file"):
+        load_scenario(tmp_path / "none.yaml")
+
+
+panels = st.permutations(get_args(model.PanelName))
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> model.LayoutNode:
+    names = list(draw(panels))
+    first = TabNode((names[0], names[1]), draw(st.sampled_from([None, names[0], names[1]])))
+    inner = SplitNode("vertical", (PanelLeaf(names[2]), first), (draw(st.floats(0.1, 100)), 1.0))
+    return draw(
+        st.sampled_from([PanelLeaf(names[3]), first, SplitNode("horizontal", (inner, PanelLeaf(names[3])), (2.0, 1.5))])
+    )
+
+
+plain_text = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=60)
+labels = plain_text.filter(lambda text: bool(text))
+
+
+@given(
+    title=labels,
+    phrases=st.lists(labels, max_size=8),
+    filler=plain_text,
+    layout=layouts(),
+    names=st.lists(labels, max_size=3, unique_by=str.casefold),
+    x_m=st.floats(-100, 100),
+    heading_rad=st.floats(-math.pi, math.pi),
+    photos=st.booleans(),
+)
+@settings(max_examples=40, deadline=None)
+def test_what_is_saved_loads_again(
+    *,
+    tmp_path_factory: pytest.TempPathFactory,
+    title: str,
+    phrases: list[str],
+    filler: str,
+    layout: model.LayoutNode,
+    names: list[str],
+    x_m: float,
+    heading_rad: float,
+    photos: bool,
+) -> None:
+    scenario = Scenario(
+        title=title,
+        layout=layout,
+        phrases=tuple(phrases),
+        filler=filler,
+        places=tuple(Place(name, Pose2D(x_m, 0.0, heading_rad)) for name in names),
+        permissions=model.Permissions(photos=photos),
+    )
+    path = tmp_path_factory.mktemp("saved") / "s.yaml"
+    save_scenario(scenario, path)
+    loaded = load_scenario(path)
+    assert dataclasses.replace(loaded, places=(), path=None, sha256="") == dataclasses.replace(scenario, places=())
+    for place, expected in zip(loaded.places, scenario.places, strict=True):
+        assert place.name == expected.name
+        assert place.pose_in_map.x_m == pytest.approx(expected.pose_in_map.x_m, abs=1e-4)
+        assert place.pose_in_map.heading_rad == pytest.approx(expected.pose_in_map.heading_rad, abs=1e-4)
+    first = path.read_bytes()
+    save_scenario(loaded, path)
+    assert path.read_bytes() == first
+    assert [entry.name for entry in path.parent.iterdir()] == ["s.yaml"]
+
+
+def test_saving_that_fails_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(SMALL)
+    scenario = load_scenario(path)
+
+    def fail(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(ScenarioError, match="No space left on device"):
+        save_scenario(dataclasses.replace(scenario, title="Other"), path)
+    with pytest.raises(ScenarioError, match="'title' is empty"):
+        save_scenario(dataclasses.replace(scenario, title=""), path)
+    assert path.read_text() == SMALL
+    assert [entry.name for entry in tmp_path.iterdir()] == ["s.yaml"]

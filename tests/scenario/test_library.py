@@ -1,0 +1,33 @@
+"""Which scenarios there are."""
+
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario.file import ScenarioError
+from caris_desktop.scenario.library import find_scenario, list_scenarios
+
+
+def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("title: Mine\nlayout: {panel: video}\n")
+    (tmp_path / "broken.yaml").write_text("title: Broken\n")
+    (tmp_path / "tour-guide.yaml").write_text("title: My tour\nlayout: {panel: video}\n")
+    (tmp_path / "notes.txt").write_text("not a scenario")
+    entries = {entry.name: entry for entry in list_scenarios(user_dir=tmp_path)}
+    assert set(entries) == {"mental-health-check", "tour-guide", "mine", "broken"}
+    assert (entries["tour-guide"].title, entries["tour-guide"].shipped) == ("My tour", False)
+    assert entries["mental-health-check"].shipped
+    assert "'layout' is missing" in entries["broken"].problem
+
+
+def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text("title: Mine\nlayout: {panel: video}\n")
+    assert find_scenario("tour-guide", user_dir=tmp_path) == layouts_dir() / "tour-guide.yaml"
+    assert find_scenario("mine.yaml", user_dir=tmp_path) == own
+    assert find_scenario(own, user_dir=tmp_path / "empty") == own
+    with pytest.raises(ScenarioError, match=r"There is no scenario 'tuor'.*mental-health-check, mine, tour-guide"):
+        find_scenario("tuor", user_dir=tmp_path)
+    with pytest.raises(ScenarioError):
+        find_scenario("../mine", user_dir=tmp_path)
