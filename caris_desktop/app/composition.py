@@ -1,6 +1,7 @@
 """Which concrete part plays which role: the adapter table of a run. Without Qt windows, so every command can use it."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -9,16 +10,16 @@ import platformdirs
 from caris_desktop import __version__
 from caris_desktop.conversation.embedded_server import run_embedded_server
 from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
-from caris_desktop.conversation.prompts import assistant_messages
+from caris_desktop.conversation.prompts import build_messages
 from caris_desktop.conversation.speech import run_speech
 from caris_desktop.conversation.speech_messages import SpeechSettings
-from caris_desktop.conversation.transcript import Conversation
+from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import IntentRefused, Parts, RobotConnection
 from caris_desktop.people.presence import Presence
-from caris_desktop.people.register import PeopleRegister
+from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
 from caris_desktop.perception.inference import InferenceSettings, run_inference
 from caris_desktop.recording.export import ExportError
@@ -29,7 +30,7 @@ from caris_desktop.robot.profile import ProfileError, load_profile
 from caris_desktop.scenario.file import ScenarioError, load_scenario
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.model import Scenario
-from caris_desktop.study.folder import StudyFolder, StudyFolderError
+from caris_desktop.study.folder import StudyFolder, StudyFolderError, new_session_folder, open_study_folder
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -52,7 +53,7 @@ def find_scenario(name_or_path: str) -> Scenario:
 def open_study(folder: Path | None) -> StudyFolder:
     """Raises StartRefused."""
     try:
-        return StudyFolder.open(folder)
+        return open_study_folder(folder)
     except StudyFolderError as error:
         raise StartRefused(str(error)) from error
 
@@ -65,7 +66,7 @@ def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, percept
         speech=ProcessBody("speech", run_speech, (SpeechSettings(),)),
         language_model_server=ProcessBody("language-model", run_embedded_server),
         camera=None if camera is None else ProcessBody("camera", run_camera, (camera,)),
-        open_presence=lambda: Presence(PeopleRegister(study.people_path)),
+        open_presence=functools.partial(_open_presence, study),
         stream_chat=stream_chat,
         resolve_endpoint=_resolve_endpoint,
         build_prompt=_build_prompt,
@@ -108,20 +109,29 @@ def export_session(folder: Path) -> Path:
     return out
 
 
+def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
+    try:
+        return Presence(PeopleRegister(study.people_database)), []
+    except PeopleStoreError as error:
+        problem = Problem(
+            clock.now_ns(),
+            "error",
+            str(error),
+            "People are recognised, but names that you give are forgotten when the program closes.",
+            "Make the study's folder writable, or start with another --study.",
+        )
+        return Presence(), [problem]
+
+
 def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
     return resolve_endpoint(model, embedded_url=embedded_url)
 
 
 def _build_prompt(
-    scenario: Scenario, conversation: Conversation, people: tuple[str, ...], question: str
+    scenario: Scenario, conversation: Sequence[UtteranceChanged], people: Sequence[str], question: str
 ) -> tuple[ChatMessage, ...]:
-    return tuple(
-        assistant_messages(
-            system_prompt=scenario.assistant.system_prompt,
-            conversation=conversation.turns,
-            people=people,
-            question=question,
-        )
+    return build_messages(
+        question, system_prompt=scenario.assistant.system_prompt, conversation=conversation, people=people
     )
 
 
@@ -138,7 +148,7 @@ def _new_session(
     study: StudyFolder, details: TrialDetails, scenario: Scenario, robot: RobotConnection | None
 ) -> tuple[Path, SessionHeader]:
     try:
-        folder = study.new_session_folder(details)
+        folder = new_session_folder(study, details)
     except StudyFolderError as error:
         raise IntentRefused(error.what, error.meaning, error.advice) from error
     return folder, SessionHeader(

@@ -14,8 +14,9 @@ from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.theme import apply_theme
+from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
 
@@ -39,11 +40,11 @@ class ConsoleRun:
         self.application.setApplicationVersion(__version__)
         self.settings = settings or QSettings("CARIS", "CARIS Desktop")
         self._arguments = arguments
-        scenario = composition.find_scenario(arguments.scenario or self.settings.value("scenario", "tour-guide"))
+        scenario = composition.find_scenario(arguments.scenario or str(self.settings.value("scenario", "tour-guide")))
         study = composition.open_study(arguments.study)
         self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
-        apply_theme(self.application, arguments.theme or str(self.settings.value("theme", "system")))
-        self.window = MainWindow(self.console, settings=self.settings)
+        theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
+        self.window = MainWindow(self.console, settings=self.settings, theme=theme)
         self.demo_robot: DemoRobot | None = None
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
@@ -75,7 +76,7 @@ class ConsoleRun:
         except composition.StartRefused as refusal:
             self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
 
-    def _on_scenario_changed(self, scenario: composition.Scenario) -> None:
+    def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:
             self.settings.setValue("scenario", str(scenario.path))
 
@@ -109,8 +110,12 @@ def _let_python_run() -> None:
 def default_arguments(**changes: object) -> argparse.Namespace:
     """The console's arguments as if nothing was given on the command line."""
     values: dict[str, object] = {
-        "scenario": None, "robot": None, "camera": None, "study": None, "demo": False, "theme": None, "verbose": False,
+        "scenario": None,
+        "robot": None,
+        "camera": None,
+        "study": None,
+        "demo": False,
+        "theme": None,
+        "verbose": False,
     }
     return argparse.Namespace(**{**values, **changes})
-
-

@@ -40,6 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
     from caris_desktop.app.demo_robot import DemoRobot
     from caris_desktop.app.rehearsal import Rehearsal
+    from caris_desktop.live.console import IntentRefused
 
     try:
         console_run = ConsoleRun(
@@ -72,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not failure and rehearsal.session_folder is not None:
         try:
             exported = composition.export_session(rehearsal.session_folder)
-        except composition.IntentRefused as refusal:
+        except IntentRefused as refusal:
             failure = str(refusal)
     print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
     print(f"Exports:     {exported or 'none'}")

@@ -2,8 +2,10 @@
 intents to the adapters. GUI thread, except where a method says otherwise.
 """
 
+import asyncio
 import logging
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +16,6 @@ from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
-from caris_desktop.conversation.transcript import Conversation
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import CancelGoal, GoTo, RobotCommand, Say, Silence
 from caris_desktop.domain.events import (
@@ -22,6 +23,7 @@ from caris_desktop.domain.events import (
     CommandSource,
     DriveEnded,
     EmergencyStopChanged,
+    Event,
     GoalChanged,
     LinkChanged,
     LinkQuality,
@@ -60,6 +62,7 @@ from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
+_UTTERANCES_KEPT = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +84,10 @@ class Parts:
     speech: ProcessBody
     language_model_server: ProcessBody
     camera: ProcessBody | None
-    open_presence: Callable[[], Presence]
+    open_presence: Callable[[], tuple[Presence, list[Event]]]
     stream_chat: StreamChat
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
-    build_prompt: Callable[[Scenario, Conversation, tuple[str, ...], str], tuple[ChatMessage, ...]]
+    build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
     load_scenario: Callable[[Path], Scenario]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     export_session: Callable[[Path], Path]
@@ -119,7 +122,7 @@ class Console(QObject):
         self._exports: list[Future[None]] = []
         self._shut_down = False
         self._recording_video = False
-        self._conversation = Conversation()
+        self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
 
         self._media_ring = FrameRing.create()
         self._camera_ring = FrameRing.create() if parts.camera else None
@@ -301,7 +304,7 @@ class Console(QObject):
         elif isinstance(event, GoalChanged):
             self._state.goal.set(event)
         elif isinstance(event, UtteranceChanged):
-            self._conversation.add(event)
+            self._conversation.append(event)
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media":
@@ -362,6 +365,13 @@ class Console(QObject):
                 LinkChanged(clock.now_ns(), name, "lost", self._state.link.value.address, "the link process stopped")
             )
             QTimer.singleShot(_RESTART_AFTER_MS, self._reconnect)
+        elif self._parts.camera is not None and name == self._parts.camera.name:
+            self.problem(
+                "warning",
+                "The camera's pictures have ended.",
+                "There is no video from now on; a recording goes on without it.",
+                "Start again with another --camera, or without one for the robot's own.",
+            )
         elif child is not None and name == self._parts.speech.name:
             self._speech.on_voice_lost("computer", "speech stopped unexpectedly")
             self._start_child(self._parts.speech, self._on_voice_message)
@@ -376,9 +386,7 @@ class Console(QObject):
             self.connect_robot(self._connection)
 
     def _start_child(self, body: ProcessBody, on_message: Callable[[Any, bytes], None]) -> None:
-        child = ChildProcess(
-            body, on_message=on_message, on_exit=lambda _code, name=body.name: self._child_ended.emit(name)
-        )
+        child = ChildProcess(body, on_message=on_message, on_exit=lambda _code: self._child_ended.emit(body.name))
         self._children[body.name] = child
         child.start()
 
@@ -444,8 +452,9 @@ class Console(QObject):
     def ask_assistant(self, question: str) -> None:
         if not self._scenario.permissions.assistant or not question.strip():
             return
-        people = tuple(row.name for row in self._state.persons.value if row.here)
-        messages = self._parts.build_prompt(self._scenario, self._conversation, people, question.strip())
+        # Neither the record nor a model on another computer gets to know the names.
+        people = [f"person {number}" for number, _row in enumerate(self._state.persons.value, 1)]
+        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question.strip())
         settings = self._scenario.assistant
         if not self._assistant.ask(
             question.strip(), messages, max_tokens=settings.max_tokens, temperature=settings.temperature
@@ -534,8 +543,6 @@ class Console(QObject):
         self._exports.append(self._asyncio.submit(self._export(folder)))
 
     async def _export(self, folder: Path) -> None:
-        import asyncio
-
         try:
             out = await asyncio.to_thread(self._parts.export_session, folder)
         except IntentRefused as refusal:
@@ -570,9 +577,7 @@ class Console(QObject):
         self._recording_video = recording and scenario.permissions.video_recording
         if recording:
             self._feed.request(
-                SetRecordingPermissions(
-                    video=scenario.permissions.video_recording, photos=scenario.permissions.photos
-                )
+                SetRecordingPermissions(video=scenario.permissions.video_recording, photos=scenario.permissions.photos)
             )
         self._apply_scenario()
         self._start_language_model()
@@ -586,9 +591,7 @@ class Console(QObject):
 
     def _scenario_event(self) -> ScenarioOpened:
         path = self._scenario.path
-        return ScenarioOpened(
-            clock.now_ns(), path.name if path else "", self._scenario.title, self._scenario.sha256
-        )
+        return ScenarioOpened(clock.now_ns(), path.name if path else "", self._scenario.title, self._scenario.sha256)
 
     def _start_language_model(self) -> None:
         if not self._scenario.permissions.assistant:

@@ -14,12 +14,12 @@ from typing import Any
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.status import PerceptionStatus
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.presence import PersonRow, Presence
 from caris_desktop.perception.inference import InferenceFailed, InferenceReady
 
 _log = logging.getLogger(__name__)
@@ -34,7 +34,9 @@ class PerceptionWorker(QObject):
     status_changed = Signal(object)  # PerceptionStatus
     persons_changed = Signal(object)  # tuple[PersonRow, ...]
 
-    def __init__(self, body: ProcessBody, open_presence: Callable[[], Presence], publish: ValueSink) -> None:
+    def __init__(
+        self, body: ProcessBody, open_presence: Callable[[], tuple[Presence, list[Event]]], publish: ValueSink
+    ) -> None:
         super().__init__()
         self._body = body
         self._open_presence = open_presence
@@ -44,6 +46,7 @@ class PerceptionWorker(QObject):
         self._newest: FrameRef | None = None
         self._stopping = False
         self._status = PerceptionStatus()
+        self._shown_persons: tuple[PersonRow, ...] = ()
 
     def offer(self, ref: FrameRef) -> None:
         """A new frame; one that was not taken yet is overwritten."""
@@ -71,7 +74,8 @@ class PerceptionWorker(QObject):
                 thread.quit()
 
     def _run(self) -> None:
-        presence = self._open_presence()
+        presence, problems = self._open_presence()
+        self._publish_all(problems)
         child: ChildProcess | None = self._start_child()
         restarts = 0
         ready = busy = frame_waits = False
@@ -104,6 +108,7 @@ class PerceptionWorker(QObject):
                 ready = busy = False
                 child.stop(grace_s=0.0)
                 restarts += 1
+                self._publish_all(presence.restart_tracks(clock.now_ns()))
                 child = self._start_child() if restarts <= _RESTARTS_AT_MOST else None
                 self._publish(
                     Problem(
@@ -140,7 +145,7 @@ class PerceptionWorker(QObject):
         child.start()
         return child
 
-    def _publish_all(self, events: list[Any]) -> None:
+    def _publish_all(self, events: list[Event]) -> None:
         for event in events:
             self._publish(event)
 
@@ -151,8 +156,8 @@ class PerceptionWorker(QObject):
 
     def _show_persons(self, presence: Presence) -> None:
         rows = presence.persons()
-        if rows != getattr(self, "_shown", None):
-            self._shown = rows
+        if rows != self._shown_persons:
+            self._shown_persons = rows
             self.persons_changed.emit(rows)
 
 

@@ -1,0 +1,118 @@
+"""``caris-desktop check``: is everything ready for a session? Each line says ok, or what to do."""
+
+import argparse
+import asyncio
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from caris_desktop.app import composition
+from caris_desktop.app.arguments import add_console_arguments
+from caris_desktop.conversation.preflight import probe_language_model, probe_sound
+from caris_desktop.perception.cameras import CameraError, open_camera, parse_source
+from caris_desktop.perception.weights import WeightsError, find_weights
+from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.profile import ProfileError, load_profile
+from caris_desktop.scenario.model import Scenario
+
+ENOUGH_FREE_BYTES = 5 * 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the preflight: ``advice`` says what to do where it is not ok."""
+
+    subject: str
+    ok: bool
+    text: str
+    advice: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_console_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit status 0 when everything is ready."""
+    ready = True
+    for finding in _findings(arguments):
+        ready = ready and finding.ok
+        mark = "ok  " if finding.ok else "FIX "
+        print(f"{mark} {finding.subject:<15} {finding.text}", flush=True)
+        if not finding.ok and finding.advice:
+            print(f"     {'':<15} {finding.advice}", flush=True)
+    print("Ready for a session." if ready else "Not everything is ready: see the lines marked FIX.")
+    return 0 if ready else 1
+
+
+def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
+    try:
+        scenario = composition.find_scenario(arguments.scenario or "tour-guide")
+        yield Finding("Scenario", True, f"{scenario.title} ({scenario.path})")
+    except composition.StartRefused as error:
+        yield Finding("Scenario", False, str(error), "Correct the file, or choose another --scenario.")
+        scenario = composition.find_scenario("tour-guide")
+    yield _robot(arguments.robot or scenario.robot)
+    if arguments.camera is not None:
+        yield _camera(arguments.camera)
+    yield _weights()
+    sound = probe_sound()
+    yield Finding("Sound", sound.ok, sound.text, sound.advice)
+    if scenario.permissions.assistant:
+        yield _language_model(scenario)
+    yield from _disk(arguments)
+
+
+def _robot(name: str) -> Finding:
+    try:
+        profile = load_profile(name)
+    except ProfileError as error:
+        return Finding("Robot", False, str(error), "Choose another --robot.")
+    wrong = check_robot(profile, profile.address)
+    if wrong:
+        return Finding("Robot", False, wrong[0], " ".join(wrong[1:]))
+    return Finding("Robot", True, f"{profile.title} answers at {profile.address}")
+
+
+def _camera(source: str) -> Finding:
+    try:
+        camera = open_camera(parse_source(source))
+        try:
+            picture = camera.read()
+        finally:
+            camera.close()
+    except CameraError as error:
+        return Finding("Camera", False, str(error), error.advice)
+    if picture is None:
+        return Finding("Camera", False, f"{source} gives no picture.", "Choose another --camera.")
+    height_px, width_px = picture.image_bgr.shape[:2]
+    return Finding("Camera", True, f"{source} gives pictures of {width_px}x{height_px} pixels")
+
+
+def _weights() -> Finding:
+    try:
+        weights = find_weights(allow_download=False)
+    except WeightsError as error:
+        return Finding("Person detector", False, str(error))
+    return Finding("Person detector", True, f"{weights.label} ({weights.path})")
+
+
+def _language_model(scenario: Scenario) -> Finding:
+    found = asyncio.run(probe_language_model(scenario.assistant.model))
+    return Finding("Language model", found.ok, found.text, found.advice)
+
+
+def _disk(arguments: argparse.Namespace) -> Iterator[Finding]:
+    try:
+        study = composition.open_study(arguments.study)
+    except composition.StartRefused as error:
+        yield Finding("Study folder", False, str(error), "Choose another --study.")
+        return
+    free_bytes = shutil.disk_usage(study.path).free
+    enough = free_bytes >= ENOUGH_FREE_BYTES
+    yield Finding(
+        "Disk",
+        enough,
+        f"{free_bytes / 1e9:.0f} GB free for {study.path}",
+        "" if enough else "A session with video takes about 1 GB per hour: make room or choose another --study.",
+    )

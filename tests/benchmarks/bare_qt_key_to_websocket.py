@@ -1,0 +1,59 @@
+"""The floor of teleoperation: a bare window whose key handler writes to a websocket, and nothing else.
+
+``python -m tests.benchmarks.bare_qt_key_to_websocket ADDRESS`` presses keys in its own window every 70-130 ms. Each
+message carries the monotonic time of its key press, so that whoever receives it can subtract.
+"""
+
+import json
+import random
+import signal
+import sys
+import time
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+from websockets.sync.client import ClientConnection, connect
+
+TOPIC = "/benchmark/floor"
+
+
+class BareWindow(QWidget):
+    def __init__(self, socket: ClientConnection) -> None:
+        super().__init__()
+        self._socket = socket
+        self._pressed_ns = 0
+
+    def press(self) -> None:
+        self._pressed_ns = time.monotonic_ns()
+        QTest.keyClick(self, Qt.Key.Key_W)
+
+    def keyPressEvent(self, _event: QKeyEvent) -> None:
+        message = {"op": "publish", "topic": TOPIC, "msg": {"data": str(self._pressed_ns)}}
+        self._socket.send(json.dumps(message))
+
+
+def main(address: str) -> None:
+    application = QApplication(sys.argv[:1])
+    signal.signal(signal.SIGTERM, lambda *_: application.quit())
+    chance = random.Random(1)  # noqa: S311 (intervals, not secrets)
+    with connect(address, compression=None) as socket:
+        socket.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": "std_msgs/String"}))
+        window = BareWindow(socket)
+        window.show()
+        timer = QTimer()
+
+        def press() -> None:
+            window.press()
+            timer.start(chance.randint(70, 130))
+
+        timer.setSingleShot(True)
+        timer.timeout.connect(press)
+        timer.start(200)
+        print("ready", flush=True)
+        application.exec()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,86 @@
+"""The real console in a real window with a simulated robot, video, perception and recording, for the benchmarks."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QEventLoop, QSettings
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.domain import clock
+from caris_desktop.study.trial import TrialDetails
+
+
+class ConsoleUnderLoad:
+    """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all."""
+
+    def __init__(self, *, record: bool = True, perception_timeout_s: float = 120.0) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="caris-benchmark-")
+        root = Path(self._folder.name)
+        self.run = ConsoleRun(
+            default_arguments(scenario="tour-guide", study=root / "study"),
+            settings=QSettings(str(root / "settings.ini"), QSettings.Format.IniFormat),
+            robot=lambda console: DemoRobot(console, seed=7),
+        )
+        self.console, self.window = self.run.console, self.run.window
+        self.state = self.console.state
+        self.window.resize(1600, 900)
+        self.run.show()
+        self.wait_for(lambda: self.state.link.value.state == "connected", "link", 30.0)
+        self.wait_for(lambda: self.state.frame.freshness == "fresh", "video", 30.0)
+        self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
+        self.wait_for(lambda: self.state.people.value is not None, "people", 30.0)
+        if record:
+            self.console.start_session(TrialDetails(participant="benchmark"))
+            self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 20.0)
+
+    @property
+    def address(self) -> str:
+        return str(self.state.link.value.address)
+
+    def wait_for(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
+        """Let Qt run until ``condition``; exits the benchmark when it does not come about."""
+        until_ns = clock.now_ns() + int(timeout_s * 1e9)
+        while not condition():
+            if clock.now_ns() > until_ns:
+                self.close()
+                sys.exit(f"no {what} within {timeout_s:.0f} s")
+            self.let_qt_run(0.02)
+
+    def let_qt_run(self, seconds: float) -> None:
+        """Run the event loop as the program would."""
+        until_s = time.monotonic() + seconds
+        while (left_s := until_s - time.monotonic()) > 0:
+            QApplication.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, max(1, int(left_s * 1000)))
+
+    def load(self) -> dict[str, object]:
+        """What was running, for the report."""
+        return {
+            "video_frames": self.state.frame.arrivals,
+            "people_updates": self.state.people.arrivals,
+            "scans": self.state.scan.arrivals,
+            "perception_model": self.state.perception.value.model,
+            "recording": self.state.recording.value.state,
+            "cpu_count": os.cpu_count(),
+        }
+
+    def close(self) -> None:
+        self.run.close()
+        self._folder.cleanup()
+
+
+def stop_process(process: "subprocess.Popen[str]") -> str:
+    """Ask it to end and give what it printed."""
+    process.send_signal(signal.SIGTERM)
+    try:
+        return process.communicate(timeout=5)[0]
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.communicate()[0]

@@ -1,0 +1,57 @@
+"""Process bodies for tests of what starts and ends them."""
+
+import os
+import time
+from multiprocessing.connection import Connection
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.ports import FrameReader, FrameWriter
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.perception.inference import InferenceReady
+
+
+def echo(connection: Connection) -> None:
+    """Sends back what it gets, and a farewell at the end."""
+    while True:
+        try:
+            connection.send(connection.recv())
+        except EOFError:
+            connection.send(Marked(0, "farewell"))
+            return
+
+
+def deaf(connection: Connection) -> None:
+    """Never reads and does not end by itself."""
+    connection.send(Marked(os.getpid(), "deaf"))
+    while True:
+        time.sleep(3600)
+
+
+def crash(connection: Connection) -> None:
+    connection.recv()
+    os.abort()
+
+
+def brightness(connection: Connection, frames: FrameReader, marker: str) -> None:
+    """Stands in for a detector: one person where the frame is bright; a frame of 13 kills it, as native code would."""
+    connection.send(InferenceReady(0, f"brightness {marker}", 0.0))
+    while True:
+        try:
+            ref: FrameRef = connection.recv()
+        except EOFError:
+            return
+        image = frames.read(ref)
+        value = -1 if image is None else int(image[0, 0, 0])
+        if value == 13:
+            os.abort()
+        boxes = (PersonBox(1, "", 0.0, 0.0, 8.0, 8.0, 0.9),) if value > 100 else ()
+        connection.send(People(ref.stamp_ns, ref.camera, ref.sequence, ref.width_px, ref.height_px, boxes, 1.0))
+
+
+def write_frames(connection: Connection, count: int, frames: FrameWriter) -> None:
+    import numpy as np
+
+    for number in range(count):
+        image = np.full((6, 8, 3), number, np.uint8)
+        connection.send(frames.write(image, stamp_ns=number, robot_stamp_ns=None, camera="front"))
+    connection.poll(None)

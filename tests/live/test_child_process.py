@@ -1,0 +1,75 @@
+"""Child processes: started, heard, ended, and noticed when they die."""
+
+import os
+import queue
+import signal
+from typing import Any
+
+import psutil
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.frame_ring import FrameRing
+from tests.live import bodies
+
+
+def _start(
+    body: ProcessBody,
+) -> tuple[ChildProcess, "queue.Queue[tuple[Any, bytes]]", "queue.Queue[int | None]"]:
+    messages: queue.Queue[tuple[Any, bytes]] = queue.Queue()
+    exits: queue.Queue[int | None] = queue.Queue()
+    child = ChildProcess(body, on_message=lambda value, raw: messages.put((value, raw)), on_exit=exits.put)
+    child.start()
+    return child, messages, exits
+
+
+def test_messages_go_both_ways_and_the_last_words_are_heard() -> None:
+    child, messages, exits = _start(ProcessBody("echo", bodies.echo))
+    assert child.send(Marked(1, "hello"))
+    value, raw = messages.get(timeout=20)
+    assert value == Marked(1, "hello")
+    assert child.send_raw(raw)
+    assert messages.get(timeout=20)[0] == Marked(1, "hello")
+    child.stop(grace_s=10)
+    assert messages.get(timeout=1)[0].label == "farewell"
+    assert exits.empty(), "an end that was asked for is not an accident"
+    assert not child.send(Marked(2, "too late"))
+
+
+def test_a_child_that_dies_is_noticed() -> None:
+    child, _messages, exits = _start(ProcessBody("crash", bodies.crash))
+    child.send(Marked(1, "die"))
+    assert exits.get(timeout=20) == -signal.SIGABRT
+    child.stop(grace_s=1)
+
+
+def test_a_child_that_does_not_read_blocks_nobody_and_is_killed_in_the_end() -> None:
+    child, messages, _exits = _start(ProcessBody("deaf", bodies.deaf))
+    pid = messages.get(timeout=20)[0].stamp_ns
+    accepted = 0
+    while child.send(Marked(0, "x" * 1000)):
+        accepted += 1
+        assert accepted < 100_000, "an unread pipe must fill up"
+    child.stop(grace_s=0.2)
+    assert not psutil.pid_exists(pid)
+
+
+def test_rings_are_attached_in_the_child() -> None:
+    ring = FrameRing.create(max_frame_bytes=8 * 6 * 3)
+    child, messages, _exits = _start(ProcessBody("writer", bodies.write_frames, (3, RingToWrite(ring.name))))
+    refs = [messages.get(timeout=20)[0] for _ in range(3)]
+    for number, ref in enumerate(refs):
+        image = ring.read(ref)
+        assert image is not None and (image == number).all()
+    child.stop(grace_s=5)
+    ring.close()
+
+
+def test_a_killed_child_is_noticed() -> None:
+    child, messages, exits = _start(ProcessBody("echo", bodies.echo))
+    child.send(Marked(1, "up"))
+    messages.get(timeout=20)
+    assert child.pid is not None
+    os.kill(child.pid, signal.SIGKILL)
+    assert exits.get(timeout=10) == -signal.SIGKILL
+    child.stop(grace_s=1)

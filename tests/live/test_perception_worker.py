@@ -1,0 +1,91 @@
+"""The perception worker: newest frame in, people out, and a crash costs boxes only."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QThread
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import PersonAppeared, PersonLeft, PersonRenamed, Problem
+from caris_desktop.domain.sensing import People
+from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.people.presence import Presence
+from tests.live import bodies
+
+
+class Setup:
+    def __init__(self) -> None:
+        self.ring = FrameRing.create(max_frame_bytes=64 * 48 * 3)
+        self.published: list[Any] = []
+        self.worker = PerceptionWorker(
+            ProcessBody("inference", bodies.brightness, (RingsToRead((self.ring.name,)), "test")),
+            lambda: (Presence(), []),
+            self.published.append,
+        )
+        self.statuses: list[str] = []
+        self.rows: list[Any] = []
+        self.worker.status_changed.connect(lambda status: self.statuses.append(status.state))
+        self.worker.persons_changed.connect(self.rows.append)
+        self.thread = QThread()
+        self.worker.moveToThread(self.thread)
+        self.thread.started.connect(self.worker.run)
+        self.thread.start()
+
+    def show(self, value: int) -> None:
+        image = np.full((48, 64, 3), value, np.uint8)
+        self.worker.offer(self.ring.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
+
+    def people(self) -> list[People]:
+        return [value for value in self.published if isinstance(value, People)]
+
+    def of(self, kind: type) -> list[Any]:
+        return [value for value in self.published if isinstance(value, kind)]
+
+
+@pytest.fixture
+def setup(qtbot: QtBot) -> Iterator[Setup]:
+    setup = Setup()
+    qtbot.waitUntil(lambda: "ready" in setup.statuses, timeout=20_000)
+    yield setup
+    setup.worker.stop()
+    assert setup.thread.wait(10_000)
+    setup.ring.close()
+
+
+def _show_until(qtbot: QtBot, setup: Setup, value: int, condition: Any) -> None:
+    def step() -> bool:
+        setup.show(value)
+        return bool(condition())
+
+    qtbot.waitUntil(step, timeout=10_000)
+
+
+def test_a_person_appears_is_named_and_leaves_when_the_camera_goes_black(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
+    person = setup.rows[-1][0]
+    assert setup.of(PersonAppeared)[0].person_id == person.person_id
+    setup.worker.rename(person.person_id, "Mara")
+    qtbot.waitUntil(lambda: setup.rows[-1][0].name == "Mara", timeout=5000)
+    assert "Mara" not in repr(setup.of(PersonRenamed)), "names stay out of events"
+    _show_until(qtbot, setup, 200, lambda: setup.people()[-1].boxes[0].person_id == person.person_id)
+    _show_until(qtbot, setup, 0, lambda: not setup.rows[-1])
+    assert setup.of(PersonLeft)[0].person_id == person.person_id
+
+
+def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
+    qtbot.waitUntil(lambda: not setup.rows[-1], timeout=5000)
+
+
+def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.people())
+    setup.show(13)
+    qtbot.waitUntil(lambda: bool(setup.of(Problem)), timeout=10_000)
+    assert "recognition" in setup.of(Problem)[0].what
+    seen = len(setup.people())
+    _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen + 2)

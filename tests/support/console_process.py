@@ -1,0 +1,81 @@
+"""A handle on ``tests.app.console_child``: say what to press, see what is on show."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from tests.support.polling import wait_for
+
+
+class ConsoleProcess:
+    """The console in a process that may be stopped and killed."""
+
+    def __init__(self, address: str, study: Path, **environment: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.app.console_child", address, str(study)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **environment},
+            start_new_session=True,
+        )
+        self.history: list[dict[str, Any]] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """What is on show now; empty before the window is up."""
+        return self.history[-1] if self.history else {}
+
+    def say(self, line: str) -> None:
+        if self._process.stdin is None:
+            raise RuntimeError("the console has no stdin")
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+
+    def wait_until_shown(self, *, timeout_s: float = 60.0, **expected: object) -> dict[str, Any]:
+        """The first report in which everything expected is on show."""
+        first = len(self.history) - 1 if self.history else 0
+
+        def found() -> dict[str, Any] | None:
+            if self._process.poll() is not None and not self._reader.is_alive():
+                raise AssertionError(f"the console ended with {self._process.returncode}; last: {self.shown}")
+            for report in self.history[max(0, first) :]:
+                if all(report[name] == value for name, value in expected.items()):
+                    return report
+            return None
+
+        report = wait_for(found, f"{expected}; last: {self.shown}", timeout_s=timeout_s)
+        if report is None:
+            raise AssertionError
+        return report
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> int:
+        """Close the window and give the exit status."""
+        if self._process.poll() is None:
+            try:
+                self.say("quit")
+                return self._process.wait(20)
+            except (BrokenPipeError, subprocess.TimeoutExpired):
+                self.kill()
+        return self._process.returncode
+
+    def _read(self) -> None:
+        if self._process.stdout is None:
+            return
+        for line in self._process.stdout:
+            if line.startswith("{"):
+                self.history.append(json.loads(line))

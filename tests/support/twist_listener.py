@@ -1,0 +1,46 @@
+"""An independent rosbridge client that notes every velocity command that reaches the robot's topic."""
+
+import json
+import threading
+import time
+from dataclasses import dataclass
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+
+@dataclass(frozen=True, slots=True)
+class SeenTwist:
+    at_ns: int
+    forward_mps: float
+    turn_radps: float
+
+    @property
+    def moving(self) -> bool:
+        return bool(self.forward_mps or self.turn_radps)
+
+
+class TwistListener:
+    """Plain websocket, plain JSON; nothing of ours in between."""
+
+    def __init__(self, address: str, topic: str = "/cmd_vel") -> None:
+        self.seen: list[SeenTwist] = []
+        self._socket = connect(address, compression=None, max_size=None)
+        self._socket.send(json.dumps({"op": "subscribe", "topic": topic, "type": "geometry_msgs/Twist"}))
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._socket.close()
+        self._thread.join(5)
+
+    def _listen(self) -> None:
+        try:
+            for text in self._socket:
+                at_ns = time.monotonic_ns()
+                operation = json.loads(text)
+                if operation.get("op") == "publish":
+                    message = operation["msg"]
+                    self.seen.append(SeenTwist(at_ns, message["linear"]["x"], message["angular"]["z"]))
+        except ConnectionClosed:
+            return
