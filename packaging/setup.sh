@@ -310,7 +310,11 @@ choose_torch() {
   announce_cuda_download
 }
 
-say "3/4 Python packages: the first time some 0.7 GB are fetched, which takes a few minutes; details in .venv/setup.log"
+if torch_present; then
+  say "3/4 Python packages: bringing them up to date; details in .venv/setup.log"
+else
+  say "3/4 Python packages: some 0.7 GB are fetched, which takes a few minutes; details in .venv/setup.log"
+fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
 extras=embedded
