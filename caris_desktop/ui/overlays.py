@@ -271,6 +271,8 @@ class ShortcutSheet(Overlay):
         sides.setSpacing(40)
         rows = sum(len(group) + 1 for group in groups.values())
         left, right = QVBoxLayout(), QVBoxLayout()
+        for side in (left, right):
+            side.setSpacing(0)  # else they take over the gap between them
         used = 0
         for name, group in groups.items():
             side = left if used + len(group) / 2 <= rows / 2 else right

@@ -13,7 +13,9 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.scenario.file import load_scenario
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import ThemeChoice
@@ -62,11 +64,16 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", default="")
+    parser.add_argument("--shipped", action="store_true", help="the shipped scenario files instead of the samples")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     app = QApplication(sys.argv[:1])
     began = time.monotonic()
-    for name, scenario in (("tour", samples.TOUR), ("mental", samples.MENTAL)):
+    scenarios = {"tour": samples.TOUR, "mental": samples.MENTAL}
+    if arguments.shipped:
+        names = {"tour": "tour-guide.yaml", "mental": "mental-health-check.yaml"}
+        scenarios = {name: load_scenario(layouts_dir() / file_name) for name, file_name in names.items()}
+    for name, scenario in scenarios.items():
         scene = Scene(scenario)
         window = scene.window
         window.show()

@@ -151,7 +151,7 @@ def corridor(width_px: int = 640, height_px: int = 480) -> NDArray[np.uint8]:
 
 
 def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float, float, float]]]]:
-    """Frames of a street with its people's boxes where the shared data lies beside the repository, else a plain room."""
+    """A street with its people's boxes where the shared data lies beside the repository, else a plain room."""
     data = Path(__file__).resolve().parents[3] / "shared" / "data" / "TUD-Campus"
     video, truth = data / "TUD-Campus.mp4", data / "gt.txt"
     if video.is_file():

@@ -38,7 +38,7 @@ class DrivePanel(Panel):
         self._reason.setWordWrap(True)
         self._pad = DrivePad(self.theme, self.table, self.hold)
         self._pad.setObjectName("drive_pad")
-        self._stop = ActionButton(self.theme, "Stop", icon="hand-palm")
+        self._stop = ActionButton(self.theme, "Stop", icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
         self._stop.clicked.connect(self.console.stop)
         self._stop.set_key(self.table.key_text("stop"))
@@ -54,18 +54,15 @@ class DrivePanel(Panel):
         self._slider.setPageStep(10)
         self._slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._slider.setAccessibleName("Top speed")
-        self._slider.setMinimumWidth(40)
+        self._slider.setMinimumWidth(24)
         self._slider.valueChanged.connect(self._on_slider_moved)
         self._speed = QLabel()
         self._speed.setObjectName("speed_label")
-        top = QHBoxLayout()
         words_column = QVBoxLayout()
         words_column.setSpacing(2)
         words_column.addWidget(self._line)
         words_column.addWidget(self._reason)
         words_column.addStretch(1)
-        top.addLayout(words_column, 1)
-        top.addWidget(self._stop, 0, Qt.AlignmentFlag.AlignTop)
         speed_row = QHBoxLayout()
         speed_row.setSpacing(8)
         speed_row.addWidget(self._slower)
@@ -74,7 +71,7 @@ class DrivePanel(Panel):
         speed_row.addWidget(self._speed)
         self._first = QVBoxLayout()
         self._first.setSpacing(tokens.GRID_PX)
-        self._first.addLayout(top, 1)
+        self._first.addLayout(words_column, 1)
         self._second = QVBoxLayout()
         self._second.setSpacing(tokens.GRID_PX)
         self._second.addWidget(self._pad, 1)
@@ -91,6 +88,9 @@ class DrivePanel(Panel):
         self._style()
         self._on_drive_changed(self.state.drive.value)
 
+    def title_widgets(self) -> list[QWidget]:
+        return [self._stop]
+
     def minimumSizeHint(self) -> QSize:
         return QSize(250, 120)
 
@@ -104,9 +104,11 @@ class DrivePanel(Panel):
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
         if direction != self._layout.direction():
             self._layout.setDirection(direction)
-            self._layout.setSpacing(24 if beside else tokens.GRID_PX)
+            self._layout.setSpacing(16 if beside else tokens.GRID_PX)
             self._layout.setStretch(0, 1 if beside else 0)
             target, source = (self._first, self._second) if beside else (self._second, self._first)
+            # The number is in the title bar as well.
+            self._speed.setVisible(not beside)
             source.removeItem(self._speed_row)
             self._speed_row.setParent(None)
             target.addLayout(self._speed_row)
@@ -143,7 +145,7 @@ class DrivePanel(Panel):
         elif not drive.allowed:
             text, role = drive.reason, "amber"
         elif drive.cap_reason:
-            text, role = f"Limited to {drive.cap_fraction:.0%}: {drive.cap_reason}", "amber"
+            text, role = f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
         elif self.hold.held:
             text = "Let go to stop."
         else:
@@ -198,7 +200,7 @@ class HoldArrow(QWidget):
         self._actions = actions
         self._hold = hold
         self._action_id = action_id
-        self.setMinimumSize(52, 36)
+        self.setMinimumSize(82, 36)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName(_NAMES[action_id])
         self.setToolTip(f"{_NAMES[action_id]}: hold")

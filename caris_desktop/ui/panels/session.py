@@ -8,6 +8,7 @@ from PySide6.QtCore import (
     QAbstractListModel,
     QModelIndex,
     QPersistentModelIndex,
+    QPoint,
     QRect,
     QSize,
     Qt,
@@ -18,10 +19,10 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QDesktopServices, QFontMetrics, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QComboBox,
     QHBoxLayout,
     QLabel,
     QListView,
+    QMenu,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QVBoxLayout,
@@ -62,13 +63,17 @@ class SessionPanel(Panel):
         self._folder = ActionButton(self.theme, "Open folder", icon="folder-open")
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
-        self._filter = QComboBox()
+        self._filter = ActionButton(
+            self.theme, "Everything", height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
+        )
         self._filter.setObjectName("log_filter")
-        self._filter.setAccessibleName("Which events to show")
-        self._filter.addItem("Everything", "")
-        for category in words.CATEGORIES:
-            self._filter.addItem(category, category)
-        self._filter.currentIndexChanged.connect(self._on_filter_changed)
+        self._filter.setToolTip("Which events to show")
+        self._filter_menu = QMenu(self)
+        self._filter_menu.setObjectName("log_filter_menu")
+        for category in ("", *words.CATEGORIES):
+            action = self._filter_menu.addAction(category or "Everything")
+            action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
+        self._filter.clicked.connect(self._open_filter_menu)
         self._model = EventLogModel(self)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
@@ -136,9 +141,14 @@ class SessionPanel(Panel):
         if at_end:
             QTimer.singleShot(0, self._log, self._log.scrollToBottom)
 
-    def _on_filter_changed(self, _index: int) -> None:
-        self._model.set_category(str(self._filter.currentData()))
+    def show_category(self, category: str) -> None:
+        """Show only events of one of ``words.CATEGORIES``; all of them for an empty string."""
+        self._filter.set_label(category or "Everything")
+        self._model.set_category(category)
         self._log.scrollToBottom()
+
+    def _open_filter_menu(self) -> None:
+        self._filter_menu.popup(self._filter.mapToGlobal(QPoint(0, self._filter.height() + 4)))
 
     def _on_toggle(self) -> None:
         if self.state.recording.value.state in ("recording", "starting"):

@@ -10,7 +10,7 @@ from caris_desktop.ui.actions import PHRASE_COUNT
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowLayout
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
 
 _HISTORY = 50
@@ -30,11 +30,7 @@ class SpeakPanel(Panel):
         self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30)
         self._silence.setObjectName("silence_button")
         self._silence.bind(self.table, "silence")
-        chips = QWidget()
-        policy = QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Minimum)
-        policy.setHeightForWidth(True)
-        chips.setSizePolicy(policy)
-        flow = FlowLayout(chips, gap_px=6)
+        chips = FlowRow(gap_px=6)
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
             spec = self.table.spec(action_id)
             if spec is None:
@@ -43,7 +39,7 @@ class SpeakPanel(Panel):
             chip.setObjectName(action_id)
             chip.bind(self.table, action_id)
             chip.setToolTip(spec.text)
-            flow.addWidget(chip)
+            chips.add(chip)
         self._queue = QLabel()
         self._queue.setTextFormat(Qt.TextFormat.PlainText)
         self._queue.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)

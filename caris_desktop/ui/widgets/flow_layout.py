@@ -1,7 +1,31 @@
 """A layout that wraps its items like words in a line."""
 
 from PySide6.QtCore import QMargins, QPoint, QRect, QSize, Qt
-from PySide6.QtWidgets import QLayout, QLayoutItem, QWidget
+from PySide6.QtWidgets import QLayout, QLayoutItem, QSizePolicy, QWidget
+
+
+class FlowRow(QWidget):
+    """A widget laid out by a FlowLayout that is as tall as its present width needs, and no taller."""
+
+    def __init__(self, *, gap_px: int = 8) -> None:
+        super().__init__()
+        self._flow = FlowLayout(self, gap_px=gap_px)
+        policy = QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Minimum)
+        policy.setHeightForWidth(True)
+        self.setSizePolicy(policy)
+
+    def add(self, widget: QWidget) -> None:
+        self._flow.addWidget(widget)
+
+    # Without these Qt reserves the height for the narrowest width that is possible.
+    def sizeHint(self) -> QSize:
+        return self._flow.minimumSize()
+
+    def minimumSizeHint(self) -> QSize:
+        return self._flow.minimumSize()
+
+    def heightForWidth(self, width: int) -> int:
+        return self._flow.heightForWidth(width)
 
 
 class FlowLayout(QLayout):
