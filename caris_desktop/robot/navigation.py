@@ -197,7 +197,7 @@ class Navigator:
         self._emit = emit
         self._unconfirmed = unconfirmed
         self._goal: _Goal | None = None
-        self._cancel_on_connect = False
+        self._lost_wire_id: str | None = None
         self._epochs = itertools.count(1)
         self._epoch = 0
         self._server: GoalServer | None = None
@@ -254,13 +254,14 @@ class Navigator:
     def link_lost(self) -> None:
         """The goal counts as failed, and will be cancelled when the robot is back."""
         if self._goal is not None:
-            self._cancel_on_connect = True
+            self._lost_wire_id = self._goal.wire_id
             self._end("failed", "the link to the robot was lost; the goal is cancelled when it is back")
 
     def link_connected(self) -> None:
-        if not self._cancel_on_connect or self._server is None:
+        lost, self._lost_wire_id = self._lost_wire_id, None
+        if lost is None or self._server is None:
             return
-        self._cancel_on_connect = False
+        self._server.cancel(lost)
         self._server.cancel_all()
         epoch = self._epoch
         for delay_s in CANCEL_AGAIN_S:

@@ -9,6 +9,7 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
 
+_GOODBYE_S = 0.3
 NO_ROSAPI = (
     "The robot does not tell which topics it has (rosapi does not answer). "
     "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
@@ -21,6 +22,14 @@ class RobotInventory:
 
     topics: dict[str, str]
     services: frozenset[str]
+
+    @property
+    def dialect(self) -> Dialect | None:
+        """As the spelling of its type names tells; None when it tells nothing."""
+        kinds = [kind for kind in self.topics.values() if kind]
+        if not kinds:
+            return None
+        return Dialect.ROS2 if any("/msg/" in kind for kind in kinds) else Dialect.ROS1
 
     def has_service(self, name: str) -> bool:
         return _absolute(name) in self.services
@@ -50,6 +59,12 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     """One sentence for each thing that the profile names and the robot lacks or has with another type."""
     dialect = Dialect(profile.ros)
     sentences = []
+    if inventory.dialect not in (None, dialect):
+        ros = 3 - profile.ros
+        sentences.append(
+            f"The robot runs ROS {ros}, but the profile says ROS {profile.ros}. "
+            f"Choose a profile with 'ros: {ros}', or add ?ros={ros} to the address."
+        )
     for what, topic, package, message in _listened(profile):
         kind = inventory.topics.get(_absolute(topic))
         wanted = type_name(dialect, package, message)
@@ -100,3 +115,48 @@ def _texts(value: Any) -> list[str]:
 
 def _absolute(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
+
+
+class _Probe:
+    """Waits for one connection, or for the reason why there is none."""
+
+    def __init__(self) -> None:
+        self.outcome: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+    def link_connected(self) -> None:
+        self._settle("")
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        self._settle(f"{what} {advice}")
+
+    def link_lost(self, reason: str) -> None:
+        self._settle(f"The connection was lost at once: {reason}.")
+
+    def link_silent(self) -> None: ...
+
+    def link_heard(self) -> None: ...
+
+    def link_round_trip(self, round_trip_s: float) -> None: ...
+
+    def link_refused(self, detail: str) -> None: ...
+
+    def _settle(self, outcome: str) -> None:
+        if not self.outcome.done():
+            self.outcome.set_result(outcome)
+
+
+async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
+    """Connect, compare, disconnect; see ``link.check_robot``."""
+    probe = _Probe()
+    ros = SafeRos(address, probe, service_timeout_s=timeout_s)
+    ros.connect()
+    try:
+        async with asyncio.timeout(timeout_s):
+            unreachable = await probe.outcome
+            if unreachable:
+                return [unreachable]
+            return missing_from(profile, await take_inventory(ros))
+    except (TimeoutError, ServiceCallError):
+        return [NO_ROSAPI] if probe.outcome.done() else [f"Nothing answers at {address} within {timeout_s:g} s."]
+    finally:
+        await ros.aclose(_GOODBYE_S)

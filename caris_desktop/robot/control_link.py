@@ -1,0 +1,493 @@
+"""The control link: motion, navigation, voice, emergency stop and the small sensor streams."""
+
+import asyncio
+import logging
+import statistics
+from collections import deque
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from typing import Any, Literal
+
+from caris_desktop.domain import commands
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import (
+    CommandSent,
+    CommandSource,
+    DriveEnded,
+    EmergencyStopChanged,
+    LinkQuality,
+    Problem,
+)
+from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
+from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.localization import PoseTracker
+from caris_desktop.robot.navigation import Navigator
+from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.preflight import missing_from, take_inventory
+from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.voice import RobotVoice
+from caris_desktop.ros.dialect import Dialect, decode_time, type_name
+from caris_desktop.ros.messages import (
+    decode_battery_state,
+    decode_bool,
+    decode_laser_scan,
+    decode_odometry,
+    decode_pose_with_covariance_stamped,
+    decode_tf_message,
+    encode_twist,
+    encode_twist_stamped,
+)
+
+logger = logging.getLogger(__name__)
+
+QUALITY_EVERY_S = 1.0
+CLOCK_EVERY_S = 5.0
+
+
+class ControlLink:
+    """Everything of the robot that must not wait for pictures. Lives on one asyncio loop; a ``link_process.Link``."""
+
+    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox) -> None:
+        self._profile = profile
+        self._dialect = Dialect(profile.ros)
+        self._loop = asyncio.get_running_loop()
+        self._put = outbox.put
+        self._report = LinkReporter("control", address, outbox)
+        self._ros = SafeRos(address, self)
+        self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz)
+        self._timer: asyncio.TimerHandle | None = None
+        self._sequence = 0
+        self._connected = False
+        self._silent = False
+        self._drives_count_from_ns = 0
+        self._stop_when_heard = False
+        self._wizard_latched = False
+        self._robot_latched = False
+        self._round_trips_s: deque[float] = deque(maxlen=10)
+        self._clock_offset_ms: float | None = None
+        self._clock_uncertainty_ms: float | None = None
+        self._told_missing = False
+        self._closing = False
+        self._tasks: set[asyncio.Task[None]] = set()
+        velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
+        self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
+        self._velocity.advertise()
+        self._navigator = Navigator(
+            self._ros, profile.navigation, emit=self._put, unconfirmed=self._report_unconfirmed_cancel
+        )
+        self._voice = RobotVoice(self._ros, self._dialect, profile.speech, emit=self._put)
+        self._poses = PoseTracker(profile.frames)
+        self._subscribe()
+
+    def start(self) -> None:
+        self._report.changed("connecting")
+        self._ros.connect()
+        self._in_background(self._measure())
+
+    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+        """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
+        held_by = [c.stamp_ns for c in received if isinstance(c, (commands.Drive, commands.RenewLease))]
+        newest_s = min(max(held_by, default=0) / 1e9, self._loop.time())
+        for command in received:
+            try:
+                self._obey(command, newest_s)
+            except Exception:
+                # The lease must go on whatever a single command does.
+                logger.exception("The command %r failed", command)
+        self._move()
+
+    async def finish(self) -> None:
+        """Stop the robot and say goodbye."""
+        moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
+        if self._connected and moving:
+            self._navigator.cancel_all("the console closed")
+            self._lease.stop(self._loop.time())
+            self._move()
+            # The timer goes on sending the zeros meanwhile.
+            await asyncio.sleep(ZERO_REPEAT_S)
+        self._closing = True
+        for task in self._tasks:
+            task.cancel()
+        await self._ros.aclose(GOODBYE_S)
+        self._report.changed("closed")
+
+    # Commands
+
+    def _obey(self, command: commands.RobotCommand, newest_s: float) -> None:
+        """``newest_s`` is when the console last said that it holds the lease, as far as is known now."""
+        now_s = self._loop.time()
+        # A stamp from the future would keep a lease beyond its time.
+        given_s = min(command.stamp_ns / 1e9, now_s)
+        match command:
+            case commands.Drive():
+                self._drive(command, given_s, now_s - newest_s)
+            case commands.RenewLease():
+                self._lease.renew(given_s)
+            case commands.Release():
+                self._lease.release(now_s)
+            case commands.StopMotion():
+                self._lease.stop(now_s)
+                self._navigator.cancel_all("stopped by the wizard")
+            case commands.SetEmergencyStop(latched=latched):
+                self._set_emergency_stop(latched)
+            case commands.GoTo():
+                self._go_to(command)
+            case commands.CancelGoal():
+                self._navigator.cancel("cancelled by the wizard")
+            case commands.Say(utterance_id=utterance_id, text=text):
+                self._voice.say(utterance_id, text)
+            case commands.Silence():
+                if self._connected and not self._voice.silence():
+                    self._report.problems.count(
+                        "silence",
+                        severity="info",
+                        what="The robot's voice cannot be interrupted.",
+                        meaning="It finishes its sentence.",
+                        advice="Name the robot's stop topic under 'speech' in its profile, if it has one.",
+                    )
+            case commands.CloseLink():
+                pass
+
+    def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
+        refusal = self._drive_refusal(command, age_s)
+        if refusal:
+            self._lease.end(self._loop.time())
+            if self._lease.latched:
+                # Something tries to move against the emergency stop: say zero once more.
+                self._lease.drive(command.target, command.source, self._loop.time())
+            self._put(DriveEnded(now_ns(), refusal))
+            return
+        if command.target.moving:
+            # Taking the wheel takes it from the navigation.
+            self._navigator.cancel("the wizard drives")
+        self._lease.drive(command.target, command.source, given_s)
+
+    def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
+        if not self._connected:
+            return "The robot is not connected"
+        if self._lease.latched:
+            return "The emergency stop is set"
+        if self._silent:
+            return "The link to the robot is in trouble"
+        if command.stamp_ns < self._drives_count_from_ns:
+            return "The link was lost meanwhile; press the key again"
+        if age_s > EXPIRY_S:
+            return "The command came too late; press the key again"
+        return ""
+
+    def _go_to(self, command: commands.GoTo) -> None:
+        if self._lease.latched or not self._connected:
+            detail = "the emergency stop is set" if self._lease.latched else "the robot is not connected"
+            self._navigator.refuse(command.goal_id, command.target_in_map, command.place, detail)
+            return
+        if self._lease.end(self._loop.time()):
+            self._put(DriveEnded(now_ns(), "The robot navigates"))
+        self._navigator.go(command.goal_id, command.target_in_map, command.place)
+
+    # Motion
+
+    def _move(self) -> None:
+        """Send whatever velocity is due, and come back when the next one is."""
+        while True:
+            leased = self._lease.next_twist(self._loop.time())
+            if leased is None:
+                break
+            if leased.twist.moving and self._ros.unsent_bytes > 0:
+                # What the network does not take now it would deliver late.
+                self._end_drive("The network does not take the commands")
+                continue
+            self._send_twist(leased.twist, leased.source)
+        if self._lease.take_expired():
+            self._put(DriveEnded(now_ns(), "The console stopped answering for a moment"))
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        due_s = self._lease.due_s()
+        if due_s != float("inf"):
+            self._timer = self._loop.call_at(due_s, self._move)
+
+    def _send_twist(self, twist: Twist2D, source: CommandSource) -> None:
+        velocity = self._profile.velocity
+        if velocity.type == "TwistStamped":
+            # The robot's own time, as far as it is known; zero says "not stamped".
+            offset_ms = self._clock_offset_ms
+            stamp_ns = 0 if offset_ms is None else int(now_ns() + offset_ms * 1e6)
+            message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
+        else:
+            message = encode_twist(twist)
+        if self._velocity.publish(message):
+            self._sequence += 1
+            self._put(CommandSent(now_ns(), self._sequence, twist, source))
+
+    def _end_drive(self, reason: str) -> None:
+        if self._lease.end(self._loop.time()):
+            self._put(DriveEnded(now_ns(), reason))
+
+    # Emergency stop
+
+    def _set_emergency_stop(self, latched: bool) -> None:
+        interface = self._profile.emergency_stop
+        service = interface.service if interface else None
+        if latched:
+            self._navigator.cancel_all("emergency stop")
+            self._latch(wizard=True, by="wizard")
+            # Said again on every request: the wizard must see that it is set.
+            if service and self._connected:
+                self._in_background(self._tell_emergency_stop(service, True))
+            return
+        if service and not self._connected:
+            self._put(
+                Problem(
+                    now_ns(),
+                    "warning",
+                    "The emergency stop was not cleared: the robot is not connected.",
+                    "It stays set.",
+                    "Clear it when the robot is connected again.",
+                )
+            )
+            self._put(EmergencyStopChanged(now_ns(), self._lease.latched, "robot"))
+        elif service:
+            self._in_background(self._tell_emergency_stop(service, False))
+        else:
+            self._latch(wizard=False, by="wizard")
+
+    def _latch(self, *, by: Literal["wizard", "robot"], wizard: bool | None = None, robot: bool | None = None) -> None:
+        """Set one of the two latches; the emergency stop is set while either is."""
+        self._wizard_latched = self._wizard_latched if wizard is None else wizard
+        self._robot_latched = self._robot_latched if robot is None else robot
+        latched = self._wizard_latched or self._robot_latched
+        changed = latched != self._lease.latched
+        if latched:
+            self._lease.emergency(True, self._loop.time())
+            self._move()
+        elif changed:
+            self._lease.emergency(False, self._loop.time())
+        if changed:
+            self._put(EmergencyStopChanged(now_ns(), latched, by))
+
+    async def _tell_emergency_stop(self, service: str, latched: bool) -> None:
+        try:
+            answer = await self._ros.ask(service, "std_srvs/SetBool", {"data": latched})
+            reason = "" if answer.get("success", True) else str(answer.get("message") or "it refused")
+        except ServiceCallError as error:
+            reason = str(error)
+        if reason:
+            logger.warning("Emergency stop: %s", reason)
+            verb, state = ("set", "set in this console only") if latched else ("clear", "still set")
+            self._put(
+                Problem(
+                    now_ns(),
+                    "error",
+                    f"The robot did not {verb} its emergency stop ({reason}).",
+                    f"It is {state}; the console sends no motion.",
+                    "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
+                )
+            )
+            # Who asked may show it as cleared already.
+            self._put(EmergencyStopChanged(now_ns(), True, "robot"))
+            return
+        if not latched:
+            # Its topic will say the same a moment later; the wizard need not wait for it.
+            self._latch(wizard=False, robot=False, by="wizard")
+
+    def _take_emergency_stop(self, message: Any) -> None:
+        latched = decode_bool(message)
+        if latched == self._robot_latched:
+            return
+        if latched:
+            self._navigator.cancel_all("the robot's emergency stop")
+        self._latch(robot=latched, by="robot")
+
+    # The connection
+
+    def link_connected(self) -> None:
+        self._connected = True
+        self._silent = False
+        self._drives_count_from_ns = now_ns()
+        self._report.changed("connected")
+        self._navigator.link_connected()
+        interface = self._profile.emergency_stop
+        if self._wizard_latched and interface and interface.service:
+            self._in_background(self._tell_emergency_stop(interface.service, True))
+        self._in_background(self._look_around())
+
+    def link_silent(self) -> None:
+        self._silent = True
+        if self._lease.due_s() < float("inf"):
+            # One zero goes ahead of everything; more of them would pile up in a network that does not move.
+            self._stop_when_heard = True
+            self._end_drive("The robot has not been heard for a moment")
+            self._move()
+            self._lease.forget()
+        self._report.changed("trouble", "The robot has not been heard for a moment")
+
+    def link_heard(self) -> None:
+        self._silent = False
+        self._drives_count_from_ns = now_ns()
+        if self._stop_when_heard:
+            self._stop_when_heard = False
+            self._lease.stop(self._loop.time())
+            self._move()
+        self._report.changed("connected")
+
+    def link_lost(self, reason: str) -> None:
+        self._connected = False
+        self._silent = False
+        self._stop_when_heard = False
+        if self._lease.held:
+            self._put(DriveEnded(now_ns(), "The link to the robot was lost"))
+        self._lease.forget()
+        self._navigator.link_lost()
+        self._voice.link_lost()
+        self._poses.forget()
+        if not self._closing:
+            self._report.changed("lost", f"The link to the robot was lost: {reason}")
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        self._report.unreachable(what, advice)
+
+    def link_round_trip(self, round_trip_s: float) -> None:
+        self._round_trips_s.append(round_trip_s)
+
+    def link_refused(self, detail: str) -> None:
+        self._report.refused(detail)
+
+    # Streams
+
+    def _subscribe(self) -> None:
+        profile, frames = self._profile, self._profile.frames
+
+        def scan(message: Any) -> None:
+            value = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns, robot_from_laser=profile.robot_from_laser)
+            mounted = self._poses.tree.lookup(frames.base, value.frame_id.lstrip("/")) if value.frame_id else None
+            if mounted is not None and mounted != value.robot_from_laser:
+                value = decode_laser_scan(message, stamp_ns=value.stamp_ns, robot_from_laser=mounted)
+            self._put(value)
+
+        def odometry(message: Any) -> None:
+            value = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
+            self._put(value)
+            self._put_known(self._poses.take_odometry(value))
+
+        def pose(message: Any) -> None:
+            value = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
+            self._put_known(self._poses.take_pose(value))
+
+        def transforms(message: Any, *, static: bool = False) -> None:
+            told = decode_tf_message(message)
+            self._put_known(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
+
+        def battery(message: Any) -> None:
+            self._put(decode_battery_state(message, stamp_ns=self._ros.arrival_ns))
+
+        self._listen(profile.scan, "sensor_msgs", "LaserScan", scan)
+        self._listen(profile.odometry, "nav_msgs", "Odometry", odometry)
+        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", pose)
+        self._listen(profile.tf_static, "tf2_msgs", "TFMessage", lambda m: transforms(m, static=True), every=True)
+        # Several nodes share this topic, each with its own transforms: none may replace another.
+        self._listen(profile.tf, "tf2_msgs", "TFMessage", transforms, every=True)
+        self._listen(profile.battery, "sensor_msgs", "BatteryState", battery)
+        stop = profile.emergency_stop
+        if stop is not None and stop.topic is not None:
+            self._listen(TopicSource(stop.topic), "std_msgs", "Bool", self._take_emergency_stop, every=True)
+
+    def _listen(
+        self,
+        source: TopicSource | None,
+        package: str,
+        message: str,
+        take: Callable[[Any], None],
+        *,
+        every: bool = False,
+    ) -> None:
+        if source is not None:
+            SafeTopic(
+                self._ros,
+                source.topic,
+                type_name(self._dialect, package, message),
+                throttle_rate=source.throttle_ms,
+                queue_length=20 if every else 1,
+                every_message=every,
+            ).subscribe(take)
+
+    def _put_known(self, value: Any) -> None:
+        if value is not None:
+            self._put(value)
+
+    async def _measure(self) -> None:
+        clock_due_s = 0.0
+        while True:
+            await asyncio.sleep(QUALITY_EVERY_S)
+            if not self._connected or not self._round_trips_s:
+                continue
+            if self._loop.time() >= clock_due_s:
+                clock_due_s = self._loop.time() + CLOCK_EVERY_S
+                await self._measure_clock()
+            if not self._connected or not self._round_trips_s:
+                continue
+            round_trip_ms = statistics.median(self._round_trips_s) * 1e3
+            self._put(LinkQuality(now_ns(), round_trip_ms, self._clock_offset_ms, self._clock_uncertainty_ms))
+
+    async def _measure_clock(self) -> None:
+        asked_ns = now_ns()
+        try:
+            answer = await self._ros.ask("/rosapi/get_time", "rosapi/GetTime")
+            robot_ns = decode_time(answer.get("time"))
+        except (ServiceCallError, ValueError) as error:
+            logger.info("The robot's clock is not known: %s", error)
+            robot_ns = None
+        answered_ns = now_ns()
+        if robot_ns is None:
+            self._clock_offset_ms = self._clock_uncertainty_ms = None
+            return
+        self._clock_offset_ms = (robot_ns - (asked_ns + answered_ns) // 2) / 1e6
+        self._clock_uncertainty_ms = (answered_ns - asked_ns) / 2e6
+
+    async def _look_around(self) -> None:
+        """Say once what the robot lacks of its profile."""
+        if self._told_missing:
+            return
+        try:
+            inventory = await take_inventory(self._ros)
+        except ServiceCallError as error:
+            logger.info("The robot's inventory is not known: %s", error)
+            return
+        self._told_missing = True
+        missing = missing_from(self._profile, inventory)
+        stop = self._profile.emergency_stop
+        if stop is not None and stop.service is not None and not inventory.has_service(stop.service):
+            # Then the emergency stop is the console's alone, and nothing has to be asked of the robot.
+            self._profile = replace(self._profile, emergency_stop=EmergencyStopInterface(topic=stop.topic))
+        if missing:
+            self._put(
+                Problem(
+                    now_ns(),
+                    "warning",
+                    "The robot lacks something that its profile names: " + " ".join(missing),
+                    "What is missing stays empty or does nothing.",
+                    "Start it on the robot, or correct the names in the robot profile.",
+                )
+            )
+
+    def _report_unconfirmed_cancel(self) -> None:
+        self._put(
+            Problem(
+                now_ns(),
+                "error",
+                "The robot did not confirm that it gave up its navigation goal.",
+                "It may still be moving by itself.",
+                "Watch the robot; use its emergency stop if it moves.",
+            )
+        )
+
+    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._finished)
+
+    def _finished(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception() is not None:
+            logger.error("Something in the background failed", exc_info=task.exception())

@@ -1,0 +1,106 @@
+"""What both link processes share: the loop, the connection to the console, and how a link reports its state."""
+
+import asyncio
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any, Literal, Protocol
+
+from caris_desktop.domain import commands
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import LinkChanged, LinkState, Problem
+from caris_desktop.robot.outbox import Outbox, ProblemReporter
+
+logger = logging.getLogger(__name__)
+
+GOODBYE_S = 0.3
+_LAST_WORDS_S = 0.5
+
+UNREACHABLE_MEANING = "Driving, video and everything else of the robot is off. The console keeps trying to connect."
+
+
+class Link(Protocol):
+    """What runs in a link process. All calls come on its loop."""
+
+    def start(self) -> None:
+        """Connect, and keep connecting."""
+
+    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+        """Obey what the console sent, in order. Never raises."""
+
+    async def finish(self) -> None:
+        """Leave the robot safe, then disconnect."""
+
+
+def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:
+    """Run a link until CloseLink, the end of ``connection`` or SIGTERM."""
+    # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The loop must not wait 5 ms for the interpreter lock while the outbox pickles a scan.
+    sys.setswitchinterval(0.0005)
+    asyncio.run(_serve(connection, make))
+
+
+async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None:
+    loop = asyncio.get_running_loop()
+    outbox = Outbox(connection)
+    link = make(outbox)
+    ended = asyncio.Event()
+    loop.add_signal_handler(signal.SIGTERM, ended.set)
+
+    def take_commands() -> None:
+        received: list[Any] = []
+        try:
+            while connection.poll(0):
+                received.append(connection.recv())
+        except (EOFError, OSError):
+            # The console died or closed its end. Nothing that it said last is obeyed any more.
+            received = [commands.CloseLink(now_ns())]
+        if any(isinstance(command, commands.CloseLink) for command in received):
+            loop.remove_reader(connection.fileno())
+            ended.set()
+        else:
+            link.take_commands(received)
+
+    loop.add_reader(connection.fileno(), take_commands)
+    link.start()
+    await ended.wait()
+    await link.finish()
+    outbox.close(_LAST_WORDS_S)
+
+
+class LinkReporter:
+    """Tells the console how one link fares: LinkChanged for each change, one Problem for each spell of bad luck."""
+
+    def __init__(self, link: Literal["control", "media"], address: str, outbox: Outbox) -> None:
+        self._link = link
+        self._address = address
+        self._put = outbox.put
+        self.problems = ProblemReporter(outbox.put)
+        self._told_unreachable = False
+
+    def changed(self, state: LinkState, detail: str = "") -> None:
+        if state == "connected":
+            self._told_unreachable = False
+        self._put(LinkChanged(now_ns(), self._link, state, self._address, detail))
+
+    def unreachable(self, what: str, advice: str) -> None:
+        logger.debug("%s: %s", self._link, what)
+        if self._told_unreachable:
+            return
+        self._told_unreachable = True
+        self._put(LinkChanged(now_ns(), self._link, "connecting", self._address, what))
+        # One Problem is enough for a robot that is away; the control link speaks for both.
+        if self._link == "control":
+            self._put(Problem(now_ns(), "error", what, UNREACHABLE_MEANING, advice))
+
+    def refused(self, detail: str) -> None:
+        self.problems.count(
+            "refused",
+            severity="warning",
+            what=f"The robot sent {{count}} message(s) that cannot be used: {detail[:200]}.",
+            meaning="They were ignored; everything else goes on.",
+            advice="If something stays empty, check the topic names and types in the robot profile.",
+        )

@@ -1,0 +1,110 @@
+"""The media link: camera frames and maps."""
+
+import contextlib
+import logging
+from typing import Any
+
+import cv2
+import numpy as np
+
+from caris_desktop.domain import commands
+from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
+from caris_desktop.robot.wire import MEDIA_TIMINGS
+from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.messages import decode_compressed_image, decode_occupancy_grid
+
+logger = logging.getLogger(__name__)
+
+
+class MediaLink:
+    """Bulk: camera frames and maps, on a socket and in a process where decoding delays nobody."""
+
+    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, frames: FrameWriter) -> None:
+        dialect = Dialect(profile.ros)
+        self._put = outbox.put
+        self._frames = frames
+        self._closing = False
+        self._report = LinkReporter("media", address, outbox)
+        self._ros = SafeRos(address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES)
+        for camera in profile.cameras:
+            SafeTopic(
+                self._ros,
+                camera.topic,
+                type_name(dialect, "sensor_msgs", "CompressedImage"),
+                throttle_rate=camera.throttle_ms,
+            ).subscribe(lambda message, camera=camera: self._take_image(message, camera))
+        if profile.map is not None:
+            SafeTopic(
+                self._ros,
+                profile.map.topic,
+                type_name(dialect, "nav_msgs", "OccupancyGrid"),
+                throttle_rate=profile.map.throttle_ms,
+            ).subscribe(self._take_map)
+
+    def start(self) -> None:
+        self._report.changed("connecting")
+        self._ros.connect()
+
+    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+        logger.warning("The media link moves nothing; ignored: %s", [type(command).__name__ for command in received])
+
+    async def finish(self) -> None:
+        self._closing = True
+        await self._ros.aclose(GOODBYE_S)
+        self._report.changed("closed")
+
+    def link_connected(self) -> None:
+        self._report.changed("connected")
+
+    def link_silent(self) -> None:
+        self._report.changed("trouble", "No video or map for a moment")
+
+    def link_heard(self) -> None:
+        self._report.changed("connected")
+
+    def link_lost(self, reason: str) -> None:
+        if not self._closing:
+            self._report.changed("lost", f"The link for video and map was lost: {reason}")
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        self._report.unreachable(what, advice)
+
+    def link_round_trip(self, round_trip_s: float) -> None:
+        """The control link measures."""
+
+    def link_refused(self, detail: str) -> None:
+        self._report.refused(detail)
+
+    def _take_image(self, message: Any, camera: CameraTopic) -> None:
+        image = decode_compressed_image(message)
+        image_bgr = None
+        with contextlib.suppress(cv2.error):
+            image_bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
+        problem = "is not a picture that can be read"
+        if image_bgr is not None:
+            try:
+                ref = self._frames.write(
+                    image_bgr,
+                    stamp_ns=self._ros.arrival_ns,
+                    robot_stamp_ns=image.robot_stamp_ns,
+                    camera=camera.name,
+                )
+            except ValueError as error:
+                problem = f"does not fit: {error}"
+            else:
+                self._put(ref)
+                return
+        self._report.problems.count(
+            f"image {camera.name}",
+            severity="warning",
+            what=f"{{count}} picture(s) of the camera {camera.name} were dropped: the data {problem}.",
+            meaning="The video stands still or stutters.",
+            advice=f"Check what the robot publishes on {camera.topic}.",
+        )
+
+    def _take_map(self, message: Any) -> None:
+        self._put(decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns))
