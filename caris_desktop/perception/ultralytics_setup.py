@@ -37,9 +37,11 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     os.environ["YOLO_VERBOSE"] = "false"
     os.environ["OMP_NUM_THREADS"] = str(threads)
 
+    import cv2
     import torch
 
     torch.set_num_threads(threads)
+    cv2.setNumThreads(threads)
     ensure_torchvision()
 
     import ultralytics.utils

@@ -229,16 +229,19 @@ def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) ->
 @needs_int8_weights
 @needs_tud_campus
 def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Path) -> None:
-    playback = play(TUD_CAMPUS_VIDEO, InferenceSettings(weights_path=INT8_WEIGHTS))
-    assert len(playback.frames) == 71
+    """Scored on the frames that were processed: how many are in time is a matter of what else the machine does."""
+    playback = play(TUD_CAMPUS_VIDEO, InferenceSettings(weights_path=INT8_WEIGHTS, tracker="bytetrack"))
     assert [ref.sequence for ref in playback.frames] == list(range(1, 72))
-    assert any(people.boxes for people in playback.people)
-    result = tmp_path / "result.txt"
-    write_mot(playback.people, result)
-    scores = score(TUD_CAMPUS_TRUTH, result, MOT_SCORE)
+    processed = {people.frame_sequence for people in playback.people}
+    assert len(processed) >= 20
+    write_mot(playback.people, tmp_path / "result.txt")
+    truth = TUD_CAMPUS_TRUTH.read_text(encoding="ascii").splitlines()
+    of_processed = [row for row in truth if int(row.split(",")[0]) in processed]
+    (tmp_path / "truth.txt").write_text("\n".join(of_processed), encoding="ascii")
+    scores = score(tmp_path / "truth.txt", tmp_path / "result.txt", MOT_SCORE)
     if scores is None:
         pytest.skip("needs the package trackeval, to be installed with --no-deps")
-    assert scores["HOTA"] >= 40.0, (scores, len(playback.people))
+    assert scores["HOTA"] >= 40.0, (scores, len(processed))
 
 
 def _ref(sequence: int) -> FrameRef:
