@@ -1,0 +1,141 @@
+"""Exports: what the tables hold, that each column is described, that nothing is overwritten."""
+
+import argparse
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import ChatMessage, LlmExchange
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, People, PersonBox
+from caris_desktop.domain.streams import STREAMS
+from caris_desktop.recording import command as export_command
+from caris_desktop.recording.export import ExportError, export_session
+from caris_desktop.recording.session_reader import open_session
+from tests.recording.driving import command, mark, pose, scan
+from tests.recording.test_session_reader import record
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    now_ns = clock.now_ns()
+    boxes = tuple(PersonBox(track, f"p-{track}", 1.5, 2, 3, 4, 0.5) for track in (7, 9))
+    record(
+        tmp_path / "s",
+        [
+            replace(scan(4), ranges_m=np.array([1.25, np.inf, 0.1, 3], dtype=np.float32)),
+            pose(1.5),
+            command(1),
+            mark('a "quoted", label\nin two lines'),
+            People(now_ns, "front", 3, 640, 480, boxes, 12.0),
+            People(now_ns, "front", 4, 640, 480, (), 12.0),
+            BatteryState(now_ns, None),
+            OccupancyGrid(now_ns, None, 0.05, Pose2D(0, 0, 0), np.zeros((3, 5), dtype=np.int8)),
+            LlmExchange(
+                stamp_ns=now_ns,
+                exchange_id="x",
+                provider="embedded",
+                model="m",
+                messages=(ChatMessage("system", "Be brief."), ChatMessage("user", "Hi")),
+                answer="Hello.",
+                outcome="answered",
+                asked_ns=now_ns - 2_000_000_000,
+                first_token_ns=None,
+                parameters={"temperature": 0.4, "model": "m"},
+            ),
+        ],
+    )
+    return tmp_path / "s"
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_stream_becomes_a_tidy_table(session: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    written = export_session(session, "csv", out)
+    assert sorted(written) == sorted(out.iterdir())
+    (row,) = table(out / "scan.csv")
+    assert (row["ranges_m"], row["ranges_m_min"], row["ranges_m_shape"]) == ("1.25;inf;0.1;3.0", "0.1", "4")
+    assert row["robot_from_laser_x_m"] == "0.1"
+    (row,) = table(out / "pose.csv")
+    assert (row["pose_in_map_x_m"], row["robot_stamp_ns"]) == ("1.5", "")
+    opened = open_session(session)
+    _, value = next(opened.values("pose"))
+    assert float(row["session_s"]) == pytest.approx(opened.clock.session_s(value.stamp_ns), abs=1e-6)
+    assert row["utc"] == opened.clock.utc(value.stamp_ns)
+    assert row["stamp_ns"] == str(value.stamp_ns)
+    (row,) = table(out / "event_command_sent.csv")
+    assert (row["twist_forward_mps"], row["source"]) == ("0.3", "keyboard")
+    (row,) = table(out / "event_marked.csv")
+    assert row["label"] == 'a "quoted", label\nin two lines'
+    assert [row["boxes_count"] for row in table(out / "people.csv")] == ["2", "0"]
+    assert [(row["number"], row["track"], row["left_px"]) for row in table(out / "people_boxes.csv")] == [
+        ("1", "7", "1.5"),
+        ("2", "9", "1.5"),
+    ]
+    (row,) = table(out / "battery.csv")
+    assert row["charge_fraction"] == ""
+    (row,) = table(out / "map.csv")
+    assert (row["cells_shape"], row["cells"]) == ("3x5", "")
+    (row,) = table(out / "event_llm_exchange.csv")
+    assert (row["parameters"], row["first_token_session_s"]) == ('{"model": "m", "temperature": 0.4}', "")
+    assert float(row["session_s"]) - float(row["asked_session_s"]) == pytest.approx(2.0, abs=1e-5)
+    assert [row["content"] for row in table(out / "event_llm_exchange_messages.csv")] == ["Be brief.", "Hi"]
+    about = {row["key"]: row["value"] for row in table(out / "session.csv")}
+    assert (about["trial.participant"], about["reason"], about["closed_properly"]) == ("P07", "wizard", "true")
+
+
+def test_every_column_of_every_table_is_described(session: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    export_session(session, "csv", out)
+    described = table(out / "data_dictionary.csv")
+    columns = {(row["table"], row["column"]) for row in described}
+    for spec in STREAMS:
+        path = out / f"{spec.name.replace('/', '_')}.csv"
+        with path.open(encoding="utf-8", newline="") as file:
+            head = next(csv.reader(file))
+        assert {(path.stem, name) for name in head} <= columns
+        assert len(set(head)) == len(head)
+    assert all(row["description"] for row in described)
+    units = {(row["table"], row["column"]): row["unit"] for row in described}
+    assert units["event_command_sent", "twist_turn_radps"] == "radians per second"
+    assert units["pose", "pose_in_map_x_m"] == "metres"
+
+
+def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
+    path = session / "events.mcap"
+    path.write_bytes(path.read_bytes()[:-4000])
+    export_session(session, "csv", tmp_path / "out")
+    assert table(tmp_path / "out" / "scan.csv")
+
+
+def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    export_session(session, "csv", out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    with pytest.raises(ExportError, match="is not empty"):
+        export_session(session, "csv", out)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    with pytest.raises(ExportError, match=r"Unknown format 'xls'\. Allowed: csv"):
+        export_session(session, "xls", tmp_path / "other")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match="Nothing was kept"):
+        export_session(session, "csv", tmp_path / "file" / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "out", "s"]
+
+
+def test_the_command_says_what_it_did(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    export_command.add_arguments(parser)
+    assert export_command.run(parser.parse_args([str(session), "--to", "csv", str(tmp_path / "out")])) == 0
+    assert f"to {tmp_path / 'out'}" in capsys.readouterr().out
+    assert export_command.run(parser.parse_args([str(tmp_path), str(tmp_path / "out2")])) == 1
+    assert "is no session" in capsys.readouterr().err
