@@ -97,6 +97,10 @@ class Outbox:
         """Topics that the client is subscribed to."""
         return set(self._streams)
 
+    def takes(self, topic: str) -> bool:
+        """Whether the client is subscribed to ``topic``."""
+        return topic in self._streams
+
     def subscribe(self, topic: str, key: str, subscription: Subscription) -> None:
         """Add a subscription, or change the one with the same ``key``."""
         self._streams.setdefault(topic, _Stream()).subscriptions[key] = subscription

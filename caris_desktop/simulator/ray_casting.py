@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.simulator.floor_plan import Box
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 _TINY = 1e-12
 
 

@@ -68,7 +68,7 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect) -> None:
 
     def subscribers(arguments: Message) -> Message:
         wanted = name_in(arguments, "topic")
-        return {"subscribers": sorted(client.name for client in server.clients if wanted in client.outbox.topics)}
+        return {"subscribers": sorted(client.name for client in server.clients if client.outbox.takes(wanted))}
 
     def get_time(_: Message) -> Message:
         return {"time": encode_time(dialect, time.time_ns())}

@@ -126,7 +126,7 @@ class BridgeServer:
 
     def has_subscribers(self, name: str) -> bool:
         """Whether any client takes this topic."""
-        return any(name in client.outbox.topics for client in self.clients)
+        return any(client.outbox.takes(name) for client in self.clients)
 
     def publish(self, name: str, message: Message) -> None:
         """Publish a message of the robot's own, or relay one of a client."""
@@ -266,7 +266,7 @@ class BridgeServer:
     def _subscribe(self, client: Client, operation: Message) -> None:
         name = _name(operation, "topic")
         what = "subscribe"
-        if name not in client.outbox.topics and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
+        if not client.outbox.takes(name) and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
             raise ProtocolError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
         throttle_ms = number(operation, "throttle_rate", what) if operation.get("throttle_rate") is not None else 0.0
         fragment_size = None
@@ -304,13 +304,16 @@ class BridgeServer:
             self._forward(client, provider, name, arguments, request_id)
             return
         try:
-            if name not in self.services:
-                raise CallFailed(f"Service {name} does not exist")
-            values: Any = self.services[name].call(message_of(arguments, "args"))
+            values: Any = self._service(name).call(message_of(arguments, "args"))
             succeeded = True
         except (CallFailed, MessageError) as error:
             values, succeeded = str(error), False
         self._answer(client, {**response, "values": values, "result": succeeded}, request_id)
+
+    def _service(self, name: str) -> Service:
+        if name not in self.services:
+            raise CallFailed(f"Service {name} does not exist")
+        return self.services[name]
 
     def _forward(self, caller: Client, provider: Client, name: str, arguments: Any, request_id: str | None) -> None:
         forwarded_id = f"forwarded:{name}:{next(self._numbers)}"

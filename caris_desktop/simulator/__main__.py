@@ -1,0 +1,17 @@
+"""``python -m caris_desktop.simulator``: the simulated robot without the rest of the program."""
+
+import argparse
+import sys
+
+from caris_desktop.simulator.command import add_arguments, run
+
+
+def main() -> int:
+    """Parse the arguments and run the robot."""
+    parser = argparse.ArgumentParser(prog="python -m caris_desktop.simulator", description=__doc__)
+    add_arguments(parser)
+    return run(parser.parse_args())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,378 @@
+"""Draws what the camera sees: walls, floor and ceiling by ray casting, furniture as boxes, people as cut-outs."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.simulator import wall_paper
+from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
+from caris_desktop.simulator.floor_plan import (
+    FURNITURE,
+    LINTELS,
+    MAP_ORIGIN_M,
+    WALL_HEIGHT_M,
+    WALLS,
+    Box,
+    Colour,
+)
+from caris_desktop.simulator.people import Seen
+from caris_desktop.simulator.ray_casting import corners_of, entry_and_exit
+from caris_desktop.simulator.robot import View
+from caris_desktop.simulator.wall_paper import FLOOR_PX_PER_M, PX_PER_M
+
+Image = NDArray[np.uint8]
+Floats = NDArray[np.floating]
+Corner = tuple[float, float, float]  # depth, to the right, height above the floor
+
+_NEAR_M = 0.12
+_FARTHEST_PERSON_M = 14.0
+_MIDDLE_X, _MIDDLE_Y = (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0
+_BITS = 4  # cv2 draws with this many binary digits below a pixel
+_SHADES = {"west": 0.80, "east": 0.86, "south": 0.95, "north": 0.90, "top": 1.06, "bottom": 0.6}
+_BOB_M = 0.025
+
+
+@dataclass(frozen=True, slots=True)
+class _Decal:
+    """A flat picture on one side of a box."""
+
+    side: str
+    picture: Image
+    share: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)  # left, top, right, bottom of the side
+
+
+@dataclass(frozen=True, slots=True)
+class _Thing:
+    """Something that stands in the rooms; drawn as a whole, from the floor up."""
+
+    outline: Box
+    parts: tuple[Box, ...] = ()
+    decals: tuple[_Decal, ...] = ()
+    person: Seen | None = None
+
+
+class Painter:
+    """Draws pictures of the building.
+
+    Parameters
+    ----------
+    cut_outs
+        Pictures of people, BGRA with colours multiplied by alpha; without any, people are drawn as plain figures.
+    """
+
+    def __init__(self, cut_outs: list[Image]) -> None:
+        self._sheet, self._strips = wall_paper.sheet()
+        self._walls = corners_of(WALLS)
+        self._things = _furniture() + _lintels()
+        self._outlines = corners_of(thing.outline for thing in self._things)
+        self._people = [_pyramid(cut_out) for cut_out in cut_outs]
+        columns = (np.arange(WIDTH_PX) - _MIDDLE_X) / FOCAL_PX
+        self._right = columns
+        rows = (np.arange(HEIGHT_PX) - _MIDDLE_Y)[:, None]
+        self._rows = rows.astype(np.float32)
+        depth = np.where(rows > 0, MOUNT_HEIGHT_M, WALL_HEIGHT_M - MOUNT_HEIGHT_M) * FOCAL_PX / np.abs(rows)
+        self._row_depth = depth.astype(np.float32)
+        left = np.where(rows > 0, wall_paper.FLOOR_AT[0], wall_paper.CEILING_AT[0])
+        self._plane_left = left.astype(np.float32)
+
+    def paint(self, view: View) -> Image:
+        """The picture, BGR, uint8, shape (480, 640, 3)."""
+        camera = view.map_from_camera
+        cos, sin = math.cos(camera.heading_rad), math.sin(camera.heading_rad)
+        eye = _Eye(camera.x_m, camera.y_m, cos, sin, cos + self._right * sin, sin - self._right * cos)
+        picture, depth = self._background(eye)
+        things = self._visible(eye, depth)
+        things += [
+            _Thing(_around(person), person=person)
+            for person in view.people
+            if 0.3 < eye.relative(person.x_m, person.y_m)[0] < _FARTHEST_PERSON_M
+        ]
+        for thing in _far_to_near(things, camera.x_m, camera.y_m):
+            if thing.person is not None:
+                self._paint_person(picture, thing.person, eye, depth)
+            else:
+                _paint_thing(picture, thing, eye, depth)
+        return picture
+
+    def _background(self, eye: "_Eye") -> tuple[Image, Floats]:
+        """Walls, floor and ceiling, and the depth of the wall in each column, shape (640,)."""
+        x_m, y_m, ray_x, ray_y = eye.x_m, eye.y_m, eye.ray_x, eye.ray_y
+        entry, _, every_through_x = entry_and_exit(x_m, y_m, ray_x, ray_y, self._walls)
+        wall, every = entry.argmin(axis=0), np.arange(WIDTH_PX)
+        depth = np.minimum(entry[wall, every], 1e3)
+        through_x = every_through_x[wall, every]
+        hit_x, hit_y = x_m + depth * ray_x, y_m + depth * ray_y
+        side = np.where(through_x, np.where(ray_x > 0, 0, 1), np.where(ray_y > 0, 2, 3))
+        corner = self._strips[wall, side]
+        along = np.where(through_x, hit_y - self._walls[wall, 1], hit_x - self._walls[wall, 0])
+        wall_u = (corner[:, 0] + along * PX_PER_M).astype(np.float32)
+        wall_v0 = (corner[:, 1] + (WALL_HEIGHT_M - MOUNT_HEIGHT_M) * PX_PER_M).astype(np.float32)
+        wall_v1 = (depth / FOCAL_PX * PX_PER_M).astype(np.float32)
+        on_plane = self._row_depth < depth.astype(np.float32)
+        plane_x = ((x_m - MAP_ORIGIN_M[0]) * FLOOR_PX_PER_M + self._plane_left) + self._row_depth * (
+            ray_x * FLOOR_PX_PER_M
+        ).astype(np.float32)
+        plane_y = np.float32((y_m - MAP_ORIGIN_M[1]) * FLOOR_PX_PER_M) + self._row_depth * (
+            ray_y * FLOOR_PX_PER_M
+        ).astype(np.float32)
+        map_x = np.where(on_plane, plane_x, wall_u[None, :]).astype(np.float32, copy=False)
+        map_y = np.where(on_plane, plane_y, wall_v0 + self._rows * wall_v1).astype(np.float32, copy=False)
+        picture = cv2.remap(self._sheet, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(picture), depth
+
+    def _visible(self, eye: "_Eye", depth: Floats) -> list[_Thing]:
+        entry, _, _ = entry_and_exit(eye.x_m, eye.y_m, eye.ray_x[::4], eye.ray_y[::4], self._outlines)
+        (visible,) = np.nonzero(np.any(entry < depth[::4] + 0.05, axis=1))
+        return [self._things[index] for index in visible.tolist()]
+
+    def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
+        ahead, right = eye.relative(person.x_m, person.y_m)
+        if not self._people:
+            return
+        levels = self._people[person.looks % len(self._people)]
+        height_px = FOCAL_PX * person.height_m / ahead
+        level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
+        scale = height_px / level.shape[0]
+        bob = _BOB_M * abs(math.sin(person.stride_rad)) if person.walking else 0.0
+        middle = _MIDDLE_X + FOCAL_PX * right / ahead
+        feet = _MIDDLE_Y + FOCAL_PX * (MOUNT_HEIGHT_M - bob) / ahead
+        left = middle - level.shape[1] * scale / 2.0
+        top = feet - height_px
+        x0, x1 = max(0, math.floor(left)), min(WIDTH_PX, math.ceil(left + level.shape[1] * scale))
+        y0, y1 = max(0, math.floor(top)), min(HEIGHT_PX, math.ceil(feet))
+        if x1 - x0 < 2 or y1 - y0 < 2:
+            return
+        _shadow(picture, middle, FOCAL_PX * MOUNT_HEIGHT_M / ahead + _MIDDLE_Y, FOCAL_PX / ahead, depth < ahead)
+        to_picture = np.array([[scale, 0.0, left - x0], [0.0, scale, top - y0]])
+        drawn = cv2.warpAffine(level, to_picture, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR)
+        drawn[:, depth[x0:x1] < ahead] = 0
+        area = picture[y0:y1, x0:x1]
+        rest = (255 - drawn[:, :, 3:]).astype(np.uint16)
+        area[:] = ((area * rest) // 255).astype(np.uint8) + drawn[:, :, :3]
+
+
+def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> None:
+    entry, _, _ = entry_and_exit(eye.x_m, eye.y_m, eye.ray_x, eye.ray_y, corners_of([thing.outline]))
+    box = thing.outline
+    middle, _ = eye.relative((box.x0_m + box.x1_m) / 2.0, (box.y0_m + box.y1_m) / 2.0)
+    # soft edges and parts that hang over reach into columns that miss the outline
+    hidden = depth < np.where(np.isfinite(entry[0]), entry[0], middle) - 0.02
+    kept = picture[:, hidden].copy() if hidden.any() else None
+    for part in _bottom_up(thing.parts, eye):
+        for side, corners in _sides_seen(part, eye):
+            _fill(picture, corners, _shaded(part.colour, _SHADES[side]))
+    for decal in thing.decals:
+        for side, corners in _sides_seen(thing.outline, eye):
+            if side == decal.side:
+                _paste(picture, corners, decal)
+    if kept is not None:
+        picture[:, hidden] = kept
+
+
+@dataclass(frozen=True, slots=True)
+class _Eye:
+    """Where the camera stands and looks; rays of each column, shape (640,), with the depth as their unit."""
+
+    x_m: float
+    y_m: float
+    cos: float
+    sin: float
+    ray_x: Floats
+    ray_y: Floats
+
+    def relative(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Depth along the optical axis, and distance to the right."""
+        dx, dy = x_m - self.x_m, y_m - self.y_m
+        return dx * self.cos + dy * self.sin, dx * self.sin - dy * self.cos
+
+
+def _around(person: Seen) -> Box:
+    half = 0.12
+    return Box(person.x_m - half, person.y_m - half, person.x_m + half, person.y_m + half, 0.0, person.height_m)
+
+
+def _far_to_near(things: list[_Thing], x_m: float, y_m: float) -> list[_Thing]:
+    """An order in which nothing is drawn before what it hides."""
+    left = sorted(things, key=lambda thing: -_distance(thing.outline, x_m, y_m))
+    ordered = []
+    while left:
+        first = next(
+            (
+                thing
+                for thing in left
+                if not any(_may_hide(thing.outline, other.outline, x_m, y_m) for other in left if other is not thing)
+            ),
+            left[0],
+        )
+        left.remove(first)
+        ordered.append(first)
+    return ordered
+
+
+def _may_hide(near: Box, far: Box, x_m: float, y_m: float) -> bool:
+    """Whether ``near`` lies on the camera's side of a plane between two boxes, so that it may hide ``far``."""
+    if (near.x1_m <= far.x0_m and x_m < far.x0_m) or (near.x0_m >= far.x1_m and x_m > far.x1_m):
+        return not ((far.y1_m <= near.y0_m and y_m < near.y0_m) or (far.y0_m >= near.y1_m and y_m > near.y1_m))
+    if (near.y1_m <= far.y0_m and y_m < far.y0_m) or (near.y0_m >= far.y1_m and y_m > far.y1_m):
+        return not ((far.x1_m <= near.x0_m and x_m < near.x0_m) or (far.x0_m >= near.x1_m and x_m > near.x1_m))
+    return False
+
+
+def _distance(box: Box, x_m: float, y_m: float) -> float:
+    return math.hypot((box.x0_m + box.x1_m) / 2.0 - x_m, (box.y0_m + box.y1_m) / 2.0 - y_m)
+
+
+def _bottom_up(parts: tuple[Box, ...], eye: _Eye) -> list[Box]:
+    return sorted(parts, key=lambda part: (round(part.low_m, 1), -_distance(part, eye.x_m, eye.y_m)))
+
+
+def _sides_seen(box: Box, eye: _Eye) -> list[tuple[str, list[Corner]]]:
+    """The sides of ``box`` that face the camera, each with its corners clockwise from the left top."""
+    sides: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
+    if eye.x_m < box.x0_m:
+        sides.append(("west", (box.x0_m, box.y1_m), (box.x0_m, box.y0_m)))
+    if eye.x_m > box.x1_m:
+        sides.append(("east", (box.x1_m, box.y0_m), (box.x1_m, box.y1_m)))
+    if eye.y_m < box.y0_m:
+        sides.append(("south", (box.x0_m, box.y0_m), (box.x1_m, box.y0_m)))
+    if eye.y_m > box.y1_m:
+        sides.append(("north", (box.x1_m, box.y1_m), (box.x0_m, box.y1_m)))
+    seen = []
+    for side, left, right in sides:
+        (ld, lr), (rd, rr) = eye.relative(*left), eye.relative(*right)
+        corners = [(ld, lr, box.high_m), (rd, rr, box.high_m), (rd, rr, box.low_m), (ld, lr, box.low_m)]
+        seen.append((side, corners))
+    if box.high_m < MOUNT_HEIGHT_M or box.low_m > MOUNT_HEIGHT_M:
+        side, level = ("top", box.high_m) if box.high_m < MOUNT_HEIGHT_M else ("bottom", box.low_m)
+        ring = ((box.x0_m, box.y0_m), (box.x1_m, box.y0_m), (box.x1_m, box.y1_m), (box.x0_m, box.y1_m))
+        seen.insert(0, (side, [(*eye.relative(x, y), level) for x, y in ring]))
+    return seen
+
+
+def _projected(corners: list[Corner]) -> NDArray[np.float32] | None:
+    """Pixels of a flat shape, cut off just before the camera; None where nothing of it is in front."""
+    if all(corner[0] < _NEAR_M for corner in corners):
+        return None
+    if any(corner[0] < _NEAR_M for corner in corners):
+        corners = _cut_before_camera(corners)
+    return np.array(
+        [
+            (_MIDDLE_X + FOCAL_PX * right / depth, _MIDDLE_Y + FOCAL_PX * (MOUNT_HEIGHT_M - height) / depth)
+            for depth, right, height in corners
+        ],
+        dtype=np.float32,
+    )
+
+
+def _cut_before_camera(corners: list[Corner]) -> list[Corner]:
+    cut: list[Corner] = []
+    for here, following in zip(corners, corners[1:] + corners[:1], strict=True):
+        if here[0] >= _NEAR_M:
+            cut.append(here)
+        if (here[0] >= _NEAR_M) != (following[0] >= _NEAR_M):
+            share = (_NEAR_M - here[0]) / (following[0] - here[0])
+            cut.append(
+                (
+                    _NEAR_M,
+                    here[1] + share * (following[1] - here[1]),
+                    here[2] + share * (following[2] - here[2]),
+                )
+            )
+    return cut
+
+
+def _fill(picture: Image, corners: list[Corner], colour: Colour) -> None:
+    points = _projected(corners)
+    if points is None:
+        return
+    fixed = np.round(np.clip(points, -4000.0, 4000.0) * (1 << _BITS)).astype(np.int32)
+    cv2.fillConvexPoly(picture, fixed, colour, cv2.LINE_AA, _BITS)
+    dark = _shaded(colour, 0.82)
+    cv2.polylines(picture, [fixed], True, dark, 1, cv2.LINE_AA, _BITS)
+
+
+def _paste(picture: Image, corners: list[Corner], decal: _Decal) -> None:
+    left, top, right, bottom = decal.share
+    inset = [_between(corners, u, v) for u, v in ((left, top), (right, top), (right, bottom), (left, bottom))]
+    if any(corner[0] < _NEAR_M for corner in inset):
+        return
+    points = _projected(inset)
+    if points is None:
+        return
+    x0, y0 = np.floor(points.min(axis=0)).astype(int).tolist()
+    x1, y1 = np.ceil(points.max(axis=0)).astype(int).tolist()
+    x0, y0, x1, y1 = max(0, x0), max(0, y0), min(WIDTH_PX, x1), min(HEIGHT_PX, y1)
+    if x1 - x0 < 3 or y1 - y0 < 3:
+        return
+    height, width = decal.picture.shape[:2]
+    source = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float32)
+    target = points - np.array((x0, y0), dtype=np.float32)
+    warp = cv2.getPerspectiveTransform(source, target)
+    size = (x1 - x0, y1 - y0)
+    area = np.ascontiguousarray(picture[y0:y1, x0:x1])
+    flags = cv2.INTER_LINEAR
+    cv2.warpPerspective(decal.picture, warp, size, dst=area, flags=flags, borderMode=cv2.BORDER_TRANSPARENT)
+    picture[y0:y1, x0:x1] = area
+
+
+def _between(corners: list[Corner], u: float, v: float) -> Corner:
+    (ld, lr, high), (rd, rr, _), _, (_, _, low) = corners
+    return ld + u * (rd - ld), lr + u * (rr - lr), high + v * (low - high)
+
+
+def _shadow(picture: Image, x: float, y: float, px_per_m: float, hidden: NDArray[np.bool_]) -> None:
+    """The dark spot where somebody stands."""
+    half_width, half_height = 0.34 * px_per_m, 0.34 * px_per_m * min(0.5, px_per_m / FOCAL_PX * MOUNT_HEIGHT_M)
+    x0, x1 = max(0, int(x - half_width)), min(WIDTH_PX, int(x + half_width) + 1)
+    y0, y1 = max(0, int(y - half_height)), min(HEIGHT_PX, int(y + half_height) + 1)
+    if x1 - x0 < 2 or y1 - y0 < 2:
+        return
+    across = ((np.arange(x0, x1) - x) / half_width) ** 2
+    along = ((np.arange(y0, y1) - y) / half_height) ** 2
+    light = 1.0 - 0.45 * np.clip(1.0 - across[None, :] - along[:, None], 0.0, 1.0)
+    light[:, hidden[x0:x1]] = 1.0
+    area = picture[y0:y1, x0:x1]
+    area[:] = (area * light[:, :, None]).astype(np.uint8)
+
+
+def _pyramid(cut_out: Image) -> list[Image]:
+    """The picture at full size, half, a quarter ..., so that far people are not drawn from single pixels."""
+    levels = [cut_out]
+    while levels[-1].shape[0] > 50:
+        height, width = levels[-1].shape[:2]
+        levels.append(np.asarray(cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)))
+    return levels
+
+
+def _shaded(colour: Colour, light: float) -> Colour:
+    blue, green, red = (min(255, int(value * light)) for value in colour)
+    return blue, green, red
+
+
+def _lintels() -> list[_Thing]:
+    things = []
+    for lintel in LINTELS:
+        picture = wall_paper.sign(lintel.sign)
+        long = lintel.box.x1_m - lintel.box.x0_m if lintel.along == "x" else lintel.box.y1_m - lintel.box.y0_m
+        half = min(0.45, 0.45 / long)
+        sides = ("south", "north") if lintel.along == "x" else ("west", "east")
+        decals = tuple(_Decal(side, picture, (0.5 - half, 0.2, 0.5 + half, 0.6)) for side in sides)
+        things.append(_Thing(lintel.box, (lintel.box,), decals))
+    return things
+
+
+def _furniture() -> list[_Thing]:
+    things = []
+    for number, piece in enumerate(FURNITURE):
+        decals: tuple[_Decal, ...] = ()
+        if piece.name in ("bookshelf", "book wall", "tool shelf"):
+            box = piece.footprint
+            long_x = box.x1_m - box.x0_m > box.y1_m - box.y0_m
+            width_m = max(box.x1_m - box.x0_m, box.y1_m - box.y0_m)
+            picture = wall_paper.books(round(width_m * 150), round(box.high_m * 150), number)
+            decals = tuple(_Decal(side, picture) for side in (("south", "north") if long_x else ("west", "east")))
+        things.append(_Thing(piece.footprint, piece.parts, decals))
+    return things
