@@ -45,7 +45,10 @@ def probe_language_model(
     embedded_url: str | None = None,
     timeouts: ChatTimeouts = _PROBE_TIMEOUTS,
 ) -> ProbeResult:
-    """Ask ``model`` for one word; blocks, at most for ``timeouts``. ``embedded`` without an address is only looked for, since nothing serves it yet."""
+    """Ask ``model`` for one word. Blocks, at most for ``timeouts``.
+
+    ``embedded`` without an address is only looked for, since nothing serves it yet.
+    """
     if model.strip() == "embedded" and embedded_url is None:
         missing = missing_for_embedded()
         return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")

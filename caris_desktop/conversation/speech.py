@@ -136,7 +136,8 @@ class VoiceEngine:
 
     def _log_noise(self, stderr: IO[bytes]) -> None:
         for line in stderr:
-            _log.info("voice engine: %s", line.decode("utf-8", "replace").rstrip())
+            if not line.startswith(b"Audio saved to"):
+                _log.info("voice engine: %s", line.decode("utf-8", "replace").rstrip())
 
 
 class _SpeechDesk:

@@ -57,25 +57,43 @@ class _Renderer:
         import pyttsx3
 
         self._engine = pyttsx3.init()
+        self._completions: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._engine.connect("finished-utterance", lambda name, completed: self._completions.put(completed))
         if settings["voice"]:
             self._engine.setProperty("voice", settings["voice"])
         self._engine.setProperty("rate", settings["rate_wpm"])
         self._engine.setProperty("volume", settings["volume"])
+        # The first run returns after 10 ms, whatever it was to do.
+        self._engine.runAndWait()
         self.voice = str(self._engine.getProperty("voice") or "")
         self._path = folder / "utterance.wav"
 
     def render(self, text: str) -> _Pcm:
+        for pause_s in (0.05, 0.1, 0.2, 0.0):
+            pcm = self._attempt(text)
+            if pcm is not None:
+                return pcm
+            time.sleep(pause_s)
+        raise ValueError("the voice made no sound")
+
+    def _attempt(self, text: str) -> _Pcm | None:
+        """None when pyttsx3 cancelled its own work, which it does when espeak still seems busy with the last."""
+        while not self._completions.empty():
+            self._completions.get()
         self._path.unlink(missing_ok=True)
         self._engine.save_to_file(text, str(self._path))
         self._engine.runAndWait()
+        completions = [self._completions.get()]
+        while not self._completions.empty():
+            completions.append(self._completions.get())
+        if not all(completions):
+            return None
         with wave.open(str(self._path), "rb") as file:
             if file.getnchannels() != 1 or file.getsampwidth() != 2:
                 raise ValueError(f"the voice made {file.getnchannels()} channels of {file.getsampwidth()} bytes")
             pcm = _Pcm(file.readframes(file.getnframes()), file.getframerate())
         self._path.unlink()
-        if not pcm.samples:
-            raise ValueError("the voice made no sound")
-        return pcm
+        return pcm if pcm.samples else None
 
 
 class _Playback:

@@ -1,0 +1,129 @@
+"""A PulseAudio server of the tests' own, with one sink whose sound can be listened to."""
+
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.polling import wait_for
+
+RATE_HZ = 22050
+
+
+def require_pulseaudio() -> None:
+    for program in ("pulseaudio", "pactl", "parec"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed (Debian: pulseaudio, pulseaudio-utils)")
+    if not list(Path("/usr/lib").glob("**/alsa-lib/libasound_module_pcm_pulse.so")):
+        pytest.skip("PortAudio cannot reach PulseAudio here (Debian: libasound2-plugins)")
+
+
+class SoundServer:
+    """PulseAudio with a null sink. Nothing outside ``folder`` is read or written."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._environment = {
+            "PATH": os.environ["PATH"],
+            "HOME": str(folder),
+            "XDG_RUNTIME_DIR": str(folder),
+            "PULSE_SERVER": self.address,
+            "LC_ALL": "C",
+        }
+        self._server: subprocess.Popen[bytes] | None = None
+        self.start()
+
+    @property
+    def address(self) -> str:
+        return f"unix:{self._folder}/native"
+
+    def start(self) -> None:
+        (self._folder / "native").unlink(missing_ok=True)
+        modules = (f"module-native-protocol-unix socket={self._folder}/native", "module-null-sink sink_name=speaker")
+        self._server = subprocess.Popen(
+            ["pulseaudio", "--daemonize=no", "--exit-idle-time=-1", "-n", *(f"-L{module}" for module in modules)],
+            env=self._environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        wait_for(self._answers, "PulseAudio answers")
+
+    def signal(self, number: signal.Signals) -> None:
+        if self._server is not None:
+            self._server.send_signal(number)
+
+    def kill(self) -> None:
+        if self._server is not None:
+            self._server.send_signal(signal.SIGCONT)
+            self._server.kill()
+            self._server.wait()
+            self._server = None
+
+    def listen(self) -> "Listening":
+        return Listening(self._folder / "heard.raw", self._environment)
+
+    def _answers(self) -> bool:
+        asked = subprocess.run(["pactl", "info"], env=self._environment, capture_output=True, timeout=10, check=False)
+        return b"Default Sink: speaker" in asked.stdout
+
+
+class Listening:
+    """Records what the sink plays while the block runs. It also keeps the sink's latency as low as real hardware's."""
+
+    def __init__(self, path: Path, environment: dict[str, str]) -> None:
+        self._path = path
+        self._environment = environment
+
+    def __enter__(self) -> "Listening":
+        with self._path.open("wb") as file:
+            self._recorder = subprocess.Popen(
+                [
+                    "parec",
+                    "--device=speaker.monitor",
+                    "--latency-msec=20",
+                    "--format=s16le",
+                    f"--rate={RATE_HZ}",
+                    "--channels=1",
+                ],
+                env=self._environment,
+                stdout=file,
+                stderr=subprocess.DEVNULL,
+            )
+        wait_for(lambda: self._path.stat().st_size > 0, "the recording begins")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._recorder.kill()
+        self._recorder.wait()
+
+    def samples(self) -> NDArray[np.float64]:
+        """Everything heard so far, -1..1, at ``RATE_HZ``."""
+        raw = self._path.read_bytes()
+        return np.frombuffer(raw[: len(raw) // 2 * 2], dtype="<i2").astype(np.float64) / 32768.0
+
+    def loud_span_s(self, *, from_s: float = 0.0) -> float:
+        """From the first to the last loud 20 ms window."""
+        loud = np.flatnonzero(self._loudness(from_s) > 0.01)
+        return 0.0 if loud.size == 0 else float(loud[-1] - loud[0] + 1) * 0.02
+
+    def loud_total_s(self) -> float:
+        return float(np.count_nonzero(self._loudness(0.0) > 0.01)) * 0.02
+
+    @property
+    def length_s(self) -> float:
+        return self._path.stat().st_size / 2 / RATE_HZ
+
+    def _loudness(self, from_s: float) -> NDArray[np.float64]:
+        window = RATE_HZ // 50
+        samples = self.samples()[int(from_s * RATE_HZ) :]
+        whole = samples[: samples.size // window * window].reshape(-1, window)
+        return np.sqrt(np.mean(whole**2, axis=1)) if whole.size else np.zeros(0)

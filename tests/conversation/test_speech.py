@@ -1,0 +1,366 @@
+"""Speech on this computer, end to end: real voice, real sound server, real processes that hang and die."""
+
+import multiprocessing
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from caris_desktop.conversation.preflight import probe_sound
+from caris_desktop.conversation.speech import MAX_UTTERANCE_CHARACTERS, run_speech, speakable
+from caris_desktop.conversation.speech_messages import (
+    CloseSpeech,
+    SilenceSpeech,
+    Speak,
+    SpeechFailed,
+    SpeechReady,
+    SpeechSettings,
+)
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem, UtteranceChanged
+from tests.conversation.sound_server import SoundServer, require_pulseaudio
+from tests.support.polling import wait_for
+
+_CONTEXT = multiprocessing.get_context("spawn")
+SENTENCE = "Welcome to the robot laboratory."
+LONG_SENTENCE = (
+    "Welcome to the robot laboratory, where we build, measure, break and mend all kinds of robots every day."
+)
+NOWHERE = "unix:/nonexistent/no-sound-server"
+
+
+class Speech:
+    """The speech process as the console sees it."""
+
+    def __init__(self, settings: SpeechSettings) -> None:
+        self._connection, theirs = _CONTEXT.Pipe()
+        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, settings), daemon=True)
+        self.process.start()
+        theirs.close()
+        self.heard: list[Any] = []
+
+    @property
+    def connection(self) -> Connection:
+        return self._connection  # type: ignore[return-value]
+
+    def say(self, utterance_id: str, text: str = SENTENCE) -> None:
+        self._connection.send(Speak(utterance_id, text, "typed"))
+
+    def silence(self) -> int:
+        self._connection.send(SilenceSpeech())
+        return clock.now_ns()
+
+    def wait(self, matches: Callable[[Any], bool], what: str, *, timeout_s: float = 30.0) -> Any:
+        """The next message that ``matches``; those before it are kept in ``heard``."""
+        until_s = time.monotonic() + timeout_s
+        while self._connection.poll(max(0.0, until_s - time.monotonic())):
+            message = self._connection.recv()
+            self.heard.append(message)
+            if matches(message):
+                return message
+        raise AssertionError(f"not within {timeout_s:.0f} s: {what}; heard {self.heard}")
+
+    def wait_ready(self) -> SpeechReady:
+        ready: SpeechReady = self.wait(lambda message: isinstance(message, SpeechReady), "speech is ready")
+        return ready
+
+    def wait_state(self, utterance_id: str, state: str) -> UtteranceChanged:
+        event: UtteranceChanged = self.wait(
+            lambda message: (
+                isinstance(message, UtteranceChanged) and (message.utterance_id, message.state) == (utterance_id, state)
+            ),
+            f"{utterance_id} {state}",
+        )
+        return event
+
+    @property
+    def states(self) -> list[tuple[str, str]]:
+        return [(event.utterance_id, event.state) for event in self.heard if isinstance(event, UtteranceChanged)]
+
+    @property
+    def problems(self) -> list[Problem]:
+        return [message for message in self.heard if isinstance(message, Problem)]
+
+    def engine(self) -> psutil.Process:
+        def found() -> psutil.Process | None:
+            children = psutil.Process(self.process.pid).children()
+            return next((child for child in children if "voice_engine" in " ".join(child.cmdline())), None)
+
+        engine = wait_for(found, "the voice engine runs")
+        assert engine is not None
+        return engine
+
+
+StartSpeech = Callable[..., Speech]
+
+
+@pytest.fixture
+def start_speech(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StartSpeech]:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    started: list[Speech] = []
+
+    def start(sound: SoundServer | None, settings: SpeechSettings | None = None) -> Speech:
+        monkeypatch.setenv("PULSE_SERVER", NOWHERE if sound is None else sound.address)
+        started.append(Speech(settings or SpeechSettings(rate_wpm=220)))
+        return started[-1]
+
+    yield start
+    for speech in started:
+        speech.connection.close()
+        speech.process.join(10)
+        assert speech.process.exitcode is not None, "the speech process outlived its console"
+    wait_for(lambda: not list(tmp_path.glob("caris-voice-*")), "no sound file is left behind")
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SoundServer]:
+    require_pulseaudio()
+    server = SoundServer(tmp_path_factory.mktemp("sound") / "server")
+    yield server
+    server.kill()
+
+
+@pytest.fixture
+def own_sound(tmp_path: Path) -> Iterator[SoundServer]:
+    require_pulseaudio()
+    server = SoundServer(tmp_path / "server")
+    yield server
+    server.kill()
+
+
+def _seconds(start: UtteranceChanged, end: UtteranceChanged) -> float:
+    return (end.stamp_ns - start.stamp_ns) / 1e9
+
+
+def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(sound)
+    assert speech.wait_ready().audible
+    with sound.listen() as listening:
+        speech.say("u1")
+        speech.say("u2", "Please follow me.")
+        start, end = speech.wait_state("u1", "started"), speech.wait_state("u1", "finished")
+        speech.wait_state("u2", "finished")
+        wait_for(lambda: listening.loud_total_s() > 1.5, "both sentences reach the loudspeaker")
+    assert speech.states == [("u1", "started"), ("u1", "finished"), ("u2", "started"), ("u2", "finished")]
+    assert (start.speaker, start.text, start.origin, start.detail) == ("robot", SENTENCE, "typed", "")
+    assert 1.0 < _seconds(start, end) < 4.0
+    spoken_s = (speech.heard[-1].stamp_ns - start.stamp_ns) / 1e9
+    # The voice begins and ends each sentence with a little silence of its own.
+    assert spoken_s - 1.0 < listening.loud_span_s() < spoken_s + 0.5
+    assert speech.problems == []
+
+
+def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(sound)
+    speech.wait_ready()
+    with sound.listen() as listening:
+        for name in ("u1", "u2", "u3"):
+            speech.say(name, LONG_SENTENCE)
+        start = speech.wait_state("u1", "started")
+        wait_for(lambda: listening.loud_span_s() > 0.8, "the sentence is under way")
+        silenced_ns, heard_until_s = speech.silence(), listening.length_s
+        end = speech.wait_state("u1", "interrupted")
+        speech.wait_state("u3", "interrupted")
+        wait_for(lambda: listening.length_s > heard_until_s + 1.0, "another second is recorded")
+    assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted"), ("u3", "interrupted")]
+    assert (end.stamp_ns - silenced_ns) / 1e6 < 300
+    assert listening.loud_span_s(from_s=heard_until_s) < 0.3
+    assert 0.8 < _seconds(start, end) < 4.0
+    speech.say("u4")
+    speech.wait_state("u4", "finished")
+
+
+def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    assert not speech.wait_ready().audible
+    speech.say("u1")
+    speech.say("u2", LONG_SENTENCE)
+    start, end = speech.wait_state("u1", "started"), speech.wait_state("u1", "finished")
+    assert 1.0 < _seconds(start, end) < 4.0
+    assert "not heard" in end.detail
+    speech.wait_state("u2", "started")
+    speech.say("u3")
+    silenced_ns = speech.silence()
+    assert (speech.wait_state("u2", "interrupted").stamp_ns - silenced_ns) / 1e6 < 300
+    speech.wait_state("u3", "interrupted")
+    assert [problem.severity for problem in speech.problems] == ["warning"]
+    assert "Nobody hears" in speech.problems[0].meaning
+
+
+def test_a_sound_server_that_dies_and_returns(own_sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(own_sound)
+    assert speech.wait_ready().audible
+    with own_sound.listen() as listening:
+        speech.say("u1", LONG_SENTENCE)
+        start = speech.wait_state("u1", "started")
+        wait_for(lambda: listening.loud_span_s() > 0.5, "the sentence is under way")
+        own_sound.kill()
+    assert not speech.wait_ready().audible
+    end = speech.wait_state("u1", "finished")
+    assert 3.0 < _seconds(start, end) < 12.0, "the rest of it takes its time, unheard"
+    assert "not heard" in end.detail
+    assert len(speech.problems) == 1
+    own_sound.start()
+    with own_sound.listen() as listening:
+        speech.say("u2")
+        assert speech.wait_ready().audible
+        assert speech.wait_state("u2", "finished").detail == ""
+        wait_for(lambda: listening.loud_span_s() > 0.5, "it is heard again")
+
+
+def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(own_sound)
+    assert speech.wait_ready().audible
+    own_sound.signal(signal.SIGSTOP)
+    speech.say("u1")
+    assert "not heard" in speech.wait_state("u1", "finished").detail
+    assert len(speech.problems) == 1
+    own_sound.signal(signal.SIGCONT)
+    speech.say("u2")
+    assert speech.wait_state("u2", "finished").detail == ""
+
+
+def test_a_voice_that_hangs_is_replaced(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    hung = speech.engine()
+    hung.suspend()
+    speech.say("u1")
+    failed = speech.wait_state("u1", "failed")
+    assert "too long" in failed.detail
+    speech.say("u2")
+    speech.wait_state("u2", "finished")
+    assert not hung.is_running()
+    assert speech.engine().pid != hung.pid
+
+
+def test_a_hanging_voice_is_silenced_all_the_same(sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(sound)
+    speech.wait_ready()
+    with sound.listen() as listening:
+        speech.say("u1", LONG_SENTENCE)
+        speech.wait_state("u1", "started")
+        wait_for(lambda: listening.loud_span_s() > 0.3, "the sentence is under way")
+        speech.engine().suspend()
+        silenced_ns = speech.silence()
+        end = speech.wait_state("u1", "interrupted")
+    assert (end.stamp_ns - silenced_ns) / 1e9 < 1.5
+    speech.say("u2", "Yes.")
+    speech.wait_state("u2", "finished")
+
+
+def test_a_voice_that_crashes_costs_the_sound_not_the_utterance(sound: SoundServer, start_speech: StartSpeech) -> None:
+    speech = start_speech(sound)
+    speech.wait_ready()
+    speech.say("u1", LONG_SENTENCE)
+    start = speech.wait_state("u1", "started")
+    speech.engine().kill()
+    end = speech.wait_state("u1", "finished")
+    assert "not heard" in end.detail
+    assert 3.0 < _seconds(start, end) < 12.0
+    speech.say("u2", "Yes.")
+    assert speech.wait_state("u2", "finished").detail == ""
+
+
+def test_a_computer_without_a_voice_says_what_to_install(
+    start_speech: StartSpeech, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = tmp_path / "pyttsx3.py"
+    broken.write_text("def init():\n    raise OSError('libespeak-ng.so.1: cannot open shared object file')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    speech = start_speech(None)
+    failed: SpeechFailed = speech.wait(lambda message: isinstance(message, SpeechFailed), "the failure is told")
+    assert "libespeak-ng.so.1" in failed.problem.what
+    assert "apt install espeak-ng" in failed.problem.advice
+    speech.say("u1")
+    assert "no voice" in speech.wait_state("u1", "failed").detail
+    broken.unlink()
+    speech.say("u2", "Yes.")
+    speech.wait_state("u2", "finished")
+
+
+def test_what_cannot_be_said_is_refused_with_the_reason(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    speech.say("u1", "word " * MAX_UTTERANCE_CHARACTERS)
+    speech.say("u2", "\x00\x1b\n ")
+    assert "longer than 1000" in speech.wait_state("u1", "failed").detail
+    assert "nothing to say" in speech.wait_state("u2", "failed").detail
+    speech.say("u3", "Y\x07es.\n")
+    assert speech.wait_state("u3", "finished").text == "Y es."
+
+
+def test_closing_interrupts_and_ends_both_processes(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    engine = speech.engine()
+    speech.say("u1", LONG_SENTENCE)
+    speech.say("u2")
+    speech.wait_state("u1", "started")
+    speech.connection.send(CloseSpeech())
+    speech.wait_state("u2", "interrupted")
+    assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted")]
+    speech.process.join(10)
+    assert speech.process.exitcode == 0
+    wait_for(lambda: not engine.is_running(), "the voice engine ended")
+
+
+@pytest.mark.parametrize("end", ["console", "speech"])
+def test_nothing_outlives_its_parent(start_speech: StartSpeech, end: str) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    engine = speech.engine()
+    speech.say("u1", LONG_SENTENCE)
+    speech.wait_state("u1", "started")
+    if end == "console":
+        speech.connection.close()
+    else:
+        speech.process.kill()
+    wait_for(lambda: not engine.is_running(), "the voice engine ended")
+    speech.process.join(10)
+    assert speech.process.exitcode is not None
+
+
+def test_preflight_finds_the_sound_or_says_what_is_missing(sound: SoundServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PULSE_SERVER", sound.address)
+    assert probe_sound().ok
+    monkeypatch.setenv("PULSE_SERVER", NOWHERE)
+    unheard = probe_sound()
+    assert not unheard.ok
+    assert "no sound output" in unheard.text
+    assert "libasound2-plugins" in unheard.advice
+
+
+def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
+    # What pyttsx3 does by chance when espeak has not quite ended the last utterance, made certain.
+    script = (
+        "import pathlib, sys\n"
+        "from caris_desktop.conversation.voice_engine import _Renderer\n"
+        "renderer = _Renderer({'voice': '', 'rate_wpm': 220, 'volume': 1.0}, pathlib.Path(sys.argv[1]))\n"
+        "for _ in range(4):\n"
+        "    renderer._engine.proxy._driver._stopping = True\n"
+        "    print('rendered', renderer.render('Welcome to the robot laboratory.').duration_s)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, timeout=60, check=True
+    )
+    lengths_s = [float(line.split()[1]) for line in ran.stdout.splitlines() if line.startswith("rendered")]
+    assert len(lengths_s) == 4
+    assert max(lengths_s) - min(lengths_s) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "spoken"),
+    [(" Hello,\n\tyou\u200b \u202etwo. ", "Hello, you two."), ("Grüße, 你好!", "Grüße, 你好!"), ("\ud800\x00", "")],
+)
+def test_only_what_can_be_spoken_is_spoken(text: str, spoken: str) -> None:
+    assert speakable(text) == spoken
