@@ -310,7 +310,7 @@ class ReplayedOak:
     def build(self) -> "ReplayedOak":
         return self
 
-    def requestOutput(self, size: tuple[int, int], *, type: Any, fps: float) -> Any:  # noqa: N802, A002
+    def requestOutput(self, size: tuple[int, int], *, type: Any, fps: float) -> Any:  # noqa: A002
         self.calls.append((size, type, fps))
         return self.replay.out
 
