@@ -1,7 +1,6 @@
 """``caris-desktop check``: is everything ready for a session? Each line says ok, or what to do."""
 
 import argparse
-import asyncio
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -49,7 +48,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     try:
         scenario = composition.find_scenario(arguments.scenario or "tour-guide")
         yield Finding("Scenario", True, f"{scenario.title} ({scenario.path})")
-    except composition.StartRefused as error:
+    except composition.StartError as error:
         yield Finding("Scenario", False, str(error), "Correct the file, or choose another --scenario.")
         scenario = composition.find_scenario("tour-guide")
     yield _robot(arguments.robot or scenario.robot)
@@ -98,14 +97,14 @@ def _weights() -> Finding:
 
 
 def _language_model(scenario: Scenario) -> Finding:
-    found = asyncio.run(probe_language_model(scenario.assistant.model))
+    found = probe_language_model(scenario.assistant.model)
     return Finding("Language model", found.ok, found.text, found.advice)
 
 
 def _disk(arguments: argparse.Namespace) -> Iterator[Finding]:
     try:
         study = composition.open_study(arguments.study)
-    except composition.StartRefused as error:
+    except composition.StartError as error:
         yield Finding("Study folder", False, str(error), "Choose another --study.")
         return
     free_bytes = shutil.disk_usage(study.path).free

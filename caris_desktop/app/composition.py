@@ -17,7 +17,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.console import IntentRefused, Parts, RobotConnection
+from caris_desktop.live.console import IntentError, Parts, RobotConnection
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
@@ -34,7 +34,7 @@ from caris_desktop.study.folder import StudyFolder, StudyFolderError, new_sessio
 from caris_desktop.study.trial import TrialDetails
 
 
-class StartRefused(Exception):
+class StartError(Exception):
     """The program cannot start as asked; the text says why and what to do."""
 
 
@@ -43,19 +43,19 @@ def log_file() -> Path:
 
 
 def find_scenario(name_or_path: str) -> Scenario:
-    """Raises StartRefused."""
+    """Raises StartError."""
     try:
         return load_scenario(find_scenario_file(name_or_path))
     except ScenarioError as error:
-        raise StartRefused(str(error)) from error
+        raise StartError(str(error)) from error
 
 
 def open_study(folder: Path | None) -> StudyFolder:
-    """Raises StartRefused."""
+    """Raises StartError."""
     try:
         return open_study_folder(folder)
     except StudyFolderError as error:
-        raise StartRefused(str(error)) from error
+        raise StartError(str(error)) from error
 
 
 def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, perception: bool = True) -> Parts:
@@ -77,11 +77,11 @@ def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, percept
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None, own_camera: bool) -> RobotConnection:
-    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartRefused."""
+    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartError."""
     try:
         profile = load_profile(name_or_path_or_url)
     except ProfileError as error:
-        raise StartRefused(str(error)) from error
+        raise StartError(str(error)) from error
     if own_camera:
         profile = replace(profile, cameras=())
     settings = LinkSettings(profile, address or profile.address)
@@ -94,7 +94,7 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
 
 
 def export_session(folder: Path) -> Path:
-    """Export as CSV beside the session's files; gives the folder of the tables. Raises IntentRefused."""
+    """Export as CSV beside the session's files; gives the folder of the tables. Raises IntentError."""
     from caris_desktop.recording.export import export_session as export
 
     out = folder / "export-csv"
@@ -105,7 +105,7 @@ def export_session(folder: Path) -> Path:
     try:
         export(folder, "csv", out)
     except ExportError as error:
-        raise IntentRefused("The session was not exported.", str(error), "The session itself is unharmed.") from error
+        raise IntentError("The session was not exported.", str(error), "The session itself is unharmed.") from error
     return out
 
 
@@ -139,7 +139,7 @@ def _load_scenario(path: Path) -> Scenario:
     try:
         return load_scenario(path)
     except ScenarioError as error:
-        raise IntentRefused(
+        raise IntentError(
             "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
         ) from error
 
@@ -150,7 +150,7 @@ def _new_session(
     try:
         folder = new_session_folder(study, details)
     except StudyFolderError as error:
-        raise IntentRefused(error.what, error.meaning, error.advice) from error
+        raise IntentError(error.what, error.meaning, error.advice) from error
     return folder, SessionHeader(
         anchor=ClockAnchor.take(),
         program_version=__version__,

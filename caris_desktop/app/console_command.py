@@ -73,7 +73,7 @@ class ConsoleRun:
                     arguments.robot or self.console.scenario.robot, own_camera=arguments.camera is not None
                 )
             )
-        except composition.StartRefused as refusal:
+        except composition.StartError as refusal:
             self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     _log.info("CARIS Desktop %s starts", __version__)
     try:
         console_run = ConsoleRun(arguments)
-    except composition.StartRefused as refusal:
+    except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
     # A terminal's Ctrl+C closes the window in order; the timer lets Python see the signal between Qt events.

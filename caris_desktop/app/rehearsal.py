@@ -27,7 +27,7 @@ _TYPE_EVERY_STEPS = 2
 _KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
 
 
-class RehearsalFailed(Exception):
+class RehearsalError(Exception):
     """A step did not come about; the text says which and what was seen instead."""
 
 
@@ -139,7 +139,7 @@ class Rehearsal(QObject):
         self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
         field = self._find("speak_field")
         if not isinstance(field, QLineEdit):
-            raise RehearsalFailed("there is no field to type what the robot says")
+            raise RehearsalError("there is no field to type what the robot says")
         yield from self._type(field, "Please follow me, I would like to show you around.")
         self._press(Qt.Key.Key_Return, target=field)
         yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
@@ -169,13 +169,13 @@ class Rehearsal(QObject):
         driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
         self._note(f"drove {driven_m:.1f} m by key, {'while' if driven_while_speaking else 'not while'} speaking")
         if driven_m < 0.2:
-            raise RehearsalFailed(f"the robot hardly moved ({driven_m:.2f} m) although keys were held")
+            raise RehearsalError(f"the robot hardly moved ({driven_m:.2f} m) although keys were held")
 
     def _ask_assistant(self) -> Script:
         state = self._state
         field = self._find("assistant_field")
         if not isinstance(field, QLineEdit):
-            raise RehearsalFailed("there is no field to ask the assistant")
+            raise RehearsalError("there is no field to ask the assistant")
         self._click("assistant_field")
         yield from self._type(field, "What could I say to make a visitor feel welcome?")
         self._press(Qt.Key.Key_Return, target=field)
@@ -183,7 +183,7 @@ class Rehearsal(QObject):
         yield Until("the answer is complete", lambda: state.assistant.value.state != "answering", 60.0)
         self._screenshot("assistant")
         if state.assistant.value.state == "failed":
-            raise RehearsalFailed(f"the assistant failed: {state.assistant.value.detail}")
+            raise RehearsalError(f"the assistant failed: {state.assistant.value.detail}")
         self._note("the assistant answered")
         self._click("assistant_say")
         yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
@@ -227,7 +227,7 @@ class Rehearsal(QObject):
     def _click(self, name: str) -> None:
         widget = self._find(name)
         if widget is None:
-            raise RehearsalFailed(f"there is no '{name}' in the window")
+            raise RehearsalError(f"there is no '{name}' in the window")
         middle = QPoint(widget.width() // 2, widget.height() // 2)
         QTest.mouseClick(widget, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, middle)
 
@@ -305,7 +305,7 @@ class Rehearsal(QObject):
             if self._waiting is not None:
                 if not self._waiting.condition():
                     if clock.now_ns() > self._deadline_ns:
-                        raise RehearsalFailed(f"waited {self._waiting.timeout_s:.0f} s in vain: {self._waiting.what}")
+                        self._end(f"waited {self._waiting.timeout_s:.0f} s in vain: {self._waiting.what}")
                     return
                 self._waiting = None
             self._waiting = next(self._script)
@@ -313,7 +313,7 @@ class Rehearsal(QObject):
                 self._deadline_ns = clock.now_ns() + int(self._waiting.timeout_s * 1e9)
         except StopIteration:
             self._end("")
-        except RehearsalFailed as failure:
+        except RehearsalError as failure:
             self._end(str(failure))
         except Exception as error:
             _log.exception("the rehearsal failed")

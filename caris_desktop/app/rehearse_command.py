@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
     from caris_desktop.app.demo_robot import DemoRobot
     from caris_desktop.app.rehearsal import Rehearsal
-    from caris_desktop.live.console import IntentRefused
+    from caris_desktop.live.console import IntentError
 
     try:
         console_run = ConsoleRun(
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
             settings=QSettings(str(out / "settings.ini"), QSettings.Format.IniFormat),
             robot=lambda console: DemoRobot(console, camera=arguments.camera, seed=arguments.seed),
         )
-    except composition.StartRefused as refusal:
+    except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
     console_run.window.resize(width_px, height_px)
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not failure and rehearsal.session_folder is not None:
         try:
             exported = composition.export_session(rehearsal.session_folder)
-        except IntentRefused as refusal:
+        except IntentError as refusal:
             failure = str(refusal)
     print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
     print(f"Exports:     {exported or 'none'}")

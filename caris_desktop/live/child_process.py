@@ -173,8 +173,9 @@ def _writable(connection: Connection) -> bool:
 
 
 def _run_body(body: ProcessBody, connection: Connection) -> None:
-    """Child side. Ctrl+C and hang-up belong to the console, which ends its children in order."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Child side. Signals to the whole group belong to the console, which ends its children in order."""
+    for unwanted in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(unwanted, signal.SIG_IGN)
     faulthandler.enable()
     configure_child_logging(body.name)
     rings: list[FrameRing | FrameRings] = []

@@ -93,7 +93,7 @@ class Parts:
     export_session: Callable[[Path], Path]
 
 
-class IntentRefused(Exception):
+class IntentError(Exception):
     """An adapter refused what the wizard asked; the three parts of a message to the wizard."""
 
     def __init__(self, what: str, meaning: str, advice: str) -> None:
@@ -489,7 +489,7 @@ class Console(QObject):
             return
         try:
             folder, header = self._parts.new_session(details, self._scenario, self._connection)
-        except IntentRefused as refusal:
+        except IntentError as refusal:
             self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return
@@ -545,7 +545,7 @@ class Console(QObject):
     async def _export(self, folder: Path) -> None:
         try:
             out = await asyncio.to_thread(self._parts.export_session, folder)
-        except IntentRefused as refusal:
+        except IntentError as refusal:
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return
         self.session_exported.emit(out)
@@ -569,7 +569,7 @@ class Console(QObject):
     def open_scenario(self, path: Path) -> bool:
         try:
             scenario = self._parts.load_scenario(path)
-        except IntentRefused as refusal:
+        except IntentError as refusal:
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return False
         self._scenario = scenario
