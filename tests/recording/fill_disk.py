@@ -14,10 +14,10 @@ from caris_desktop.recording.messages import RecorderReport
 from caris_desktop.recording.session_recorder import DiskLimits
 from tests.recording.driving import RecorderUnderTest, mark, start
 
-# The small disk has 24 MiB: 8 are the reserve, the video may take about 3, events the rest.
+# The small disk has 12 MiB: 2 are the reserve, the video may take about 2, events the rest.
 LIMITS = {
-    "slowly": DiskLimits(warn_free_bytes=15_500_000, end_video_free_bytes=13_000_000),
-    "suddenly": DiskLimits(warn_free_bytes=0, end_video_free_bytes=0),
+    "slowly": DiskLimits(warn_free_bytes=9_800_000, end_video_free_bytes=8_500_000, reserve_bytes=2_000_000),
+    "suddenly": DiskLimits(warn_free_bytes=0, end_video_free_bytes=0, reserve_bytes=2_000_000),
 }
 
 
@@ -31,15 +31,16 @@ def main(folder: Path, how: str) -> None:
     recorder.send(start(folder))
     recorder.wait_for(RecorderReport)
     noise = np.random.default_rng(1)
+    pictures = [noise.integers(0, 32, (480, 640, 3), dtype=np.uint8) for _ in range(5)]
     number, deadline = 0, time.monotonic() + 60
     while time.monotonic() < deadline and not any(
         isinstance(message, RecorderReport) and message.state == "failed" for message in recorder.heard
     ):
-        image_bgr = noise.integers(0, 32, (480, 640, 3), dtype=np.uint8)
-        recorder.send(ring.write(image_bgr, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
+        pictures.append(pictures.pop(0))
+        recorder.send(ring.write(pictures[0], stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
         if how == "suddenly" or any("nearly" in what for what in problems(recorder)):
             # What compression cannot make smaller.
-            recorder.send(mark(f"{number} {noise.bytes(100_000).hex()}"))
+            recorder.send(mark(f"{number} {noise.bytes(200_000).hex()}"))
             number += 1
         recorder.drain()
         time.sleep(0.02)
