@@ -1,6 +1,7 @@
 """What both link processes share: the loop, the connection to the console, and how a link reports its state."""
 
 import asyncio
+import gc
 import logging
 import signal
 import sys
@@ -66,6 +67,8 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
 
     loop.add_reader(connection.fileno(), take_commands)
     link.start()
+    # What the imports left behind need not be walked through while the robot drives.
+    gc.freeze()
     await ended.wait()
     await link.finish()
     outbox.close(_LAST_WORDS_S)

@@ -1,0 +1,163 @@
+"""Both links against the simulated robot, in both dialects of ROS."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import CancelGoal, GoTo, Release, Say, StopMotion
+from caris_desktop.domain.events import CommandSent, DriveEnded, GoalChanged, Problem, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import BatteryState, FrameRef, LaserScan, OccupancyGrid, Odometry, RobotPose
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.profile import load_profile
+from tests.robot.link_bench import LinkProcess
+from tests.robot.test_media_link import run_with_ring
+from tests.support.polling import wait_for
+from tests.support.twist_listener import TwistListener
+
+PROFILES = {1: "simulated", 2: "simulated-ros2"}
+
+
+class Simulator:
+    """The simulated robot as a program of its own."""
+
+    def __init__(self, ros: int) -> None:
+        self.ros = ros
+        self.port = 0
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "caris_desktop.simulator",
+                "--port",
+                str(self.port),
+                "--ros",
+                str(self.ros),
+                "--mute",
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.address = self.process.stdout.readline().split()[-1]  # type: ignore[union-attr]
+        self.port = int(self.address.rpartition(":")[2])
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()  # type: ignore[union-attr]
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["ros1", "ros2"])
+def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    running = Simulator(request.param)
+    yield running
+    running.kill()
+
+
+@pytest.fixture
+def link(simulator: Simulator) -> Iterator[LinkProcess]:
+    process = LinkProcess(simulator.address, PROFILES[simulator.ros])
+    process.wait_for_state("connected")
+    yield process
+    process.close()
+
+
+def test_every_stream_arrives(simulator: Simulator, link: LinkProcess) -> None:
+    ring = FrameRing.create()
+    media = LinkProcess(simulator.address, PROFILES[simulator.ros], body=run_with_ring, extra=(ring.name,))
+    try:
+        for kind in (LaserScan, Odometry, RobotPose, BatteryState):
+            wait_for(lambda kind=kind: link.of(kind), kind.__name__)
+        for kind in (FrameRef, OccupancyGrid):
+            wait_for(lambda kind=kind: media.of(kind), kind.__name__)
+        image_bgr = wait_for(lambda: (ring.read(media.of(FrameRef)[-1]),), "pixels")[0]
+        assert image_bgr is not None
+        assert image_bgr.shape == (480, 640, 3)
+        assert image_bgr.std() > 5.0
+        assert link.of(LaserScan)[-1].ranges_m.shape == (720,)
+        assert link.of(Problem) + media.of(Problem) == []
+    finally:
+        media.close()
+        ring.close()
+    assert check_robot(load_profile(PROFILES[simulator.ros]), simulator.address) == []
+
+
+def test_driving_moves_it_and_an_independent_client_sees_exactly_what_is_reported(
+    simulator: Simulator, link: LinkProcess
+) -> None:
+    listener = TwistListener(simulator.address)
+    # Its subscription is in force once it hears a zero.
+    link.send(StopMotion(now_ns()))
+    wait_for(lambda: listener.seen, "the listener listens")
+    wait_for(lambda: link.of(Odometry), "odometry")
+    link.drive(0.3)
+    link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.15, "the robot moves")
+    link.send(Release(now_ns()))
+    wait_for(lambda: abs(link.of(Odometry)[-1].twist.forward_mps) < 0.02, "the robot stands")
+    wait_for(lambda: now_ns() - link.of(CommandSent)[-1].stamp_ns > 300_000_000, "silence")
+    reported = [(sent.twist.forward_mps, sent.twist.turn_radps) for sent in link.of(CommandSent)]
+    seen = [(twist.forward_mps, twist.turn_radps) for twist in listener.seen]
+    assert len(seen) > 15
+    assert reported[-len(seen) :] == seen
+    listener.close()
+
+
+def test_a_goal_is_reached_and_another_cancelled(simulator: Simulator, link: LinkProcess) -> None:
+    start = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
+
+    def states(goal_id: str) -> list[str]:
+        return [change.state for change in link.of(GoalChanged) if change.goal_id == goal_id]
+
+    link.send(GoTo(now_ns(), "near", Pose2D(start.x_m + 0.4, start.y_m, 0.0), "near by"))
+    wait_for(lambda: states("near")[-1:] == ["reached"], f"reached, have {states('near')}")
+    assert states("near")[:2] == ["requested", "active"]
+    assert any(change.distance_left_m for change in link.of(GoalChanged))
+    link.send(GoTo(now_ns(), "back", start))
+    wait_for(lambda: "active" in states("back"), "active")
+    link.send(CancelGoal(now_ns()))
+    wait_for(lambda: states("back")[-1] == "cancelled", "cancelled")
+
+
+def test_it_speaks(simulator: Simulator, link: LinkProcess) -> None:
+    link.send(Say(now_ns(), "u", "Hello"))
+    wait_for(lambda: [u.state for u in link.of(UtteranceChanged)] == ["started", "finished"], "said")
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_killed_robot_is_found_again_and_gets_nothing_old(ros: int) -> None:
+    simulator = Simulator(ros)
+    link = LinkProcess(simulator.address, PROFILES[ros])
+    listener = None
+    try:
+        wait_for(lambda: link.of(LaserScan), "scans")
+        link.drive(0.3)
+        link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.1, "the robot moves")
+        changes = len(link.states())
+        simulator.kill()
+        killed_s = time.monotonic()
+        link.hold(lambda: "lost" in link.states()[changes:], "the loss")
+        assert time.monotonic() - killed_s < 1.0
+        assert len(link.of(DriveEnded)) == 1
+        simulator.start()
+        ready_s = time.monotonic()
+        listener = TwistListener(simulator.address)
+        link.hold(lambda: "connected" in link.states()[changes:], "the reconnection")
+        assert time.monotonic() - ready_s < 3.0
+        scans, poses = len(link.of(LaserScan)), len(link.of(RobotPose))
+        link.hold(lambda: len(link.of(LaserScan)) > scans + 3 and len(link.of(RobotPose)) > poses, "streams again")
+        assert listener.seen == []
+        link.drive(0.3)
+        wait_for(lambda: any(twist.moving for twist in listener.seen), "a new key press moves it")
+    finally:
+        link.close()
+        if listener is not None:
+            listener.close()
+        simulator.kill()
