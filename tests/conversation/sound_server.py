@@ -5,7 +5,6 @@ import shutil
 import signal
 import subprocess
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import pytest
@@ -25,7 +24,10 @@ def require_pulseaudio() -> None:
 
 
 class SoundServer:
-    """PulseAudio with a null sink. Nothing outside ``folder`` is read or written."""
+    """PulseAudio with a null sink that is listened to all the time. Nothing outside ``folder`` is read or written.
+
+    Being listened to also keeps the sink's latency as low as real hardware's: an idle null sink stalls for two seconds.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -38,6 +40,8 @@ class SoundServer:
             "LC_ALL": "C",
         }
         self._server: subprocess.Popen[bytes] | None = None
+        self._recorder: subprocess.Popen[bytes] | None = None
+        self._recording = folder / "heard.raw"
         self.start()
 
     @property
@@ -54,20 +58,31 @@ class SoundServer:
             stderr=subprocess.DEVNULL,
         )
         wait_for(self._answers, "PulseAudio answers")
+        sound_format = ("--format=s16le", f"--rate={RATE_HZ}", "--channels=1")
+        with self._recording.open("wb") as file:
+            self._recorder = subprocess.Popen(
+                ["parec", "--device=speaker.monitor", "--latency-msec=20", *sound_format],
+                env=self._environment,
+                stdout=file,
+                stderr=subprocess.DEVNULL,
+            )
+        wait_for(lambda: self._recording.stat().st_size > 0, "the recording begins")
 
     def signal(self, number: signal.Signals) -> None:
         if self._server is not None:
             self._server.send_signal(number)
 
     def kill(self) -> None:
-        if self._server is not None:
-            self._server.send_signal(signal.SIGCONT)
-            self._server.kill()
-            self._server.wait()
-            self._server = None
+        for process in (self._server, self._recorder):
+            if process is not None:
+                process.send_signal(signal.SIGCONT)
+                process.kill()
+                process.wait()
+        self._server = self._recorder = None
 
     def listen(self) -> "Listening":
-        return Listening(self._folder / "heard.raw", self._environment)
+        """What is heard from now on."""
+        return Listening(self._recording, skip_bytes=self._recording.stat().st_size // 2 * 2)
 
     def _answers(self) -> bool:
         asked = subprocess.run(["pactl", "info"], env=self._environment, capture_output=True, timeout=10, check=False)
@@ -75,39 +90,15 @@ class SoundServer:
 
 
 class Listening:
-    """Records what the sink plays while the block runs. It also keeps the sink's latency as low as real hardware's."""
+    """The sound of a sink from some moment on."""
 
-    def __init__(self, path: Path, environment: dict[str, str]) -> None:
+    def __init__(self, path: Path, *, skip_bytes: int) -> None:
         self._path = path
-        self._environment = environment
-
-    def __enter__(self) -> "Listening":
-        with self._path.open("wb") as file:
-            self._recorder = subprocess.Popen(
-                [
-                    "parec",
-                    "--device=speaker.monitor",
-                    "--latency-msec=20",
-                    "--format=s16le",
-                    f"--rate={RATE_HZ}",
-                    "--channels=1",
-                ],
-                env=self._environment,
-                stdout=file,
-                stderr=subprocess.DEVNULL,
-            )
-        wait_for(lambda: self._path.stat().st_size > 0, "the recording begins")
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._recorder.kill()
-        self._recorder.wait()
+        self._skip_bytes = skip_bytes
 
     def samples(self) -> NDArray[np.float64]:
         """Everything heard so far, -1..1, at ``RATE_HZ``."""
-        raw = self._path.read_bytes()
+        raw = self._path.read_bytes()[self._skip_bytes :]
         return np.frombuffer(raw[: len(raw) // 2 * 2], dtype="<i2").astype(np.float64) / 32768.0
 
     def loud_span_s(self, *, from_s: float = 0.0) -> float:
@@ -120,7 +111,7 @@ class Listening:
 
     @property
     def length_s(self) -> float:
-        return self._path.stat().st_size / 2 / RATE_HZ
+        return (self._path.stat().st_size - self._skip_bytes) / 2 / RATE_HZ
 
     def _loudness(self, from_s: float) -> NDArray[np.float64]:
         window = RATE_HZ // 50

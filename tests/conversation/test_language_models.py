@@ -22,7 +22,7 @@ from caris_desktop.domain.events import ChatMessage
 QUESTION = (ChatMessage("system", "You guide tours."), ChatMessage("user", "Where is the café?"))
 SSE_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"
 LINES_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/x-ndjson\r\nConnection: close\r\n\r\n"
-SHORT = ChatTimeouts(connect_s=1.0, first_token_s=0.3, between_tokens_s=0.3)
+SHORT = ChatTimeouts(connect_s=0.5, first_token_s=0.3, between_tokens_s=0.3)
 
 
 @dataclass

