@@ -201,7 +201,7 @@ def _store(path: Path, pictures: list[Image]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, unfinished = tempfile.mkstemp(dir=path.parent, suffix=".npz")
         with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, **{str(index): picture for index, picture in enumerate(pictures)})
+            np.savez_compressed(file, allow_pickle=False, **dict(zip("0123456789", pictures, strict=False)))
         Path(unfinished).replace(path)
     except OSError as error:
         logger.warning("The cut-outs cannot be kept in %s (%s); they are made anew every time", path.parent, error)
@@ -247,7 +247,7 @@ def _largest_piece(mask: Image) -> Image:
     outline, _ = cv2.findContours((labels == largest).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     whole = np.zeros_like(mask)
     cv2.drawContours(whole, outline, -1, 1, cv2.FILLED)
-    return whole & (labels == largest).astype(np.uint8)
+    return np.asarray(whole & (labels == largest), dtype=np.uint8)
 
 
 def _recoloured(person: Image, gains_bgr: tuple[float, float, float]) -> Image:
@@ -261,4 +261,4 @@ def _recoloured(person: Image, gains_bgr: tuple[float, float, float]) -> Image:
     share = cv2.GaussianBlur(pale.astype(np.float32), (0, 0), 1.2)[:, :, None]
     coloured = person.astype(np.float32) * np.array(gains_bgr, dtype=np.float32)
     mixed = person * (1.0 - share) + coloured * share
-    return np.clip(mixed, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(mixed, 0, 255), dtype=np.uint8)

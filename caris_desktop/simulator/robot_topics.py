@@ -12,7 +12,6 @@ from caris_desktop.ros import messages
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.fields import message_of, text, truth
 from caris_desktop.simulator import faults as fault_commands
-from caris_desktop.simulator.base import STEP_S
 from caris_desktop.simulator.camera_model import sees
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
@@ -227,8 +226,8 @@ class RobotTopics:
             "time_s": self._robot.now_s,
             "pose": _pose(pose),
             "believed_pose": _pose(self._robot.pose_in_map),
-            "forward_mps": truth_.forward_mps,
-            "turn_radps": truth_.turn_radps,
+            "speed_mps": truth_.forward_mps,
+            "speed_radps": truth_.turn_radps,
             "touching": truth_.touching,
             "collisions": truth_.collisions,
             "emergency_stopped": self._robot.emergency_stopped,
@@ -240,7 +239,6 @@ class RobotTopics:
             "anybody_in_view": any(person["in_view"] for person in people),
             "known_map_share": self._robot.mapper.known_share,
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
-            "steps_s": STEP_S,
         }
 
 

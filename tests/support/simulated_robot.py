@@ -1,0 +1,158 @@
+"""The simulated robot as a program of its own, and a plain rosbridge client to talk to it without roslibpy."""
+
+import contextlib
+import itertools
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tests.support.polling import wait_for
+
+_READY = "Simulated robot ready at "
+
+
+class SimulatedRobot:
+    """``python -m caris_desktop.simulator`` on a free port; a context manager that kills it afterwards.
+
+    Parameters
+    ----------
+    ros
+        1 or 2.
+    port
+        0 chooses a free one.
+    arguments
+        More command line arguments.
+    """
+
+    def __init__(self, *arguments: str, ros: int = 1, port: int = 0, seed: int = 1) -> None:
+        self.ros = ros
+        command = [sys.executable, "-m", "caris_desktop.simulator", "--port", str(port), "--ros", str(ros)]
+        self._process = subprocess.Popen(
+            [*command, "--seed", str(seed), "--mute", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        line = self._process.stdout.readline() if self._process.stdout is not None else ""
+        if not line.startswith(_READY):
+            self.kill()
+            raise AssertionError(f"the simulated robot did not become ready: {line!r}")
+        self.address = line.removeprefix(_READY).strip()
+        self.port = int(self.address.rpartition(":")[2])
+
+    def __enter__(self) -> "SimulatedRobot":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def kill(self) -> None:
+        """kill -9."""
+        self._process.kill()
+        self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def terminate(self) -> int:
+        """Ask it to end, and return its exit status."""
+        self._process.terminate()
+        return self._process.wait(10)
+
+    def call(self, service: str, **arguments: Any) -> Any:
+        """Call a service on a connection of its own; AssertionError when it is refused."""
+        with RosbridgeClient(self.address) as client:
+            return client.call(service, **arguments)
+
+    def state(self) -> dict[str, Any]:
+        """The truth about the robot and the people around it."""
+        state: dict[str, Any] = self.call("/simulator/state")
+        return state
+
+    def fault(self, command: str) -> None:
+        """Inject a fault, such as ``black_camera`` or ``clear``."""
+        self.call("/simulator/fault", command=command)
+
+
+class RosbridgeClient:
+    """Plain websocket, plain JSON; nothing of ours in between."""
+
+    def __init__(self, address: str) -> None:
+        self._socket = connect(address, compression=None, max_size=None)
+        self._ids = itertools.count()
+        self.received: list[dict[str, Any] | bytes] = []
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "RosbridgeClient":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the other side is gone."""
+        return not self._thread.is_alive()
+
+    def close(self) -> None:
+        self._socket.close()
+        self._thread.join(5)
+
+    def send(self, **operation: Any) -> None:
+        self._socket.send(json.dumps(operation))
+
+    def send_text(self, text: str) -> None:
+        """Send anything, well-formed or not."""
+        self._socket.send(text)
+
+    def subscribe(self, topic: str, **options: Any) -> None:
+        self.send(op="subscribe", topic=topic, id=f"subscribe:{topic}:{next(self._ids)}", **options)
+
+    def publish(self, topic: str, message: dict[str, Any]) -> None:
+        self.send(op="publish", topic=topic, msg=message)
+
+    def drive(self, forward_mps: float, turn_radps: float = 0.0) -> None:
+        """One velocity command."""
+        self.publish("/cmd_vel", {"linear": {"x": forward_mps}, "angular": {"z": turn_radps}})
+
+    def call(self, service: str, **arguments: Any) -> Any:
+        """The values of a service; AssertionError when it is refused."""
+        request_id = f"call:{service}:{next(self._ids)}"
+        self.send(op="call_service", service=service, args=arguments, id=request_id)
+        answer = self.wait_for_operation(lambda operation: operation.get("id") == request_id, f"an answer of {service}")
+        assert answer["result"], answer["values"]
+        return answer["values"]
+
+    def operations(self) -> list[dict[str, Any]]:
+        """Everything that came as JSON so far."""
+        return [operation for operation in list(self.received) if isinstance(operation, dict)]
+
+    def messages(self, topic: str) -> list[dict[str, Any]]:
+        """Everything that came as JSON on ``topic`` so far."""
+        return [
+            operation["msg"]
+            for operation in self.operations()
+            if operation.get("op") == "publish" and operation["topic"] == topic
+        ]
+
+    def wait_for_operation(self, wanted: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+        return wait_for(lambda: next(filter(wanted, self.operations()), None), what) or {}
+
+    def wait_for_messages(self, topic: str, count: int = 1) -> list[dict[str, Any]]:
+        wait_for(lambda: len(self.messages(topic)) >= count, f"{count} messages on {topic}")
+        return self.messages(topic)
+
+    def _listen(self) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            for content in self._socket:
+                self.received.append(json.loads(content) if isinstance(content, str) else bytes(content))
