@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -97,6 +98,7 @@ def test_ctrl_c_in_the_terminal_does_not_end_the_link(bridge: BridgeDouble, link
 def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command(
     bridge: BridgeDouble, link: LinkProcess
 ) -> None:
+    wait_for(lambda: link.of(LaserScan), "scans")
     subscribed = {line["topic"] for line in bridge.operations("subscribe")}
     assert {"/scan", "/odom", "/tf", "/battery_state"} <= subscribed
     link.drive()
@@ -197,6 +199,7 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
 
 
 def test_when_binary_messages_cannot_be_read_json_is_asked_for(bridge: BridgeDouble, link: LinkProcess) -> None:
+    wait_for(lambda: bridge.operations("subscribe", "/scan"), "the subscription")
     assert {line["compression"] for line in bridge.operations("subscribe")} == {"cbor"}
     for _ in range(3):
         bridge.tell(hex="c1ffff")
@@ -320,6 +323,23 @@ def test_sensor_streams_arrive_stamped(bridge: BridgeDouble, link: LinkProcess) 
     assert abs(now_ns() - scan.stamp_ns) < 10_000_000_000
     assert scan.ranges_m.tolist()[2] == float("inf")
     assert wait_for(lambda: link.of(Odometry), "odometry")[0].pose_in_odom == Pose2D(1.0, 2.0, 0.0)
+
+
+def test_a_robot_that_wants_stamped_velocities_gets_them(bridge: BridgeDouble, tmp_path: Path) -> None:
+    profile = tmp_path / "stamped.yaml"
+    profile.write_text("version: 1\nros: 2\nvelocity: {topic: /cmd_vel, type: TwistStamped, frame_id: base}\n")
+    process = LinkProcess(bridge.address, str(profile))
+    try:
+        process.wait_for_state("connected")
+        process.drive(0.3)
+        [first, *_] = wait_for(lambda: bridge.operations("publish", "/cmd_vel"), "a velocity")
+        assert first["msg"]["header"]["frame_id"] == "base"
+        assert set(first["msg"]["header"]["stamp"]) == {"sec", "nanosec"}
+        assert first["msg"]["twist"]["linear"]["x"] > 0.0
+        [advertised] = bridge.operations("advertise", "/cmd_vel")
+        assert advertised["type"] == "geometry_msgs/msg/TwistStamped"
+    finally:
+        process.close()
 
 
 def test_an_unreachable_robot_is_one_problem_and_not_one_per_attempt() -> None:

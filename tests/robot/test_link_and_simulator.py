@@ -62,12 +62,18 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
     running.kill()
 
 
-@pytest.fixture
-def link(simulator: Simulator) -> Iterator[LinkProcess]:
+@pytest.fixture(scope="module")
+def running_link(simulator: Simulator) -> Iterator[LinkProcess]:
     process = LinkProcess(simulator.address, PROFILES[simulator.ros])
     process.wait_for_state("connected")
     yield process
     process.close()
+
+
+@pytest.fixture
+def link(running_link: LinkProcess) -> LinkProcess:
+    running_link.values.clear()
+    return running_link
 
 
 def test_every_stream_arrives(simulator: Simulator, link: LinkProcess) -> None:
@@ -131,10 +137,10 @@ def test_it_speaks(simulator: Simulator, link: LinkProcess) -> None:
     wait_for(lambda: [u.state for u in link.of(UtteranceChanged)] == ["started", "finished"], "said")
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-def test_a_killed_robot_is_found_again_and_gets_nothing_old(ros: int) -> None:
-    simulator = Simulator(ros)
-    link = LinkProcess(simulator.address, PROFILES[ros])
+def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
+    # The double shows the same in ROS 1.
+    simulator = Simulator(2)
+    link = LinkProcess(simulator.address, PROFILES[2])
     listener = None
     try:
         wait_for(lambda: link.of(LaserScan), "scans")
