@@ -280,7 +280,6 @@ class _Engine:
                 if trouble.hung:
                     self._tell_device(str(trouble))
                     self._tell("inaudible", played_s=trouble.played_s)
-                    self._events.flush()
                     # Closing the stream may hang as well; a new process is the only sure way on.
                     os._exit(3)
                 reason = card.look()
@@ -303,8 +302,10 @@ class _Engine:
         self._tell("device", audible=not trouble, detail=trouble)
 
     def _tell(self, event: str, **values: str | float | bool) -> None:
-        self._events.write(json.dumps({"event": event, **values}) + "\n")
-        self._events.flush()
+        # With the parent gone, the thread that reads commands tidies up and ends the process.
+        with contextlib.suppress(BrokenPipeError):
+            self._events.write(json.dumps({"event": event, **values}) + "\n")
+            self._events.flush()
 
 
 def main() -> None:
