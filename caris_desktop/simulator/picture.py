@@ -160,16 +160,45 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     middle, _ = eye.relative((box.x0_m + box.x1_m) / 2.0, (box.y0_m + box.y1_m) / 2.0)
     # soft edges and parts that hang over reach into columns that miss the outline
     hidden = depth < np.where(np.isfinite(entry[0]), entry[0], middle) - 0.02
-    kept = picture[:, hidden].copy() if hidden.any() else None
-    for part in _bottom_up(thing.parts, eye):
-        for side, corners in _sides_seen(part, eye):
-            _fill(picture, corners, _shaded(part.colour, _SHADES[side]))
+    shapes = [
+        (points, _shaded(part.colour, _SHADES[side]))
+        for part in _bottom_up(thing.parts, eye)
+        for side, corners in _sides_seen(part, eye)
+        if (points := _projected(corners)) is not None
+    ]
+    if not shapes:
+        return
+    x0, y0, x1, y1 = _bounds([points for points, _ in shapes])
+    if x0 >= x1 or y0 >= y1 or hidden[x0:x1].all():
+        return
+    kept = [(columns, picture[y0:y1, columns].copy()) for columns in _runs(hidden, x0, x1)]
+    for points, colour in shapes:
+        _fill(picture, points, colour)
     for decal in thing.decals:
         for side, corners in _sides_seen(thing.outline, eye):
             if side == decal.side:
                 _paste(picture, corners, decal)
-    if kept is not None:
-        picture[:, hidden] = kept
+    for columns, pixels in kept:
+        picture[y0:y1, columns] = pixels
+
+
+def _bounds(shapes: list[NDArray[np.float32]]) -> tuple[int, int, int, int]:
+    """The part of the picture that the shapes and their soft edges touch: left, top, right, bottom."""
+    points = np.concatenate(shapes)
+    left, top = np.floor(points.min(axis=0)).tolist()
+    right, bottom = np.ceil(points.max(axis=0)).tolist()
+    return (
+        int(max(0, left - 2)),
+        int(max(0, top - 2)),
+        int(min(WIDTH_PX, right + 3)),
+        int(min(HEIGHT_PX, bottom + 3)),
+    )
+
+
+def _runs(hidden: NDArray[np.bool_], start: int, end: int) -> list[slice]:
+    """Neighbouring hidden columns between ``start`` and ``end``, as slices."""
+    edges = np.flatnonzero(np.diff(hidden[start:end].astype(np.int8), prepend=0, append=0)) + start
+    return [slice(first, last) for first, last in edges.reshape(-1, 2).tolist()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,10 +313,7 @@ def _cut_before_camera(corners: list[Corner]) -> list[Corner]:
     return cut
 
 
-def _fill(picture: Image, corners: list[Corner], colour: Colour) -> None:
-    points = _projected(corners)
-    if points is None:
-        return
+def _fill(picture: Image, points: NDArray[np.float32], colour: Colour) -> None:
     fixed = np.round(np.clip(points, -4000.0, 4000.0) * (1 << _BITS)).astype(np.int32)
     cv2.fillConvexPoly(picture, fixed, colour, cv2.LINE_AA, _BITS)
     dark = _shaded(colour, 0.82)

@@ -27,6 +27,7 @@ _SEND_BUFFER_BYTES = 256 * 1024
 _MAX_NAME_CHARS = 500
 _MAX_SUBSCRIPTIONS = 500
 _MAX_CLIENTS = 64
+_DROP_AFTER_S = 0.05
 _CLIENT_SERVICE_LIMIT_S = 10.0
 
 
@@ -119,10 +120,14 @@ class BridgeServer:
             await self._server.wait_closed()
 
     def drop_link(self, seconds: float) -> None:
-        """Cut every client off and refuse new ones for a while."""
-        self._refused_until_s = asyncio.get_running_loop().time() + seconds
-        for client in list(self.clients):
-            client.abort()
+        """Cut every client off in a moment, so that who asked gets an answer, and refuse new ones for a while."""
+
+        def drop() -> None:
+            self._refused_until_s = asyncio.get_running_loop().time() + seconds
+            for client in list(self.clients):
+                client.abort()
+
+        asyncio.get_running_loop().call_later(_DROP_AFTER_S, drop)
 
     def has_subscribers(self, name: str) -> bool:
         """Whether any client takes this topic."""

@@ -1,1 +1,1 @@
-"""The robot link."""
+"""The simulated robot."""
