@@ -1,0 +1,1 @@
+"""ROS messages and the rosbridge protocol."""

@@ -1,0 +1,376 @@
+"""Messages survive both forms of the protocol, and whatever is malformed gets one kind of error."""
+
+import copy
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
+from caris_desktop.ros import actions, messages, rosbridge
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.messages import MessageError
+
+STAMP_NS = 1_700_000_000_000_000_005
+NOW_NS = 77
+POSE = Pose2D(1.25, -3.5, 2.0)
+
+Wire = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+def over_json(message: dict[str, Any]) -> dict[str, Any]:
+    text = rosbridge.encode_json({"op": "publish", "topic": "/t", "msg": message})
+    decoded: dict[str, Any] = rosbridge.decode_json(text)["msg"]
+    return decoded
+
+
+def over_cbor(message: dict[str, Any]) -> dict[str, Any]:
+    content = rosbridge.encode_cbor({"op": "publish", "topic": "/t", "msg": message})
+    decoded: dict[str, Any] = rosbridge.decode_cbor(content)["msg"]
+    return decoded
+
+
+both_wires = pytest.mark.parametrize("wire", [over_json, over_cbor])
+both_dialects = pytest.mark.parametrize("dialect", list(Dialect))
+
+
+def scan(ranges_m: list[float]) -> LaserScan:
+    return LaserScan(
+        stamp_ns=0,
+        robot_stamp_ns=None,
+        frame_id="laser",
+        angle_min_rad=-1.0,
+        angle_increment_rad=0.5,
+        range_min_m=0.1,
+        range_max_m=12.0,
+        ranges_m=np.array(ranges_m, dtype=np.float32),
+        robot_from_laser=POSE,
+    )
+
+
+def grid() -> OccupancyGrid:
+    cells = np.array([[-1, 0, 100], [0, 0, 50]], dtype=np.int8)
+    return OccupancyGrid(0, None, 0.05, POSE, cells)
+
+
+def close(one: Pose2D, other: Pose2D) -> bool:
+    return (one.x_m, one.y_m, one.heading_rad) == pytest.approx((other.x_m, other.y_m, other.heading_rad))
+
+
+@both_wires
+def test_twist(wire: Wire) -> None:
+    twist = Twist2D(0.25, -0.1, 1.5)
+    assert messages.decode_twist(wire(messages.encode_twist(twist))) == twist
+
+
+@both_wires
+@both_dialects
+def test_twist_stamped(wire: Wire, dialect: Dialect) -> None:
+    message = messages.encode_twist_stamped(dialect, Twist2D(0.5), stamp_ns=STAMP_NS)
+    assert messages.decode_twist_stamped(wire(message)) == (Twist2D(0.5), STAMP_NS)
+
+
+@both_dialects
+def test_a_scan_keeps_what_each_form_can_hold(dialect: Dialect) -> None:
+    message = messages.encode_laser_scan(dialect, scan([1.5, math.inf, math.nan]), stamp_ns=STAMP_NS)
+    from_json = messages.decode_laser_scan(over_json(message), stamp_ns=NOW_NS, robot_from_laser=POSE)
+    from_cbor = messages.decode_laser_scan(over_cbor(message), stamp_ns=NOW_NS)
+    assert from_json.ranges_m.tolist() == [1.5, math.inf, math.inf]
+    assert from_cbor.ranges_m[:2].tolist() == [1.5, math.inf]
+    assert math.isnan(from_cbor.ranges_m[2])
+    assert from_json.ranges_m.dtype == from_cbor.ranges_m.dtype == np.float32
+    assert (from_json.stamp_ns, from_json.robot_stamp_ns, from_json.frame_id) == (NOW_NS, STAMP_NS, "laser")
+    assert from_json.robot_from_laser == POSE
+
+
+@both_wires
+@both_dialects
+def test_odometry(wire: Wire, dialect: Dialect) -> None:
+    message = messages.encode_odometry(dialect, Odometry(0, None, POSE, Twist2D(0.1, 0.0, 0.2)), stamp_ns=STAMP_NS)
+    decoded = messages.decode_odometry(wire(message), stamp_ns=NOW_NS)
+    assert close(decoded.pose_in_odom, POSE)
+    assert decoded.twist == Twist2D(0.1, 0.0, 0.2)
+    assert decoded.robot_stamp_ns == STAMP_NS
+
+
+@both_wires
+@both_dialects
+def test_poses(wire: Wire, dialect: Dialect) -> None:
+    plain = messages.decode_pose_stamped(
+        wire(messages.encode_pose_stamped(dialect, POSE, stamp_ns=STAMP_NS)), stamp_ns=NOW_NS
+    )
+    with_covariance = messages.decode_pose_with_covariance_stamped(
+        wire(messages.encode_pose_with_covariance_stamped(dialect, POSE, stamp_ns=STAMP_NS)), stamp_ns=NOW_NS
+    )
+    assert close(plain.pose_in_map, POSE)
+    assert close(with_covariance.pose_in_map, POSE)
+    assert plain.robot_stamp_ns == with_covariance.robot_stamp_ns == STAMP_NS
+
+
+@both_wires
+@both_dialects
+def test_a_map(wire: Wire, dialect: Dialect) -> None:
+    decoded = messages.decode_occupancy_grid(
+        wire(messages.encode_occupancy_grid(dialect, grid(), stamp_ns=STAMP_NS)), stamp_ns=NOW_NS
+    )
+    assert decoded.cells.tolist() == grid().cells.tolist()
+    assert decoded.cells.dtype == np.int8
+    assert close(decoded.origin_in_map, POSE)
+
+
+@both_wires
+@both_dialects
+def test_transforms(wire: Wire, dialect: Dialect) -> None:
+    message = messages.encode_tf_message(dialect, [("map", "odom", POSE)], stamp_ns=STAMP_NS)
+    (transform,) = messages.decode_tf_message(wire(message))
+    assert (transform.parent_frame, transform.child_frame) == ("map", "odom")
+    assert close(transform.parent_from_child, POSE)
+    assert transform.robot_stamp_ns == STAMP_NS
+
+
+@both_wires
+@pytest.mark.parametrize("fraction", [None, 0.0, 0.5, 1.0])
+def test_battery(wire: Wire, fraction: float | None) -> None:
+    message = messages.encode_battery_state(Dialect.ROS1, BatteryState(0, fraction), stamp_ns=STAMP_NS)
+    assert messages.decode_battery_state(wire(message), stamp_ns=NOW_NS) == BatteryState(NOW_NS, fraction)
+
+
+def test_a_battery_in_percent_is_understood() -> None:
+    assert messages.decode_battery_state({"percentage": 80.0}, stamp_ns=0).charge_fraction == pytest.approx(0.8)
+
+
+@both_wires
+def test_an_image(wire: Wire) -> None:
+    content = bytes(range(256))
+    message = messages.encode_compressed_image(Dialect.ROS1, content, stamp_ns=STAMP_NS)
+    image = messages.decode_compressed_image(wire(message))
+    assert (image.encoding, image.content, image.robot_stamp_ns) == ("jpeg", content, STAMP_NS)
+
+
+@both_wires
+def test_small_ones(wire: Wire) -> None:
+    assert messages.decode_string(wire(messages.encode_string("Grüße"))) == "Grüße"
+    assert messages.decode_bool(wire(messages.encode_bool(True))) is True
+
+
+@given(st.floats(-math.pi + 1e-6, math.pi))
+def test_headings_come_back(heading_rad: float) -> None:
+    assert messages.decode_heading(messages.encode_heading(heading_rad), "q") == pytest.approx(heading_rad, abs=1e-9)
+
+
+def test_a_scaled_quaternion_is_the_same_heading() -> None:
+    assert messages.decode_heading({"x": 0, "y": 0, "z": 1e200, "w": 1e200}, "q") == pytest.approx(math.pi / 2)
+
+
+@both_wires
+def test_a_goal_of_ros1(wire: Wire) -> None:
+    goal_id, target = actions.decode_move_base_goal(wire(actions.encode_move_base_goal("g1", POSE, stamp_ns=STAMP_NS)))
+    assert goal_id == "g1"
+    assert close(target, POSE)
+    status = actions.GoalStatus("g1", actions.SUCCEEDED, "there")
+    result = actions.decode_move_base_result(wire(actions.encode_move_base_result(status, stamp_ns=STAMP_NS)))
+    assert (result, result.ending) == (status, "reached")
+    active = actions.GoalStatus("g1", actions.ACTIVE)
+    feedback = actions.decode_move_base_feedback(
+        wire(actions.encode_move_base_feedback(active, POSE, stamp_ns=STAMP_NS))
+    )
+    assert feedback.goal_id == "g1"
+    assert feedback.pose_in_map is not None
+    assert close(feedback.pose_in_map, POSE)
+    array = wire(actions.encode_goal_status_array([active, status], stamp_ns=STAMP_NS))
+    assert actions.decode_goal_status_array(array) == (active, status)
+
+
+@both_wires
+def test_a_goal_of_ros2(wire: Wire) -> None:
+    target = actions.decode_navigate_to_pose_goal(wire(actions.encode_navigate_to_pose_goal(POSE, stamp_ns=STAMP_NS)))
+    assert close(target, POSE)
+    values = actions.encode_navigate_to_pose_feedback(
+        POSE, distance_left_m=2.5, time_left_s=4.0, elapsed_s=1.0, stamp_ns=STAMP_NS
+    )
+    feedback = actions.decode_navigate_to_pose_feedback({"op": "action_feedback", "id": "g", "values": wire(values)})
+    assert (feedback.goal_id, feedback.distance_left_m) == ("g", 2.5)
+
+
+@pytest.mark.parametrize(
+    ("operation", "ending"),
+    [
+        ({"status": 4, "result": True, "values": {}}, "reached"),
+        ({"status": 5, "result": True, "values": {}}, "cancelled"),
+        ({"status": 6, "result": True, "values": {"error_msg": "no way"}}, "failed"),
+        ({"status": 0, "result": False, "values": "no such action"}, "failed"),
+        ({"result": False, "values": "no such action"}, "failed"),
+        ({"result": True, "values": {}}, "reached"),
+    ],
+)
+def test_how_a_goal_of_ros2_ended(operation: dict[str, Any], ending: str) -> None:
+    assert actions.decode_navigate_to_pose_result({"id": "g", **operation}).ending == ending
+
+
+DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
+    "twist": (messages.decode_twist, messages.encode_twist(Twist2D(1.0))),
+    "twist_stamped": (
+        messages.decode_twist_stamped,
+        messages.encode_twist_stamped(Dialect.ROS2, Twist2D(1.0), stamp_ns=STAMP_NS),
+    ),
+    "scan": (
+        lambda message: messages.decode_laser_scan(message, stamp_ns=0),
+        over_json(messages.encode_laser_scan(Dialect.ROS1, scan([1.0, 2.0]), stamp_ns=STAMP_NS)),
+    ),
+    "odometry": (
+        lambda message: messages.decode_odometry(message, stamp_ns=0),
+        messages.encode_odometry(Dialect.ROS1, Odometry(0, None, POSE, Twist2D()), stamp_ns=STAMP_NS),
+    ),
+    "amcl_pose": (
+        lambda message: messages.decode_pose_with_covariance_stamped(message, stamp_ns=0),
+        messages.encode_pose_with_covariance_stamped(Dialect.ROS1, POSE, stamp_ns=STAMP_NS),
+    ),
+    "map": (
+        lambda message: messages.decode_occupancy_grid(message, stamp_ns=0),
+        over_json(messages.encode_occupancy_grid(Dialect.ROS1, grid(), stamp_ns=STAMP_NS)),
+    ),
+    "tf": (
+        messages.decode_tf_message,
+        messages.encode_tf_message(Dialect.ROS1, [("map", "odom", POSE)], stamp_ns=STAMP_NS),
+    ),
+    "battery": (
+        lambda message: messages.decode_battery_state(message, stamp_ns=0),
+        over_json(messages.encode_battery_state(Dialect.ROS1, BatteryState(0, 0.5), stamp_ns=STAMP_NS)),
+    ),
+    "image": (
+        messages.decode_compressed_image,
+        over_json(messages.encode_compressed_image(Dialect.ROS1, b"abc", stamp_ns=STAMP_NS)),
+    ),
+    "string": (messages.decode_string, messages.encode_string("hello")),
+    "bool": (messages.decode_bool, messages.encode_bool(True)),
+    "goal": (actions.decode_move_base_goal, actions.encode_move_base_goal("g", POSE, stamp_ns=STAMP_NS)),
+    "result": (
+        actions.decode_move_base_result,
+        actions.encode_move_base_result(actions.GoalStatus("g", 3), stamp_ns=STAMP_NS),
+    ),
+    "feedback": (
+        actions.decode_move_base_feedback,
+        actions.encode_move_base_feedback(actions.GoalStatus("g", 1), POSE, stamp_ns=STAMP_NS),
+    ),
+    "status": (
+        actions.decode_goal_status_array,
+        actions.encode_goal_status_array([actions.GoalStatus("g", 1)], stamp_ns=STAMP_NS),
+    ),
+    "goal2": (
+        actions.decode_navigate_to_pose_goal,
+        actions.encode_navigate_to_pose_goal(POSE, stamp_ns=STAMP_NS),
+    ),
+    "feedback2": (
+        actions.decode_navigate_to_pose_feedback,
+        {
+            "id": "g",
+            "values": actions.encode_navigate_to_pose_feedback(
+                POSE, distance_left_m=1.0, time_left_s=1.0, elapsed_s=1.0, stamp_ns=STAMP_NS
+            ),
+        },
+    ),
+    "result2": (actions.decode_navigate_to_pose_result, {"id": "g", "status": 4, "values": {}, "result": True}),
+}
+
+anything = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.binary(max_size=5)
+    | st.sampled_from(
+        [
+            np.zeros((2, 2)),
+            np.array(3.0),
+            np.array(["a"]),
+            np.array([1e300]),
+            np.array([300, 2]),
+            np.float64("nan"),
+            10**400,
+            1e308,
+        ]
+    ),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+def paths_in(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    inner = message.items() if isinstance(message, dict) else enumerate(message) if isinstance(message, list) else ()
+    return [path, *(deeper for key, value in inner for deeper in paths_in(value, (*path, key)))]
+
+
+@pytest.mark.parametrize("name", list(DECODERS))
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_one_field_turned_into_anything_is_decoded_or_refused(name: str, data: st.DataObject) -> None:
+    decode, good = DECODERS[name]
+    message = copy.deepcopy(good)
+    path = data.draw(st.sampled_from(paths_in(message)))
+    strange = data.draw(anything)
+    if not path:
+        message = strange
+    else:
+        place: Any = message
+        for key in path[:-1]:
+            place = place[key]
+        if data.draw(st.booleans()):
+            place[path[-1]] = strange
+        else:
+            del place[path[-1]]
+    try:
+        decode(message)
+    except MessageError as error:
+        assert str(error)
+
+
+@pytest.mark.parametrize("name", list(DECODERS))
+def test_the_good_one_is_decoded(name: str) -> None:
+    decode, good = DECODERS[name]
+    decode(good)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"data": [0] * 5}, "OccupancyGrid.data has 5 cells, but its size is 3 x 2"),
+        ({"data": [0] * 5 + [300]}, "between -128 and 127"),
+        ({"data": [0] * 5 + [0.5]}, "whole numbers"),
+        ({"data": "AAAA"}, "must be a list, but it is a text"),
+        ({"info": {"width": 2**31, "height": 2**31, "resolution": 0.05}}, "must be between 0 and"),
+        ({"info": {"width": 60000, "height": 60000, "resolution": 0.05}}, "at most 64000000 are accepted"),
+        ({"info": {"width": 3, "height": 2, "resolution": 0.0}}, "resolution must be above zero"),
+    ],
+)
+def test_a_broken_map_gets_a_sentence(change: dict[str, Any], sentence: str) -> None:
+    decode, good = DECODERS["map"]
+    with pytest.raises(MessageError, match=sentence):
+        decode({**good, **change})
+
+
+@pytest.mark.parametrize(
+    ("linear", "sentence"),
+    [
+        ({"x": math.nan}, "Twist.linear.x must be a finite number"),
+        ({"x": None}, "Twist.linear.x must be a number, but it is null"),
+        ({"x": "1"}, "Twist.linear.x must be a number, but it is a text"),
+        ({"x": True}, "Twist.linear.x must be a number, but it is a truth value"),
+        ({"x": 10**400}, "Twist.linear.x is too large"),
+        ({}, "Twist.linear has no field 'x'"),
+    ],
+)
+def test_a_broken_twist_gets_a_sentence(linear: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(MessageError, match=sentence):
+        messages.decode_twist({"linear": linear, "angular": {"z": 0.0}})
+
+
+def test_a_scan_with_too_many_beams_is_refused() -> None:
+    _, good = DECODERS["scan"]
+    with pytest.raises(MessageError, match="at most 100000 are accepted"):
+        messages.decode_laser_scan({**good, "ranges": np.zeros(100_001, dtype=np.float32)}, stamp_ns=0)

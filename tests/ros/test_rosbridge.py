@@ -1,0 +1,180 @@
+"""Whole operations in both forms, fragments, and bytes from strangers."""
+
+import contextlib
+import math
+from typing import Any
+
+import cbor2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caris_desktop.ros.rosbridge import (
+    FragmentAssembler,
+    ProtocolError,
+    decode_cbor,
+    decode_json,
+    encode_cbor,
+    encode_json,
+    fragments_of,
+)
+
+DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int64", "float16", "float32", "float64")
+
+
+def test_json_is_written_as_rosbridge_writes_it() -> None:
+    operation = {
+        "op": "publish",
+        "msg": {"a": np.array([1.5, math.inf, math.nan], dtype=np.float32), "b": b"\x01\x02", "c": math.nan},
+    }
+    assert encode_json(operation) == '{"op":"publish","msg":{"a":[1.5,null,null],"b":"AQI=","c":null}}'
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_typed_arrays_come_back(dtype: str) -> None:
+    array = np.arange(5).astype(dtype)
+    back = decode_cbor(encode_cbor({"op": "publish", "a": array}))["a"]
+    assert back.dtype == array.dtype
+    assert back.tolist() == array.tolist()
+
+
+def test_the_tag_of_float32_is_the_one_of_the_standard() -> None:
+    encoded = cbor2.loads(encode_cbor({"op": "x", "a": np.array([1.0], dtype=np.float32)}))["a"]
+    assert (encoded.tag, encoded.value) == (85, b"\x00\x00\x80\x3f")
+
+
+def test_big_endian_arrays_are_understood() -> None:
+    content = cbor2.dumps({"op": "x", "a": cbor2.CBORTag(81, np.array([1.5, -2.0], dtype=">f4").tobytes())})
+    assert decode_cbor(content)["a"].tolist() == [1.5, -2.0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", "3", "null", '"op"', '{"topic": 1}', '{"op": 3}', "[" * 5000, '{"op": "x"} trailing', "\x00"],
+)
+def test_bad_json_is_refused(text: str) -> None:
+    with pytest.raises(ProtocolError):
+        decode_json(text)
+
+
+@pytest.mark.parametrize("tag", [2, 4, 28, 29, 30, 35, 36, 100, 258, 999])
+def test_tags_that_rosbridge_never_sends_are_refused(tag: int) -> None:
+    with pytest.raises(ProtocolError):
+        decode_cbor(cbor2.dumps({"op": "x", "a": cbor2.CBORTag(tag, b"(a+)+$")}))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff",
+        b"\x9f" * 100_000,
+        b"\xbb\xff\xff\xff\xff\xff\xff\xff\xff",
+        b"\x5b\x0f\xff\xff\xff\xff\xff\xff\xff",
+        cbor2.dumps({"op": "x", "a": cbor2.CBORTag(85, b"abc")}),
+        cbor2.dumps({"op": "x", "a": cbor2.CBORTag(85, "abcd")}),
+        cbor2.dumps({"op": b"x"}),
+        cbor2.dumps([1, 2]),
+    ],
+)
+def test_bad_cbor_is_refused(content: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        decode_cbor(content)
+
+
+def test_messages_beyond_the_limit_are_refused_before_they_are_decoded() -> None:
+    with pytest.raises(ProtocolError, match="larger than 10 bytes"):
+        decode_json('{"op": "publish"}', max_bytes=10)
+    with pytest.raises(ProtocolError, match="larger than 10 bytes"):
+        decode_cbor(encode_cbor({"op": "publish"}), max_bytes=10)
+
+
+def test_what_has_no_form_is_refused_when_writing() -> None:
+    for encode in (encode_json, encode_cbor):
+        with pytest.raises(ProtocolError):
+            encode({"op": "x", "a": object()})
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_an_operation_or_refused(content: bytes) -> None:
+    with contextlib.suppress(ProtocolError):
+        assert isinstance(decode_cbor(content)["op"], str)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_damaged_cbor_is_an_operation_or_refused(data: st.DataObject) -> None:
+    content = bytearray(
+        encode_cbor({"op": "publish", "msg": {"r": np.arange(4, dtype=np.float32), "s": "text", "n": [1, 2.5, None]}})
+    )
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    with contextlib.suppress(ProtocolError):
+        decode_cbor(bytes(content))
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_an_operation_or_refused(text: str) -> None:
+    with contextlib.suppress(ProtocolError):
+        assert isinstance(decode_json(text)["op"], str)
+
+
+@given(st.text(max_size=200), st.integers(1, 40), st.randoms())
+def test_fragments_in_any_order_become_the_message(text: str, size: int, chance: Any) -> None:
+    whole = {"op": "publish", "topic": "/t", "msg": {"data": text}}
+    fragments = fragments_of(encode_json(whole), message_id="m", size=size)
+    chance.shuffle(fragments)
+    assembler = FragmentAssembler()
+    results = [assembler.add(fragment) for fragment in fragments]
+    assert results[-1] == whole
+    assert not any(results[:-1])
+    assert assembler.held_bytes == 0
+
+
+def test_a_total_that_is_no_whole_number_is_rounded_up() -> None:
+    assembler = FragmentAssembler()
+    pieces = ['{"op"', ': "x"', "}"]
+    fragments = [{"op": "fragment", "id": "7", "num": i, "total": 2.2953, "data": d} for i, d in enumerate(pieces)]
+    assert [assembler.add(fragment) for fragment in fragments] == [None, None, {"op": "x"}]
+
+
+def test_unfinished_messages_are_bounded() -> None:
+    assembler = FragmentAssembler(max_bytes=1000)
+    for number in range(50):
+        assembler.add({"op": "fragment", "id": str(number), "num": 0, "total": 2, "data": "x" * 300})
+        assert assembler.held_bytes <= 1000
+    with pytest.raises(ProtocolError, match="larger than 1000 bytes"):
+        for number in range(5):
+            assembler.add({"op": "fragment", "id": "big", "num": number, "total": 9, "data": "x" * 300})
+    assembler.clear()
+    assert assembler.held_bytes == 0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"id": 3},
+        {"data": None},
+        {"num": "0"},
+        {"num": 5},
+        {"num": -1},
+        {"num": 0.5},
+        {"total": 0},
+        {"total": math.inf},
+        {"total": 1e12},
+        {"total": True},
+        {"num": math.nan},
+    ],
+)
+def test_bad_fragments_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(ProtocolError):
+        FragmentAssembler().add({"op": "fragment", "id": "1", "num": 0, "total": 3, "data": "x", **change})
+
+
+def test_a_fragment_that_contradicts_another_is_refused() -> None:
+    assembler = FragmentAssembler()
+    assembler.add({"op": "fragment", "id": "1", "num": 0, "total": 3, "data": "x"})
+    with pytest.raises(ProtocolError, match="contradicts"):
+        assembler.add({"op": "fragment", "id": "1", "num": 0, "total": 3, "data": "y"})
