@@ -29,7 +29,7 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     if cache_dir is None:
         import platformdirs
 
-        cache_dir = platformdirs.user_cache_path("caris-desktop") / "ultralytics"
+        cache_dir = platformdirs.user_cache_path("caris-desktop", appauthor=False) / "ultralytics"
     cache_dir.mkdir(parents=True, exist_ok=True)
     os.environ["YOLO_CONFIG_DIR"] = str(cache_dir)
     os.environ["YOLO_OFFLINE"] = "true"

@@ -55,7 +55,7 @@ def user_models_dir() -> Path:
     """The models folder in the user's data folder, which downloads go to. Not created here."""
     import platformdirs
 
-    return platformdirs.user_data_path("caris-desktop") / "models"
+    return platformdirs.user_data_path("caris-desktop", appauthor=False) / "models"
 
 
 def models_dirs() -> tuple[Path, ...]:
