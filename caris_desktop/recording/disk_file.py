@@ -2,6 +2,7 @@
 
 import errno
 import os
+import tempfile
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,31 +18,28 @@ def no_room(error: OSError) -> bool:
 class Reserve:
     """Room that is set aside at the start, so that a session can be closed properly on a full disk."""
 
-    def __init__(self, path: Path, size_bytes: int) -> None:
+    def __init__(self, folder: Path, size_bytes: int) -> None:
         """Raises OSError when there is not that much room."""
-        self._path = path
-        self._held = True
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        # Without a name on the disk, so that a kill leaves nothing behind.
+        self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - open until release
         try:
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(descriptor, 0, size_bytes)
+                os.posix_fallocate(self._file.fileno(), 0, size_bytes)
             else:
                 for _ in range(0, size_bytes, 65536):
-                    os.write(descriptor, bytes(65536))
+                    self._file.write(bytes(65536))
         except OSError:
-            path.unlink(missing_ok=True)
+            self._file.close()
             raise
-        finally:
-            os.close(descriptor)
 
     @property
     def held(self) -> bool:
-        return self._held
+        return not self._file.closed
 
     def release(self) -> bool:
         """Give the room back; True when this made room."""
-        was_held, self._held = self._held, False
-        self._path.unlink(missing_ok=True)
+        was_held = self.held
+        self._file.close()
         return was_held
 
 
@@ -139,14 +137,18 @@ class DiskFile:
                 os.close(self._descriptor)
 
 
-def replace_file(path: Path, data: bytes, *, on_full: Callable[[], bool] = lambda: False) -> None:
-    """Put ``data`` in the place of ``path``, whole or not at all. Raises OSError."""
+def replace_file(path: Path, data: bytes, *, durable: bool, on_full: Callable[[], bool] = lambda: False) -> None:
+    """Put ``data`` in the place of ``path``, whole or not at all. Raises OSError.
+
+    ``durable`` waits until the disk has it, which may take long on a busy one.
+    """
     temporary = path.with_name(f".{path.name}.part")
     temporary.unlink(missing_ok=True)
     file = DiskFile(temporary, on_full=on_full)
     try:
         file.write(data)
-        file.sync()
+        if durable:
+            file.sync()
     except OSError:
         file.close()
         temporary.unlink(missing_ok=True)

@@ -207,7 +207,7 @@ class MediaWriter:
                 raise ValueError("the picture could not be encoded")  # noqa: TRY301 - one place tells the recorder
             path = self._folder / file_name
             path.parent.mkdir(exist_ok=True)
-            replace_file(path, png.tobytes(), on_full=self._on_full)
+            replace_file(path, png.tobytes(), durable=False, on_full=self._on_full)
         except (OSError, ValueError, cv2.error) as error:
             _log.exception("photo %s", file_name)
             full = isinstance(error, OSError) and no_room(error)

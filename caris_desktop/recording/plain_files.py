@@ -149,7 +149,7 @@ class PlainFiles:
 
     def _replace(self, name: str, data: Any) -> None:
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        replace_file(self._folder / name, text.encode("utf-8", "replace"), on_full=self._on_full)
+        replace_file(self._folder / name, text.encode("utf-8", "replace"), durable=False, on_full=self._on_full)
 
     def _times(self, stamp_ns: int) -> str:
         return f"{self._clock.wall(stamp_ns)} {self._clock.session_s(stamp_ns):>10.3f}"

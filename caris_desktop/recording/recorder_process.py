@@ -1,6 +1,7 @@
 """The recorder: a process of its own, so that neither encoding nor a full disk holds up the console."""
 
 import logging
+import signal
 import threading
 import time
 from dataclasses import replace
@@ -21,6 +22,7 @@ from caris_desktop.recording.session_recorder import DiskLimits, SessionRecorder
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.05
+_IDLE_TICK_S = 0.5
 _REPORT_EVERY_NS = 1_000_000_000
 _SYNC_EVERY_S = 1.0
 
@@ -42,25 +44,32 @@ class _Recorder:
         self._session: SessionRecorder | None = None
         self._reported_ns = 0
         self._console_gone = False
+        self._terminated = False
 
     def run(self) -> None:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, self._on_terminate)
         _import_writers()
         ended = threading.Event()
         syncing = threading.Thread(target=self._sync_until, args=(ended,), name="disk-sync", daemon=True)
         syncing.start()
         try:
-            while self._serve_one():
+            while not self._terminated and self._serve_one():
                 pass
         finally:
             self._stop("console_closed")
             ended.set()
             syncing.join(2 * _SYNC_EVERY_S)
 
+    def _on_terminate(self, _number: int, _frame: object) -> None:
+        """A console that ends in haste terminates its children: the session is closed between two writes."""
+        self._terminated = True
+
     def _serve_one(self) -> bool:
         """Take one message, if there is one within a tick. False when the console has ended the connection."""
         message = None
         try:
-            if self._connection.poll(_TICK_S if self._session is not None else None):
+            if self._connection.poll(_IDLE_TICK_S if self._session is None else _TICK_S):
                 message = self._connection.recv()
         except (EOFError, OSError):
             return False

@@ -25,7 +25,6 @@ from caris_desktop.recording.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 FORMAT, FORMAT_VERSION = "caris-desktop session", 1
-RESERVE_NAME = ".reserve"
 _FLUSH_EVERY_NS = 300_000_000
 _SECOND_NS = 1_000_000_000
 _LATCHED_EVERY_NS = 1_000_000_000
@@ -72,7 +71,7 @@ class SessionRecorder:
         self.folder.mkdir(parents=True, exist_ok=True)
         if any(self.folder.iterdir()):
             raise FileExistsError(17, "the folder holds files already", str(self.folder))
-        self._reserve = Reserve(self.folder / RESERVE_NAME, limits.reserve_bytes)
+        self._reserve = Reserve(self.folder, limits.reserve_bytes)
         try:
             self._write_header(ended_ns=None, reason=None, videos=())
             self._log = EventLog(
@@ -104,6 +103,8 @@ class SessionRecorder:
             else:
                 self._latched[spec.name] = (last_ns, value)
         else:
+            if isinstance(value, Gap):
+                self.dropped[value.stream] += value.count
             self._put(spec, value)
 
     def take_photo(self, ref: FrameRef) -> None:
@@ -336,7 +337,9 @@ class SessionRecorder:
             "files": [] if ended_ns is None else _files(self.folder),
         }
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        replace_file(self.folder / "session.json", text.encode("utf-8", "replace"), on_full=self._make_room)
+        replace_file(
+            self.folder / "session.json", text.encode("utf-8", "replace"), durable=True, on_full=self._make_room
+        )
 
 
 def without_credentials(address: str) -> str:
@@ -370,7 +373,7 @@ def _files(folder: Path) -> list[dict[str, Any]]:
     return [
         {"name": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size}
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.name.startswith(".") and path.name != "session.json"
+        if path.is_file() and path.name != "session.json"
     ]
 
 

@@ -49,8 +49,8 @@ def test_an_index_that_finds_no_room_leaves_the_file_as_it_was(tmp_path: Path, m
 
 
 def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    reserve = Reserve(tmp_path / ".reserve", 4096)
-    assert (tmp_path / ".reserve").stat().st_size == 4096
+    reserve = Reserve(tmp_path, 4096)
+    assert not any(tmp_path.iterdir())
     file = DiskFile(tmp_path / "f", on_full=reserve.release)
     write = os.write
 
@@ -62,13 +62,13 @@ def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, mon
     monkeypatch.setattr(os, "write", write_while_there_is_room)
     file.write(b"a whole record")
     assert (tmp_path / "f").read_bytes() == b"a whole record"
-    assert not (tmp_path / ".reserve").exists()
+    assert not reserve.held
     assert not reserve.release()
     file.close()
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replace_file(tmp_path / "f", b"old")
+    replace_file(tmp_path / "f", b"old", durable=False)
 
     def fail(_descriptor: int, _data: memoryview) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -76,7 +76,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", fail)
         with pytest.raises(OSError, match="No space left"):
-            replace_file(tmp_path / "f", b"new")
+            replace_file(tmp_path / "f", b"new", durable=True)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f", b"old")]
 
 

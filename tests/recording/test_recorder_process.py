@@ -216,12 +216,17 @@ def test_what_cannot_be_recorded_is_counted_and_written_down(tmp_path: Path, rin
     ]
     recorder = RecorderUnderTest(ring)
     recorder.send(start(tmp_path / "s"), *refs, GazeMeasured(1, 2.0))
+    recorder.send(Gap(clock.now_ns(), "scan", 3, "the recorder could not keep up"))
     assert recorder.wait_for(Gap, stream="frame").count == 6
     assert recorder.wait_for(Gap, stream="GazeMeasured").count == 1
-    assert recorder.stop_session().dropped == {"frame": 6, "GazeMeasured": 1}
+    assert recorder.stop_session().dropped == {"frame": 6, "GazeMeasured": 1, "scan": 3}
     recorder.close()
     gaps = [data for topic, _, data in mcap_messages(tmp_path / "s") if topic == "/event/gap"]
-    assert {(gap["stream"], gap["count"]) for gap in gaps} == {("frame", 6), ("GazeMeasured", 1)}
+    assert {(gap["stream"], gap["count"]) for gap in gaps} == {
+        ("frame", 6),
+        ("GazeMeasured", 1),
+        ("scan", 3),
+    }
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == SLOT_COUNT
 
 
@@ -306,6 +311,16 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     times_s, _ = video_times_s(tmp_path / "s" / "video-front.mp4")
     assert (frame_ns - first_frame_ns) / 1e9 - times_s[-1] < 2.0
     assert json.loads((tmp_path / "s" / "session.json").read_text())["ended_ns"] is None
+
+
+def test_a_recorder_that_is_told_to_end_closes_the_session(tmp_path: Path) -> None:
+    recorder = RecorderUnderTest()
+    recorder.send(start(tmp_path / "s"), mark("kept"))
+    recorder.wait_for(RecorderReport)
+    recorder.process.terminate()
+    assert recorder.wait_for(SessionEnded).reason == "console_closed"
+    recorder.close()
+    assert open_session(tmp_path / "s").closed_properly
 
 
 def test_kill_of_the_console_closes_the_session_properly(tmp_path: Path) -> None:
