@@ -1,6 +1,6 @@
 """How well and how fast people are followed on a street video; prints one JSON object.
 
-    python -m tests.benchmarks.perception_tracking [--video FILE --truth FILE] [--weights FILE] [--threads N] [--tracker T]
+    python -m tests.benchmarks.perception_tracking [--video FILE --truth FILE] [--weights FILE] [--threads N] ...
 
 The video runs at its own rate through the camera process, the frame ring and the inference process. HOTA, MOTA and IDF1
 need the PyPI package trackeval and the scorer in ../shared/tools.
