@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 
@@ -61,7 +62,7 @@ class Rehearsal(QObject):
         self._deadline_ns = 0
         self._started_ns = clock.now_ns()
         self.steps: list[dict[str, object]] = []
-        self.screenshots: list[Path] = []
+        self.screenshots: dict[Path, QImage] = {}
         self.session_folder: Path | None = None
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._step)
@@ -161,7 +162,12 @@ class Rehearsal(QObject):
                 photographed = True
             if self._at(pose, target) or (driven_m > 2.5 and not spoken):
                 break
-            self._hold(self._keys_towards(pose, target))
+            if self._held and not state.drive.value.allowed:
+                raise RehearsalError(f"driving was refused: {state.drive.value.reason}")
+            if self._held and not self._driving_is_on():
+                self._hold(set())  # it stopped by itself, as after a stall: a wizard lets go and presses again
+            else:
+                self._hold(self._keys_towards(pose, target))
             yield None
         self._hold(set())
         yield Until("the robot stands", lambda: not state.odometry.value.twist.moving, 10.0)
@@ -195,11 +201,13 @@ class Rehearsal(QObject):
         state = self._state
         pose = state.pose.value.pose_in_map
         place = max(self._console.scenario.places, key=lambda place: _distance_m(pose, place.pose_in_map))
-        button = self._find(f"go_to_{place.name}")
-        if button is None:
-            _log.info("no button for %s on the map", place.name)
-            return
-        self._click(f"go_to_{place.name}")
+        self._press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+        yield Until("Find anything is open", lambda: self._find("palette_field") is not None)
+        field = self._find("palette_field")
+        if field is None:
+            raise RehearsalError("Find anything has no field")
+        yield from self._type(field, f"Go to {place.name}")
+        self._press(Qt.Key.Key_Return, target=field)
         yield Until(
             "the robot navigates",
             lambda: state.goal.value is not None and state.goal.value.state == "active" and self._moving(),
@@ -292,6 +300,10 @@ class Rehearsal(QObject):
                 nearest_m = min(nearest_m, float(range_m * math.cos(off)))
         return nearest_m
 
+    def _driving_is_on(self) -> bool:
+        status = self._state.drive.value
+        return bool(status.target_forward_mps or status.target_turn_radps)
+
     def _moving(self) -> bool:
         return bool(self._state.odometry.value and self._state.odometry.value.twist.moving)
 
@@ -324,6 +336,7 @@ class Rehearsal(QObject):
         self._hold(set())
         if failure:
             self._screenshot("failed")
+        self._write_screenshots()
         (self._out / "rehearsal.json").write_text(
             json.dumps({"failure": failure, "steps": self.steps}, indent=2), encoding="utf-8"
         )
@@ -337,17 +350,20 @@ class Rehearsal(QObject):
         return (clock.now_ns() - self._started_ns) / 1e9
 
     def _screenshot(self, name: str) -> None:
+        """Taken now, written at the end: a wizard's window does not stand still to write a picture."""
         path = self._out / "screenshots" / f"{len(self.screenshots) + 1:02d}-{name}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        modal = QApplication.activeModalWidget()
-        screen = self._window.screen()
-        # A grab of the screen shows dialogs and popups too; the offscreen platform has only the window's own picture.
-        if modal is not None and QApplication.platformName() != "offscreen":
-            picture = screen.grabWindow(0)
-        else:
+        if QApplication.platformName() == "offscreen":
             picture = self._window.grab()
-        if picture.save(str(path)):
-            self.screenshots.append(path)
+        else:  # dialogs and popups are in the picture too
+            inside = self._window.geometry()
+            picture = self._window.screen().grabWindow(0, inside.x(), inside.y(), inside.width(), inside.height())
+        self.screenshots[path] = picture.toImage()
+
+    def _write_screenshots(self) -> None:
+        for path, image in self.screenshots.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not image.save(str(path)):
+                _log.error("%s could not be written", path)
 
 
 def _distance_m(pose: Pose2D, other: Pose2D) -> float:

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", metavar="N", type=int, default=7, help="seed of the simulated robot")
     parser.add_argument("--camera", metavar="SOURCE", help="use this camera instead of the simulated robot's")
     parser.add_argument("--theme", choices=("system", "dark", "light"), default="dark")
-    parser.add_argument("--size", metavar="WxH", default="1920x1080", help="size of the window")
+    parser.add_argument("--size", metavar="WxH", help="size of the window (default: as large as the screen)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out.resolve()
     try:
         out.mkdir(parents=True, exist_ok=True)
-        width_px, height_px = (int(number) for number in arguments.size.split("x"))
+        size_px = [int(number) for number in arguments.size.split("x")] if arguments.size else None
     except OSError as error:
         print(f"Nothing can be written to {out}: {error}. Choose another --out.", file=sys.stderr)
         return 2
@@ -35,7 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     configure_logging(out / "console.log")
 
-    from PySide6.QtCore import QSettings
+    from PySide6.QtCore import QSettings, Qt
+    from PySide6.QtWidgets import QApplication
 
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
     from caris_desktop.app.demo_robot import DemoRobot
@@ -53,7 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
-    console_run.window.resize(width_px, height_px)
+    if size_px is not None:
+        console_run.window.resize(*size_px)
+    elif QApplication.platformName() == "offscreen":
+        console_run.window.resize(1920, 1080)
+    else:
+        console_run.window.setWindowState(Qt.WindowState.WindowMaximized)
     rehearsal = Rehearsal(console_run.window, console_run.console, out, seconds=arguments.seconds)
     failures: list[str] = []
 

@@ -11,7 +11,6 @@ MAX_CONVERSATION_CHARACTERS = 1500
 MAX_TURN_CHARACTERS = 300
 MAX_PEOPLE = 8
 MAX_LABEL_CHARACTERS = 40
-_SPEAKERS = {"robot": "You", "participant": "Participant", "wizard": "Wizard"}
 
 
 def build_messages(
@@ -21,36 +20,43 @@ def build_messages(
     conversation: Sequence[UtteranceChanged] = (),
     people: Sequence[str] = (),
 ) -> tuple[ChatMessage, ...]:
-    """One system and one user message, which every model's chat template takes.
+    """System message, the newest turns as the dialogue that they were, and the question as the last user message.
 
+    What the robot said are the model's own turns: small models parrot a transcript that stands inside a question.
     ``people`` are labels of those who are here. The exchange is recorded and may leave this computer, so they must be
-    labels that may: opaque ones, unless the study says otherwise. What others said stands in the user message, where
-    it has no more weight than the question.
+    labels that may: opaque ones, unless the study says otherwise.
     """
     system = _shortened(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
     labels = [label for label in (_shortened(_one_line(person), MAX_LABEL_CHARACTERS) for person in people) if label]
     if labels:
         more = f" and {len(labels) - MAX_PEOPLE} more" if len(labels) > MAX_PEOPLE else ""
         system = f"{system}\n\nPeople here now: {', '.join(labels[:MAX_PEOPLE])}{more}.".strip()
-    asked = _shortened(question.strip(), MAX_QUESTION_CHARACTERS)
-    said = _newest_lines(turns_of(conversation))
-    user = f"Said so far:\n{said}\n\nNow: {asked}" if said else asked
     messages = [ChatMessage("system", system)] if system else []
-    return (*messages, ChatMessage("user", user))
+    for message in (*_newest_turns(turns_of(conversation)), ChatMessage("user", _question(question))):
+        # Some chat templates insist on alternating roles.
+        if messages and messages[-1].role == message.role:
+            messages[-1] = ChatMessage(message.role, f"{messages[-1].content}\n{message.content}")
+        else:
+            messages.append(message)
+    return tuple(messages)
 
 
-def _newest_lines(turns: Sequence[Turn]) -> str:
-    lines: list[str] = []
+def _question(question: str) -> str:
+    return _shortened(question.strip(), MAX_QUESTION_CHARACTERS)
+
+
+def _newest_turns(turns: Sequence[Turn]) -> list[ChatMessage]:
+    messages: list[ChatMessage] = []
     left = MAX_CONVERSATION_CHARACTERS
     for turn in reversed(turns):
         if not turn.said or not turn.text.strip():
             continue
-        line = f"{_SPEAKERS[turn.speaker]}: {_shortened(_one_line(turn.text), MAX_TURN_CHARACTERS)}"
-        left -= len(line) + 1
+        text = _shortened(_one_line(turn.text), MAX_TURN_CHARACTERS)
+        left -= len(text) + 1
         if left < 0:
             break
-        lines.append(line)
-    return "\n".join(reversed(lines))
+        messages.append(ChatMessage("assistant" if turn.speaker == "robot" else "user", text))
+    return messages[::-1]
 
 
 def _one_line(text: str) -> str:

@@ -28,9 +28,24 @@ def test_the_model_learns_who_is_here_and_what_was_said() -> None:
         event("u4", "requested", "Never said."),
         event("u5", "failed", "Not said either."),
     ]
-    system, user = build_messages("Answer.", system_prompt="Be brief.", conversation=said, people=["P1", " P2 ", ""])
-    assert system.content == "Be brief.\n\nPeople here now: P1, P2."
-    assert user.content == "Said so far:\nYou: Hello.\nParticipant: Where is the arm?\nYou: It is\n\nNow: Answer."
+    messages = build_messages("Answer.", system_prompt="Be brief.", conversation=said, people=["P1", " P2 ", ""])
+    assert [(message.role, message.content) for message in messages] == [
+        ("system", "Be brief.\n\nPeople here now: P1, P2."),
+        ("assistant", "Hello."),
+        ("user", "Where is the arm?"),
+        ("assistant", "It is"),
+        ("user", "Answer."),
+    ]
+
+
+def test_turns_of_one_side_are_one_message() -> None:
+    said = [event("u1", "finished", "Hello."), event("u2", "finished", "Follow me.")]
+    said.append(event("u3", "finished", "Wait.", speaker="participant"))
+    messages = build_messages("And now?", system_prompt="", conversation=said)
+    assert [(message.role, message.content) for message in messages] == [
+        ("assistant", "Hello.\nFollow me."),
+        ("user", "Wait.\nAnd now?"),
+    ]
 
 
 def test_prompts_stay_small_and_keep_the_newest() -> None:
@@ -39,8 +54,8 @@ def test_prompts_stay_small_and_keep_the_newest() -> None:
         "q" * 9000, system_prompt="s" * 9000, conversation=said, people=[f"P{n}" for n in range(50)]
     )
     assert sum(len(message.content) for message in messages) < 5500
-    assert "You: 99 word" in messages[1].content
-    assert "You: 10 word" not in messages[1].content
+    assert "99 word" in messages[1].content
+    assert "\n10 word" not in messages[1].content
     assert "P8 and 42 more" not in messages[0].content
     assert messages[0].content.endswith("P7 and 42 more.")
     assert len(messages[0].content) < prompts.MAX_SYSTEM_CHARACTERS + 500
