@@ -2,6 +2,7 @@
 
 import logging
 import os
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -126,7 +127,7 @@ class MediaWriter:
         return True
 
     def _run(self) -> None:
-        if hasattr(os, "setpriority"):
+        if sys.platform == "linux":
             # Of this thread alone: events and the console come first.
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _ENCODER_NICENESS)
         while True:
