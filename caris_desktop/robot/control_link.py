@@ -164,13 +164,19 @@ class ControlLink:
             self._navigator.cancel("the wizard drives")
         self._lease.drive(command.target, command.source, given_s)
 
-    def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
+    def _motion_refusal(self) -> str:
         if not self._connected:
             return "The robot is not connected"
         if self._lease.latched:
             return "The emergency stop is set"
         if self._silent:
             return "The link to the robot is in trouble"
+        return ""
+
+    def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
+        refusal = self._motion_refusal()
+        if refusal:
+            return refusal
         if command.stamp_ns < self._drives_count_from_ns:
             return "The link was lost meanwhile; press the key again"
         if age_s > EXPIRY_S:
@@ -178,9 +184,9 @@ class ControlLink:
         return ""
 
     def _go_to(self, command: commands.GoTo) -> None:
-        if self._lease.latched or not self._connected:
-            detail = "the emergency stop is set" if self._lease.latched else "the robot is not connected"
-            self._navigator.refuse(command.goal_id, command.target_in_map, command.place, detail)
+        refusal = self._motion_refusal()
+        if refusal:
+            self._navigator.refuse(command.goal_id, command.target_in_map, command.place, refusal)
             return
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), "The robot navigates"))
@@ -236,6 +242,16 @@ class ControlLink:
             # Said again on every request: the wizard must see that it is set.
             if service and self._connected:
                 self._in_background(self._tell_emergency_stop(service, True))
+            elif not self._connected:
+                self._put(
+                    Problem(
+                        now_ns(),
+                        "error",
+                        "The emergency stop did not reach the robot: it is not connected.",
+                        "It is set here and will be told to the robot when it is back; until then the robot decides.",
+                        "Use the robot's own emergency stop.",
+                    )
+                )
             return
         if service and not self._connected:
             self._put(

@@ -3,11 +3,14 @@
 The console imports this module, so everything heavy is imported by the children only.
 """
 
+import os
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.robot.profile import RobotProfile
+
+MOST_PIXELS = 2**24
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,8 @@ def run_media_link(connection: Connection, settings: LinkSettings, frames: Frame
 
     The only command it takes is CloseLink.
     """
+    # Read by OpenCV when it is imported: a small file must not unfold into gigabytes of pixels.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MOST_PIXELS))
     from caris_desktop.robot.link_process import run_link
     from caris_desktop.robot.media_link import MediaLink
 

@@ -92,10 +92,12 @@ class LinkReporter:
         self._put = outbox.put
         self.problems = ProblemReporter(outbox.put)
         self._told_unreachable = False
+        self._was_connected = False
 
     def changed(self, state: LinkState, detail: str = "") -> None:
         if state == "connected":
             self._told_unreachable = False
+            self._was_connected = True
         self._put(LinkChanged(now_ns(), self._link, state, self._address, detail))
 
     def unreachable(self, what: str, advice: str) -> None:
@@ -103,7 +105,8 @@ class LinkReporter:
         if self._told_unreachable:
             return
         self._told_unreachable = True
-        self._put(LinkChanged(now_ns(), self._link, "connecting", self._address, what))
+        # A robot that was there and is away stays lost until it is back; the detail says why.
+        self.changed("lost" if self._was_connected else "connecting", what)
         # One Problem is enough for a robot that is away; the control link speaks for both.
         if self._link == "control":
             self._put(Problem(now_ns(), "error", what, UNREACHABLE_MEANING, advice))

@@ -39,7 +39,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import roslibpy
-from roslibpy.comm import RosBridgeException, RosBridgeProtocol
+from roslibpy.comm import RosBridgeProtocol
 from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
@@ -61,6 +61,7 @@ _JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
 _CBOR_PUBLISH = b"\x62op\x67publish"
 _CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
 _UNDECODABLE_BEFORE_JSON = 3
+_MOST_WAITING = 5_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,14 +146,8 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             return
         try:
             handler(operation)
-        except (
-            KeyError,
-            TypeError,
-            ValueError,
-            AttributeError,
-            ProtocolError,
-            RosBridgeException,
-        ) as error:
+        except Exception as error:
+            # Callbacks are guarded one by one, so what fails here is the operation's own form.
             self.factory.refuse(f"a malformed {operation['op']}: {type(error).__name__}: {error}")
 
     def send_message(self, payload: bytes) -> bool:
@@ -433,9 +428,9 @@ class SafeFactory:
         while True:
             try:
                 wire = await open_wire(self.url, self, self._timings, largest_frame_bytes=self.sizes.frame_bytes)
-            except (OSError, TimeoutError, InvalidHandshake, InvalidURI) as error:
+            except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI) as error:
                 logger.debug("No connection to %s: %r", self.url, error)
-                self._observer.link_unreachable(*explain_failure(error, self.url))
+                self.run_safely(self._observer.link_unreachable, *explain_failure(error, self.url))
                 await asyncio.sleep(delay_s)
                 delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
                 continue
@@ -452,9 +447,12 @@ class SafeFactory:
         for key, operation in list(self._standing.items()):
             self._establish(key, operation)
         self.emit("ready", self._proto)
-        self._observer.link_connected()
+        self.run_safely(self._observer.link_connected)
 
     def wire_received(self, payload: bytes) -> None:
+        if len(self._arrived) >= _MOST_WAITING:
+            self.refuse("more messages at once than can be handled")
+            return
         topic = topic_of_publish(payload)
         if topic is None or topic.decode("utf-8", "replace") in self._every_message:
             self._arrived.append(_Arrival(payload, now_ns(), None))
@@ -477,19 +475,19 @@ class SafeFactory:
             if arrival.replaceable_topic is not None:
                 del self._newest[arrival.replaceable_topic]
             self.arrival_ns = arrival.stamp_ns
-            self._proto.on_message(arrival.payload)
+            self.run_safely(self._proto.on_message, arrival.payload)
         self._handling = bool(self._arrived) and self._proto is not None
         if self._handling:
             self.manager.loop.call_soon(self._handle_next)
 
     def wire_heard(self) -> None:
-        self._observer.link_heard()
+        self.run_safely(self._observer.link_heard)
 
     def wire_silent(self) -> None:
-        self._observer.link_silent()
+        self.run_safely(self._observer.link_silent)
 
     def wire_round_trip(self, round_trip_s: float) -> None:
-        self._observer.link_round_trip(round_trip_s)
+        self.run_safely(self._observer.link_round_trip, round_trip_s)
 
     def wire_lost(self, reason: str) -> None:
         proto, self._proto = self._proto, None
@@ -501,7 +499,7 @@ class SafeFactory:
         self._established.clear()
         proto.fail_everything("the link to the robot was lost")
         self.emit("close", proto)
-        self._observer.link_lost(reason)
+        self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
             self._lost.set_result(reason)
 

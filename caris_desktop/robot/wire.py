@@ -31,8 +31,8 @@ class Timings:
     """When a silent peer is in trouble and when it is dead, and how fast to come back to it. Seconds."""
 
     ping_every_s: float = 0.2
-    trouble_after_s: float = 0.4
-    dead_after_s: float = 0.8
+    trouble_after_s: float = 0.5
+    dead_after_s: float = 0.85
     handshake_s: float = 1.5
     first_retry_s: float = 0.2
     longest_retry_s: float = 1.0

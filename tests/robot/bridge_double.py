@@ -3,7 +3,7 @@
 Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
 (``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
 thing to send to every client: ``{"text": ...}``, ``{"hex": ...}`` or ``{"size": N}``. Service calls listed in
-``ANSWERS`` are answered; scans and odometry are published while somebody subscribes to them.
+``answers`` are answered; scans and odometry are published while somebody subscribes to them.
 """
 
 import asyncio
@@ -39,9 +39,17 @@ ANSWERS: dict[str, dict[str, Any]] = {
         "types": ["geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"],
     },
     "/rosapi/services": {"services": ["/emergency_stop/set"]},
-    "/rosapi/get_time": {"time": {"secs": 1_700_000_000, "nsecs": 0}},
     "/emergency_stop/set": {"success": True, "message": ""},
 }
+
+CLOCK_OFFSET_S = 1_700_000_000
+
+
+def answers() -> dict[str, dict[str, Any]]:
+    """With a clock of its own, ahead of the machine's monotonic one by a round number."""
+    seconds, nanoseconds = divmod(time.monotonic_ns(), 1_000_000_000)
+    return {**ANSWERS, "/rosapi/get_time": {"time": {"secs": CLOCK_OFFSET_S + seconds, "nsecs": nanoseconds}}}
+
 
 clients: dict[ServerConnection, set[str]] = {}
 
@@ -59,9 +67,9 @@ async def handle(client: ServerConnection) -> None:
             note(**operation)
             if operation["op"] == "subscribe":
                 clients[client].add(operation["topic"])
-            elif operation["op"] == "call_service" and operation["service"] in ANSWERS:
+            elif operation["op"] == "call_service" and operation["service"] in answers():
                 answer = {"op": "service_response", "id": operation["id"], "result": True}
-                await client.send(json.dumps({**answer, "values": ANSWERS[operation["service"]]}))
+                await client.send(json.dumps({**answer, "values": answers()[operation["service"]]}))
     del clients[client]
     note(event="disconnected")
 

@@ -27,18 +27,48 @@ from tests.support.polling import wait_for
 
 
 @pytest.fixture
-def bridge() -> Iterator[BridgeDouble]:
+def own_bridge() -> Iterator[BridgeDouble]:
+    """For tests that end or disturb it."""
     double = BridgeDouble()
     yield double
     double.kill()
 
 
 @pytest.fixture
-def link(bridge: BridgeDouble) -> Iterator[LinkProcess]:
-    process = LinkProcess(bridge.address)
+def own_link(own_bridge: BridgeDouble) -> Iterator[LinkProcess]:
+    process = LinkProcess(own_bridge.address)
     process.wait_for_state("connected")
     yield process
     process.close()
+
+
+@pytest.fixture(scope="module")
+def shared_bridge() -> Iterator[BridgeDouble]:
+    double = BridgeDouble()
+    yield double
+    double.kill()
+
+
+@pytest.fixture(scope="module")
+def shared_link(shared_bridge: BridgeDouble) -> Iterator[LinkProcess]:
+    process = LinkProcess(shared_bridge.address)
+    process.wait_for_state("connected")
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def bridge(shared_bridge: BridgeDouble, shared_link: LinkProcess) -> BridgeDouble:
+    """The shared one, when the zeros of the test before have ended."""
+    wait_for(lambda: not shared_bridge.twists() or time.monotonic() - shared_bridge.twists()[-1][0] > 0.3, "silence")
+    shared_bridge.lines.clear()
+    shared_link.values.clear()
+    return shared_bridge
+
+
+@pytest.fixture
+def link(bridge: BridgeDouble, shared_link: LinkProcess) -> LinkProcess:
+    return shared_link
 
 
 def moving(bridge: BridgeDouble) -> list[tuple[float, float, float]]:
@@ -55,7 +85,8 @@ def test_a_drive_moves_a_release_stops_and_every_twist_is_reported_exactly(
     wait_for(lambda: len(link.of(CommandSent)) == len(bridge.twists()), "a report of each")
     reported = [(sent.twist.forward_mps, sent.twist.turn_radps) for sent in link.of(CommandSent)]
     assert reported == [(forward, turn) for _, forward, turn in bridge.twists()]
-    assert [sent.sequence for sent in link.of(CommandSent)] == list(range(1, len(reported) + 1))
+    sequences = [sent.sequence for sent in link.of(CommandSent)]
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
     zeros = bridge.twists()[len(moving(bridge)) :]
     assert 0.4 <= zeros[-1][0] - zeros[0][0] <= 0.7
     # Then silence.
@@ -72,94 +103,98 @@ def test_without_renewal_the_robot_is_stopped(bridge: BridgeDouble, link: LinkPr
     assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped answering for a moment"]
 
 
-def test_the_death_of_the_console_stops_the_robot(bridge: BridgeDouble, link: LinkProcess) -> None:
-    link.drive()
-    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
+def test_the_death_of_the_console_stops_the_robot(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
     died_s = time.monotonic()
-    link.disappear()
-    link.process.join(5)
-    assert link.process.exitcode == 0
-    zeros = [at_s for at_s, forward, _ in bridge.twists() if not forward]
+    own_link.disappear()
+    own_link.process.join(5)
+    assert own_link.process.exitcode == 0
+    zeros = [at_s for at_s, forward, _ in own_bridge.twists() if not forward]
     assert zeros
     assert zeros[0] - died_s < 0.2
-    assert moving(bridge)[-1][0] <= zeros[0]
+    assert moving(own_bridge)[-1][0] <= zeros[0]
 
 
-def test_ctrl_c_in_the_terminal_does_not_end_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
-    os.kill(link.process.pid or 0, signal.SIGINT)
-    link.drive()
-    wait_for(lambda: moving(bridge), "it still drives")
-    link.send(CloseLink(now_ns()))
-    link.process.join(5)
-    assert link.process.exitcode == 0
-    assert link.wait_for_state("closed")
+def test_ctrl_c_in_the_terminal_does_not_end_the_link(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+    os.kill(own_link.process.pid or 0, signal.SIGINT)
+    own_link.drive()
+    wait_for(lambda: moving(own_bridge), "it still drives")
+    own_link.send(CloseLink(now_ns()))
+    own_link.process.join(5)
+    assert own_link.process.exitcode == 0
+    assert own_link.wait_for_state("closed")
 
 
 def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command(
-    bridge: BridgeDouble, link: LinkProcess
+    own_bridge: BridgeDouble, own_link: LinkProcess
 ) -> None:
-    wait_for(lambda: link.of(LaserScan), "scans")
-    subscribed = {line["topic"] for line in bridge.operations("subscribe")}
+    wait_for(lambda: own_link.of(LaserScan), "scans")
+    subscribed = {line["topic"] for line in own_bridge.operations("subscribe")}
     assert {"/scan", "/odom", "/tf", "/battery_state"} <= subscribed
-    link.drive()
-    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
-    changes = len(link.states())
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
+    changes = len(own_link.states())
     killed_s = time.monotonic()
-    bridge.kill()
-    link.wait_for_state("lost", after=changes)
+    own_bridge.kill()
+    own_link.wait_for_state("lost", after=changes)
     assert time.monotonic() - killed_s < 1.0
-    ended = len(link.of(DriveEnded))
+    ended = len(own_link.of(DriveEnded))
     assert ended == 1
     # The wizard still holds the key, and presses it anew, while there is no robot.
-    link.hold(lambda: time.monotonic() - killed_s > 1.5, "a while without the robot")
-    link.drive()
-    wait_for(lambda: len(link.of(DriveEnded)) == ended + 1, "the refusal")
-    bridge.lines.clear()
-    scans = len(link.of(LaserScan))
-    bridge.start()
+    own_link.hold(lambda: time.monotonic() - killed_s > 1.5, "a while without the robot")
+    own_link.drive()
+    wait_for(lambda: len(own_link.of(DriveEnded)) == ended + 1, "the refusal")
+    own_bridge.lines.clear()
+    scans = len(own_link.of(LaserScan))
+    own_bridge.start()
     back_s = time.monotonic()
-    link.wait_for_state("connected", after=changes)
+    own_link.wait_for_state("connected", after=changes)
     assert time.monotonic() - back_s < 3.0
-    link.hold(lambda: len(link.of(LaserScan)) > scans + 5, "scans again")
-    assert {line["topic"] for line in bridge.operations("subscribe")} == subscribed
-    assert bridge.twists() == []
-    link.drive()
-    wait_for(lambda: moving(bridge), "a new key press moves it")
+    own_link.hold(lambda: len(own_link.of(LaserScan)) > scans + 5, "scans again")
+    assert {line["topic"] for line in own_bridge.operations("subscribe")} == subscribed
+    assert own_bridge.twists() == []
+    own_link.drive()
+    wait_for(lambda: moving(own_bridge), "a new key press moves it")
 
 
-def test_a_robot_that_stops_answering_is_noticed_within_a_second(bridge: BridgeDouble, link: LinkProcess) -> None:
-    link.drive()
-    link.hold(lambda: len(moving(bridge)) >= 5, "some velocity commands")
-    changes = len(link.states())
-    bridge.signal(signal.SIGSTOP)
+def test_a_robot_that_stops_answering_is_noticed_within_a_second(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
+    changes = len(own_link.states())
+    own_bridge.signal(signal.SIGSTOP)
     stopped_s = time.monotonic()
-    link.hold(lambda: "lost" in link.states()[changes:], "the loss")
+    own_link.hold(lambda: "lost" in own_link.states()[changes:], "the loss")
     assert time.monotonic() - stopped_s < 1.3
-    assert link.states()[changes : changes + 2] == ["trouble", "lost"]
-    assert link.of(DriveEnded)
-    link.hold(lambda: time.monotonic() - stopped_s > 2.0, "two seconds")
-    bridge.signal(signal.SIGCONT)
+    assert own_link.states()[changes : changes + 2] == ["trouble", "lost"]
+    assert own_link.of(DriveEnded)
+    own_link.hold(lambda: time.monotonic() - stopped_s > 2.0, "two seconds")
+    own_bridge.signal(signal.SIGCONT)
     continued_s = time.monotonic()
-    link.wait_for_state("connected", after=changes)
+    own_link.wait_for_state("connected", after=changes)
     assert time.monotonic() - continued_s < 3.0
-    scans = len(link.of(LaserScan))
-    link.hold(lambda: len(link.of(LaserScan)) > scans + 5, "scans again")
-    assert all(at_s < stopped_s + 0.01 for at_s, _, _ in bridge.twists()), "nothing of before or during the gap"
+    scans = len(own_link.of(LaserScan))
+    own_link.hold(lambda: len(own_link.of(LaserScan)) > scans + 5, "scans again")
+    assert all(at_s < stopped_s + 0.01 for at_s, _, _ in own_bridge.twists()), "nothing of before or during the gap"
 
 
-def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
-    link.drive()
-    link.hold(lambda: len(moving(bridge)) >= 3, "some velocity commands")
-    changes = len(link.states())
-    bridge.signal(signal.SIGSTOP)
-    link.hold(lambda: "trouble" in link.states()[changes:], "trouble")
-    bridge.signal(signal.SIGCONT)
-    link.wait_for_state("connected", after=changes)
-    assert "lost" not in link.states()
-    wait_for(lambda: len(bridge.twists()) > 8 and bridge.twists()[-1][1] == 0.0, "zeros")
-    count = len(moving(bridge))
-    link.hold(lambda: len(link.of(LaserScan)) > 5, "the key still held moves nothing")
-    assert len(moving(bridge)) == count
+def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 3, "some velocity commands")
+    changes = len(own_link.states())
+    own_bridge.signal(signal.SIGSTOP)
+    own_link.hold(lambda: "trouble" in own_link.states()[changes:], "trouble")
+    own_bridge.signal(signal.SIGCONT)
+    own_link.wait_for_state("connected", after=changes)
+    assert "lost" not in own_link.states()
+    wait_for(lambda: len(own_bridge.twists()) > 8 and own_bridge.twists()[-1][1] == 0.0, "zeros")
+    count = len(moving(own_bridge))
+    own_link.hold(lambda: len(own_link.of(LaserScan)) > 5, "the key still held moves nothing")
+    assert len(moving(own_bridge)) == count
 
 
 def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
@@ -192,19 +227,19 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
     bridge.tell(size=20_000_000)
     scans = len(link.of(LaserScan))
     link.hold(lambda: len(link.of(LaserScan)) > scans + 8, "scans go on")
-    assert link.states() == ["connecting", "connected"]
+    assert link.states() == []
     assert link.of(DriveEnded) == []
     problems = [problem for problem in link.of(Problem) if "cannot be used" in problem.what]
     assert len(problems) == 1
 
 
-def test_when_binary_messages_cannot_be_read_json_is_asked_for(bridge: BridgeDouble, link: LinkProcess) -> None:
-    wait_for(lambda: bridge.operations("subscribe", "/scan"), "the subscription")
-    assert {line["compression"] for line in bridge.operations("subscribe")} == {"cbor"}
+def test_when_binary_messages_cannot_be_read_json_is_asked_for(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+    wait_for(lambda: own_bridge.operations("subscribe", "/scan"), "the subscription")
+    assert {line["compression"] for line in own_bridge.operations("subscribe")} == {"cbor"}
     for _ in range(3):
-        bridge.tell(hex="c1ffff")
+        own_bridge.tell(hex="c1ffff")
     wait_for(
-        lambda: {"none"} == {line["compression"] for line in bridge.operations("subscribe", "/scan")[1:]},
+        lambda: {"none"} == {line["compression"] for line in own_bridge.operations("subscribe", "/scan")[1:]},
         "a subscription in JSON",
     )
 
@@ -252,18 +287,18 @@ def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble
     assert (last.goal_id, last.place, last.detail) == ("g1", "kitchen", "the wizard drives")
 
 
-def test_a_goal_does_not_outlive_the_link(bridge: BridgeDouble, link: LinkProcess) -> None:
-    link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0)))
-    wait_for(lambda: bridge.operations("publish", "/move_base/goal"), "the goal")
-    bridge.kill()
-    wait_for(lambda: link.of(GoalChanged)[-1].state == "failed", "failed")
-    bridge.lines.clear()
-    bridge.start()
+def test_a_goal_does_not_outlive_the_link(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+    own_link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0)))
+    wait_for(lambda: own_bridge.operations("publish", "/move_base/goal"), "the goal")
+    own_bridge.kill()
+    wait_for(lambda: own_link.of(GoalChanged)[-1].state == "failed", "failed")
+    own_bridge.lines.clear()
+    own_bridge.start()
     wait_for(
-        lambda: "" in [line["msg"]["id"] for line in bridge.operations("publish", "/move_base/cancel")],
+        lambda: "" in [line["msg"]["id"] for line in own_bridge.operations("publish", "/move_base/cancel")],
         "cancel of everything",
     )
-    assert bridge.operations("publish", "/move_base/goal") == []
+    assert own_bridge.operations("publish", "/move_base/goal") == []
 
 
 def test_the_emergency_stop_latches_and_clears_only_by_asking(bridge: BridgeDouble, link: LinkProcess) -> None:
@@ -292,6 +327,8 @@ def test_the_robots_own_emergency_stop_ends_the_drive(bridge: BridgeDouble, link
     [change] = link.hold(lambda: link.of(EmergencyStopChanged), "latched")
     assert (change.latched, change.by) == (True, "robot")
     wait_for(lambda: bridge.twists()[-1][1] == 0.0, "zero")
+    bridge.publish("/emergency_stop", {"data": False})
+    wait_for(lambda: [change.latched for change in link.of(EmergencyStopChanged)] == [True, False], "released")
 
 
 def test_the_robot_speaks_and_says_when_it_is_done(bridge: BridgeDouble, link: LinkProcess) -> None:
@@ -313,8 +350,7 @@ def test_the_round_trip_and_the_robots_clock_are_measured(bridge: BridgeDouble, 
     assert 0.0 < quality.round_trip_ms < 500.0
     assert quality.clock_offset_ms is not None
     assert quality.clock_uncertainty_ms is not None
-    expected_ms = 1_700_000_000_000.0 - quality.stamp_ns / 1e6
-    assert abs(quality.clock_offset_ms - expected_ms) < 1000.0 + quality.clock_uncertainty_ms
+    assert abs(quality.clock_offset_ms - 1_700_000_000_000.0) <= quality.clock_uncertainty_ms + 0.01
 
 
 def test_sensor_streams_arrive_stamped(bridge: BridgeDouble, link: LinkProcess) -> None:
