@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.physical_keys import PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
 
@@ -72,6 +73,7 @@ class HoldToDrive(QObject):
         self._active: dict[int, _Hold] = {}
         self._onscreen: set[str] = set()
         self._last_escape_s = float("-inf")
+        self._keys = PhysicalKeys()
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
@@ -134,6 +136,8 @@ class HoldToDrive(QObject):
             return isinstance(event, QKeyEvent) and self._filter_key(event)
         if kind == QEvent.Type.WindowDeactivate and watched is self._window:
             self.release_all("The window lost the focus")
+        elif kind == QEvent.Type.WindowActivate and watched is self._window:
+            self._forget_keys_that_went_up_elsewhere()
         elif kind == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow() and _takes_over(watched):
             self.release_all("A dialog or menu opened")
         return False
@@ -142,20 +146,27 @@ class HoldToDrive(QObject):
         key = int(event.key())
         if key in (Qt.Key.Key_Escape, Qt.Key.Key_Pause):
             event.accept()
-            if event.type() == QEvent.Type.KeyPress and not event.isAutoRepeat():
+            if event.type() == QEvent.Type.KeyRelease:
+                self._keys.released(event)
+            elif not self._keys.repeated(event) and event.type() == QEvent.Type.KeyPress:
                 self._on_stop_key(Qt.Key(key))
             return True
         identity = int(event.nativeScanCode()) or key
         if event.type() == QEvent.Type.KeyRelease:
-            return self._on_release(identity, repeated=event.isAutoRepeat())
-        if identity in self._owned and (event.isAutoRepeat() or identity in self._active):
+            return self._on_release(identity, repeated=not self._keys.released(event))
+        repeated = self._keys.repeated(event)
+        if identity in self._owned and (repeated or identity in self._active):
             event.accept()
             return True
         hold = self._hold_for(event)
         if hold is None:
+            if repeated and event.type() == QEvent.Type.ShortcutOverride and not event.isAutoRepeat():
+                # Qt takes this repeat for a press; a held F1 would say its phrase again and again.
+                event.accept()
+                return True
             return False
         event.accept()
-        if event.type() == QEvent.Type.KeyPress and not event.isAutoRepeat():
+        if event.type() == QEvent.Type.KeyPress and not repeated:
             self._owned[identity] = hold
             self._active[identity] = hold
             self._send("keyboard")
@@ -196,6 +207,10 @@ class HoldToDrive(QObject):
         else:
             self._console.release_drive("")
         self.held_changed.emit(held)
+
+    def _forget_keys_that_went_up_elsewhere(self) -> None:
+        still_down = self._keys.still_down(set(self._owned))
+        self._owned = {identity: hold for identity, hold in self._owned.items() if identity in still_down}
 
     def _on_stop_key(self, key: Qt.Key) -> None:
         if self._active or self._onscreen:

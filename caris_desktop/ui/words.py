@@ -5,7 +5,6 @@ from collections.abc import Callable
 from datetime import datetime
 
 from caris_desktop.domain import clock, events
-from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.status import DriveStatus, PersonStatus
 
 _ANCHOR = clock.ClockAnchor.take()
@@ -154,10 +153,6 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
             return "Session", f"Recording ended ({folder})"
         case _:
             return None
-
-
-def is_event(value: object) -> bool:
-    return type(value) in BY_TYPE
 
 
 def _with_detail(sentence: str, detail: str) -> str:

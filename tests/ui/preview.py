@@ -50,9 +50,7 @@ class Scene:
         if not self.flowing:
             return
         image, boxes = self.frames[self.index % len(self.frames)]
-        frame = self.console.frames.add(image)
-        self.console.state.take(frame)
-        self.console.state.take(samples.people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
+        samples.show_frame(self.console, image, boxes)
         samples.refresh_streams(self.console, Pose2D(6.6, 3.4, 0.55))
 
     def save(self, path: Path) -> None:

@@ -1,6 +1,7 @@
 """Two scenarios as the shipped ones arrange them, and values that look like a running session."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -174,14 +175,12 @@ def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float,
         yield corridor(), [(250.0, 120.0, 110.0, 300.0)]
 
 
-def fill_console(console: FakeConsole, frame_index: int = 20) -> None:
+def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
     """Bring the state to the middle of a session."""
     state = console.state
     now_ns = clock.now_ns()
     pose = Pose2D(6.6, 3.4, 0.55)
-    frames = list(video_frames())
-    image, boxes = frames[min(frame_index, len(frames) - 1)]
-    frame = console.frames.add(image)
+    *_, (image, boxes) = itertools.islice(video_frames(), frame_index + 1)
     state.link.set(LinkStatus("connected", "Simulated robot", "ws://127.0.0.1:9090", "", 12.0))
     state.drive.set(
         DriveStatus(
@@ -229,9 +228,14 @@ def fill_console(console: FakeConsole, frame_index: int = 20) -> None:
         state.take(event)
     state.take(floor_plan())
     state.take(BatteryState(clock.now_ns(), 0.78))
-    refresh_streams(console, pose, frame_boxes=boxes)
-    state.take(frame)
-    state.take(people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
+    refresh_streams(console, pose)
+    show_frame(console, image, boxes)
+
+
+def show_frame(console: FakeConsole, image: NDArray[np.uint8], boxes: list[tuple[float, float, float, float]]) -> None:
+    frame = console.frames.add(image)
+    console.state.take(frame)
+    console.state.take(people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
 
 
 def people_for(sequence: int, width_px: int, height_px: int, boxes: list[tuple[float, float, float, float]]) -> People:
@@ -242,7 +246,7 @@ def people_for(sequence: int, width_px: int, height_px: int, boxes: list[tuple[f
     return People(clock.now_ns(), "front", sequence, width_px, height_px, found, 31.0)
 
 
-def refresh_streams(console: FakeConsole, pose: Pose2D, frame_boxes: object = None) -> None:
+def refresh_streams(console: FakeConsole, pose: Pose2D) -> None:
     state = console.state
     state.take(RobotPose(clock.now_ns(), None, pose))
     state.take(dataclasses.replace(scan_at(pose), stamp_ns=clock.now_ns()))

@@ -1,0 +1,101 @@
+"""A window on a fake console; unexpected words from Qt fail the test."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt, QtMsgType
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+# The offscreen platform has no window manager to tell of sizes, popups and the like.
+_EXPECTED_FROM_QT = "This plugin does not support"
+
+
+class MemorySettings:
+    """What the window needs of QSettings, in memory."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, object] = {}
+
+    def value(self, key: str, defaultValue: object = None) -> object:  # noqa: N803
+        return self.values.get(key, defaultValue)
+
+    def setValue(self, key: str, value: object) -> None:
+        self.values[key] = value
+
+
+@pytest.fixture(autouse=True)
+def no_unexpected_qt_messages(qtlog: object) -> Iterator[None]:
+    yield
+    unexpected = [
+        record.message
+        for record in qtlog.records  # type: ignore[attr-defined]
+        if record.type in (QtMsgType.QtWarningMsg, QtMsgType.QtCriticalMsg, QtMsgType.QtFatalMsg)
+        and not record.message.strip().startswith(_EXPECTED_FROM_QT)
+    ]
+    assert not unexpected
+
+
+@pytest.fixture
+def settings() -> MemorySettings:
+    return MemorySettings()
+
+
+@pytest.fixture
+def console() -> FakeConsole:
+    return FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL, samples.TOUR.path: samples.TOUR})
+
+
+@pytest.fixture(scope="session")
+def theme(qapp: QApplication) -> Theme:
+    """One for all tests: a style sheet costs a third of a second to put on."""
+    return Theme(qapp, "dark")
+
+
+@pytest.fixture
+def window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme) -> Iterator[MainWindow]:
+    theme.set_choice("dark")
+    yield open_window(qtbot, console, settings, theme)
+
+
+def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme) -> MainWindow:
+    def choices() -> list[ScenarioChoice]:
+        return [ScenarioChoice(scenario.title, scenario.path or Path()) for scenario in (samples.TOUR, samples.MENTAL)]
+
+    samples.fill_console(console)
+    window = MainWindow(console, settings=settings, scenarios=choices, theme=theme)
+    qtbot.addWidget(window)
+    window.resize(1366, 768)
+    window.show()
+    window.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is window)
+    # Freshness is a matter of the clock; the tests say themselves when time has passed.
+    console.state._aging.stop()
+    freshen(console)
+    console.calls.clear()
+    return window
+
+
+def freshen(console: FakeConsole) -> None:
+    """New values on every fast stream."""
+    image_bgr, boxes = next(samples.video_frames())
+    samples.show_frame(console, image_bgr, boxes)
+    samples.refresh_streams(console, Pose2D(6.6, 3.4, 0.55))
+
+
+def find(window: QWidget, name: str) -> QWidget:
+    """The visible widget of that object name."""
+    found = [widget for widget in window.findChildren(QWidget, name) if widget.isVisible()]
+    assert found, f"nothing visible is called {name}"
+    return found[0]
+
+
+def click(qtbot: QtBot, widget: QWidget) -> None:
+    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)

@@ -1,0 +1,166 @@
+"""The table of keys, and that a permission takes away everything it names."""
+
+import dataclasses
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.scenario.model import Permissions
+from caris_desktop.ui.actions import ACTIONS, ActionSpec, actions_for, cap_text, conflicts, normalized
+from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, find, open_window
+from tests.ui.fake_console import FakeConsole
+
+TABLE = {
+    "stop": ({"Esc"}, set()),
+    "emergency_stop": ({"Esc, Esc", "Pause"}, set()),
+    "drive_forward": ({"Alt+W", "Alt+Up"}, {"W", "Up"}),
+    "drive_back": ({"Alt+S", "Alt+Down"}, {"S", "Down"}),
+    "turn_left": ({"Alt+A", "Alt+Left"}, {"A", "Left"}),
+    "turn_right": ({"Alt+D", "Alt+Right"}, {"D", "Right"}),
+    "slower": ({"Alt+Q"}, {"Q"}),
+    "faster": ({"Alt+E"}, {"E"}),
+    **{f"phrase_{number}": ({f"F{number}"}, set()) for number in range(1, 9)},
+    "filler": ({"F9"}, set()),
+    "silence": ({"F12"}, set()),
+    "photo": ({"Ctrl+P"}, {"P"}),
+    "mark": ({"Ctrl+M"}, {"M"}),
+    "wizard_error": ({"Ctrl+Shift+M"}, {"Shift+M"}),
+    "find": ({"Ctrl+K"}, {"/"}),
+    "shortcuts": ({"Ctrl+/"}, {"?"}),
+    "focus_speak": ({"Ctrl+L"}, {"Return"}),
+    "focus_driving": ({"Ctrl+D"}, set()),
+}
+
+
+def test_the_table_binds_the_agreed_keys() -> None:
+    assert {spec.id: (set(spec.keys), set(spec.driving_keys)) for spec in ACTIONS} == TABLE
+
+
+def test_no_key_belongs_to_two_actions() -> None:
+    assert conflicts(ACTIONS) == []
+
+
+def test_a_conflict_would_be_found() -> None:
+    first = ActionSpec("first", "First", keys=("Ctrl+M",))
+    second = ActionSpec("second", "Second", driving_keys=("ctrl+m",))
+    assert conflicts((first, second)) == [("Ctrl+M", ("first", "second"))]
+
+
+def test_every_key_is_one_that_qt_knows() -> None:
+    assert all(normalized(key) for spec in ACTIONS for key in (*spec.keys, *spec.driving_keys))
+    with pytest.raises(ValueError, match="no such key"):
+        normalized("")
+
+
+def test_every_icon_exists() -> None:
+    assert {spec.icon for spec in ACTIONS if spec.icon} <= icon_names()
+
+
+@pytest.mark.parametrize(
+    ("key", "cap"),
+    [("Ctrl+Shift+M", "⇧Ctrl M"), ("Shift+M", "⇧M"), ("Esc, Esc", "Esc Esc"), ("Return", "Enter"), ("Alt+Up", "Alt ↑")],
+)
+def test_key_caps_read_like_a_keyboard(key: str, cap: str) -> None:
+    assert cap_text(key) == cap
+
+
+def test_a_permission_takes_its_actions_away() -> None:
+    scenario = dataclasses.replace(samples.TOUR, permissions=Permissions(photos=False, driving=False))
+    ids = {spec.id for spec in actions_for(scenario)}
+    assert not ids & {"photo", "drive_forward", "turn_left", "slower", "faster", "focus_driving"}
+    assert {"stop", "emergency_stop"} <= ids
+
+
+def test_phrases_are_named_by_the_scenario() -> None:
+    texts = {spec.id: spec.text for spec in actions_for(samples.TOUR)}
+    assert texts["phrase_2"] == "Please follow me."
+    assert "phrase_8" not in texts
+    assert texts["filler"] == "Hmm, good question."
+
+
+CTRL, SHIFT, NONE = (
+    Qt.KeyboardModifier.ControlModifier,
+    Qt.KeyboardModifier.ShiftModifier,
+    Qt.KeyboardModifier.NoModifier,
+)
+
+
+def test_keys_work_while_typing(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    for key, modifiers, call in (
+        (Qt.Key.Key_F2, NONE, ("say", ("Please follow me.", "phrase"))),
+        (Qt.Key.Key_F9, NONE, ("say", ("Hmm, good question.", "filler"))),
+        (Qt.Key.Key_F12, NONE, ("silence", None)),
+        (Qt.Key.Key_P, CTRL, ("take_photo", None)),
+        (Qt.Key.Key_M, CTRL, ("mark", ("", "mark"))),
+        (Qt.Key.Key_M, CTRL | SHIFT, ("mark", ("", "wizard_error"))),
+    ):
+        console.calls.clear()
+        QTest.keyClick(field, key, modifiers)
+        assert console.calls == [call]
+
+
+def test_bare_keys_work_with_the_driving_focus_only(window: MainWindow, console: FakeConsole) -> None:
+    view, field = find(window, "video_view"), find(window, "speak_field")
+    for key, modifiers, call in (
+        (Qt.Key.Key_P, NONE, ("take_photo", None)),
+        (Qt.Key.Key_M, NONE, ("mark", ("", "mark"))),
+        (Qt.Key.Key_M, SHIFT, ("mark", ("", "wizard_error"))),
+        (Qt.Key.Key_E, NONE, ("set_speed_fraction", 0.8)),
+        (Qt.Key.Key_Q, NONE, ("set_speed_fraction", 0.7)),
+    ):
+        console.calls.clear()
+        view.setFocus()
+        QTest.keyClick(view, key, modifiers)
+        assert console.calls == [call]
+        field.setFocus()
+        QTest.keyClick(field, key, modifiers)
+        assert console.calls == [call]
+    assert len(field.property("text")) == 5
+
+
+def test_switched_off_photos_have_no_button_and_no_key(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    console = FakeConsole(samples.MENTAL)
+    window = open_window(qtbot, console, settings, theme)
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_P)
+    QTest.keyClick(view, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
+    window.actions_table.run("photo")
+    assert console.named("take_photo") == []
+    assert window.findChild(object, "photo_button") is None
+
+
+def test_key_caps_show_the_binding_that_works_now(window: MainWindow) -> None:
+    find(window, "video_view").setFocus()
+    assert window.actions_table.key_text("mark") == "M"
+    assert window.actions_table.key_text("drive_forward") == "W"
+    find(window, "speak_field").setFocus()
+    assert window.actions_table.key_text("mark") == "Ctrl M"
+    assert window.actions_table.key_text("drive_forward") == "Alt W"
+    assert find(window, "mark_button").key == "Ctrl M"  # type: ignore[attr-defined]
+
+
+def test_return_goes_to_the_speak_field_and_ctrl_d_back(window: MainWindow) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_Return)
+    field = find(window, "speak_field")
+    assert field.hasFocus()
+    QTest.keyClick(field, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
+    assert view.hasFocus()
+
+
+def test_marks_wait_for_a_recording(window: MainWindow, console: FakeConsole) -> None:
+    console.stop_session()
+    console.calls.clear()
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
+    assert console.calls == []
+    assert not find(window, "mark_button").isEnabled()

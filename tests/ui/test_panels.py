@@ -1,0 +1,401 @@
+"""What each panel shows, and what it asks of the console."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QColor
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import LinkChanged, Marked, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.map import MapPanel, scan_points_in_map
+from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.panels.session import LOG_ROWS, SessionPanel
+from caris_desktop.ui.panels.video import BOXES_FRAMES_APART, FrameView, VideoPanel, boxes_fit, distance_ahead_m
+from tests.ui import samples
+from tests.ui.conftest import click, find, freshen
+from tests.ui.fake_console import FakeConsole
+
+
+def pixel(view: FrameView, x: float, y: float) -> QColor:
+    """Colour at a place of the picture, given in shares of its size."""
+    rect = view.picture_rect()
+    return (
+        view.grab()
+        .toImage()
+        .pixelColor(QPoint(round(rect.left() + x * rect.width()), round(rect.top() + y * rect.height())))
+    )
+
+
+def video(window: MainWindow) -> tuple[VideoPanel, FrameView]:
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    return panel, panel.view
+
+
+def show_flat(console: FakeConsole, color_bgr: tuple[int, int, int], *, age_s: float = 0.0) -> FrameRef:
+    image = np.full((480, 640, 3), color_bgr, np.uint8)
+    frame = console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9))
+    console.state.take(frame)
+    return frame
+
+
+# Video
+
+
+def test_the_newest_frame_is_painted(window: MainWindow, console: FakeConsole) -> None:
+    _, view = video(window)
+    show_flat(console, (200, 30, 10))
+    assert pixel(view, 0.5, 0.3).getRgb()[:3] == (10, 30, 200)
+    show_flat(console, (10, 160, 30))
+    assert pixel(view, 0.5, 0.3).getRgb()[:3] == (30, 160, 10)
+
+
+def test_a_stale_picture_is_dimmed_and_a_lost_one_is_gone(window: MainWindow, console: FakeConsole) -> None:
+    panel, view = video(window)
+    show_flat(console, (255, 255, 255), age_s=0.9)
+    console.state.check_freshness()
+    assert pixel(view, 0.5, 0.2).lightness() < 140
+    assert panel.fact == ("delayed · 0.9 s old", "amber")
+    show_flat(console, (255, 255, 255), age_s=3.0)
+    console.state.check_freshness()
+    assert view.frame is None
+    assert pixel(view, 0.5, 0.2) == window.theme.color("video_ground")
+    assert panel.fact[0].startswith("no picture for 3")
+
+
+def test_a_fresh_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
+    panel, _ = video(window)
+    show_flat(console, (9, 9, 9), age_s=0.041)
+    panel._refresh()
+    assert panel.fact[0].startswith("live")
+    assert panel.fact[0].endswith("ms old")
+
+
+def test_boxes_belong_to_about_the_frame_on_show() -> None:
+    frame = FrameRef(1, None, "front", "r", 0, 100, 640, 480)
+    people = People(1, "front", 100 - BOXES_FRAMES_APART, 640, 480, (), 30.0)
+    assert boxes_fit(people, frame)
+    assert not boxes_fit(dataclasses.replace(people, frame_sequence=100 - BOXES_FRAMES_APART - 1), frame)
+    assert not boxes_fit(dataclasses.replace(people, camera="rear"), frame)
+    assert not boxes_fit(None, frame)
+
+
+def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, console: FakeConsole) -> None:
+    _, view = video(window)
+    frame = show_flat(console, (0, 0, 0))
+    boxes = [(60.0, 100.0, 120.0, 300.0), (260.0, 100.0, 120.0, 300.0), (460.0, 100.0, 120.0, 300.0)]
+    console.state.take(samples.people_for(frame.sequence, 640, 480, boxes))
+    assert view.visible_boxes() == [("Luis", True), ("Ana Torres", True), ("Person 3", False)]
+    named, unnamed = window.theme.color("box_named"), window.theme.color("box_unnamed")
+    image, rect = view.grab().toImage(), view.picture_rect()
+
+    def edge(left_px: float) -> list[QColor]:
+        x = round(rect.left() + left_px / 640 * rect.width())
+        rows = range(round(rect.top() + 0.35 * rect.height()), round(rect.top() + 0.7 * rect.height()))
+        columns = range(x - 2, x + 3)
+        return [max((image.pixelColor(column, row) for column in columns), key=QColor.lightness) for row in rows]
+
+    assert all(abs(color.green() - named.green()) < 30 for color in edge(60.0))
+    dashes = [abs(color.blue() - unnamed.blue()) < 40 for color in edge(460.0)]
+    assert any(dashes)
+    assert not all(dashes)
+
+
+def test_black_frames_without_people_have_no_boxes(window: MainWindow, console: FakeConsole) -> None:
+    _, view = video(window)
+    frame = show_flat(console, (0, 0, 0))
+    console.state.take(samples.people_for(frame.sequence, 640, 480, []))
+    assert view.visible_boxes() == []
+
+
+def test_distance_ahead_comes_from_the_beams_in_front() -> None:
+    scan = samples.scan_at(Pose2D(2.0, 4.0, math.pi))
+    ahead_m = distance_ahead_m(scan)
+    assert ahead_m == pytest.approx(2.0, abs=0.1)
+    nothing = dataclasses.replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
+    assert distance_ahead_m(nothing) is None
+
+
+# Map
+
+
+def test_scan_points_land_on_the_walls() -> None:
+    pose = Pose2D(2.0, 4.0, 0.7)
+    points = scan_points_in_map(samples.scan_at(pose), pose)
+    on_wall = (np.abs(points[:, 0]) < 0.1) | (np.abs(points[:, 1] - 8.0) < 0.1) | (np.abs(points[:, 1]) < 0.1)
+    assert on_wall.mean() > 0.5
+
+
+def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    console.cancel_goal()
+    console.calls.clear()
+    where = panel.view.place_position("Kitchen")
+    assert where is not None
+    panel.view.grab()
+    qtbot.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
+    assert console.calls == []
+    click(qtbot, find(window, "go_to_Kitchen"))
+    assert console.calls == [("go_to_place", "Kitchen")]
+    assert panel.fact == ("going to Kitchen · 3.2 m left", "green")
+    click(qtbot, find(window, "goal_cancel"))
+    assert console.calls[-1] == ("cancel_goal", None)
+
+
+def test_the_map_view_turns_clicks_back_into_metres(window: MainWindow) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    point = panel.view.to_map(panel.view.to_view(3.25, -1.5))
+    assert (point.x(), point.y()) == pytest.approx((3.25, -1.5))
+
+
+def test_the_map_follows_the_robot_until_it_is_dragged(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    click(qtbot, find(window, "map_follow_button"))
+    freshen(console)
+    middle = panel.view.to_view(6.6, 3.4)
+    assert (middle.x(), middle.y()) == pytest.approx((panel.view.width() / 2, panel.view.height() / 2), abs=1)
+    start = QPoint(panel.view.width() - 30, 30)
+    QTest.mousePress(panel.view, Qt.MouseButton.LeftButton, pos=start)
+    QTest.mouseMove(panel.view, start + QPoint(-60, 20))
+    QTest.mouseRelease(panel.view, Qt.MouseButton.LeftButton, pos=start + QPoint(-60, 20))
+    assert not panel.view.follow
+
+
+def test_a_lost_link_takes_the_robot_off_the_map(window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    console.state.goal.set(None)
+    before = panel.view.grab().toImage()
+    console.state.clear_robot_streams()
+    assert panel.view.grab().toImage() != before
+    assert panel.fact[0] == "no LIDAR yet"
+
+
+# Drive
+
+
+def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeConsole) -> None:
+    line, reason = find(window, "drive_line"), find(window, "drive_reason")
+    assert isinstance(line, QLabel)
+    assert isinstance(reason, QLabel)
+    assert line.text() == "0.35 m/s forward"
+    console.state.drive.set(DriveStatus(True, "", target_turn_radps=math.radians(30)))
+    assert line.text() == "turning left 30°/s"
+    console.state.drive.set(DriveStatus(True, ""))
+    assert line.text() == "Standing still"
+    console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
+    assert reason.text() == "Limited to 50 %: the picture is late"
+    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
+    assert (line.text(), reason.text()) == ("Driving is off", "The robot is out of reach")
+    assert not find(window, "drive_pad").isEnabled()
+
+
+def test_the_speed_is_set_with_the_slider(window: MainWindow, console: FakeConsole) -> None:
+    slider = find(window, "speed_slider")
+    slider.setProperty("value", 40)
+    assert console.calls == [("set_speed_fraction", 0.4)]
+    assert window.panels["drive"].fact[0] == "0.20 m/s at most"
+
+
+# People
+
+
+def people(window: MainWindow) -> PeoplePanel:
+    panel = window.panels["people"]
+    assert isinstance(panel, PeoplePanel)
+    return panel
+
+
+def test_people_have_rows_with_names_or_numbers(window: MainWindow) -> None:
+    panel = people(window)
+    assert panel.fact[0] == "3 here"
+    texts = {person_id: row.name_text for person_id in ("p1", "p3") if (row := panel.row(person_id)) is not None}
+    assert texts == {"p1": "Luis", "p3": "Person 4"}
+
+
+def test_a_person_is_named_in_the_row(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    row = people(window).row("p3")
+    assert row is not None
+    click(qtbot, find(row, "person_rename_button"))
+    field = find(row, "person_name_field")
+    assert field.hasFocus()
+    QTest.keyClicks(field, "  Mara  Silva ")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("rename_person", ("p3", "Mara Silva"))]
+    assert row.name_text == "Mara Silva"
+    assert not field.isVisible()
+
+
+def test_an_unfinished_name_changes_nothing(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    row = people(window).row("p3")
+    assert row is not None
+    click(qtbot, find(row, "person_rename_button"))
+    QTest.keyClicks(find(row, "person_name_field"), "Mar")
+    find(window, "speak_field").setFocus()
+    assert console.calls == []
+    assert row.name_text == "Person 4"
+
+
+def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None:
+    console.state.persons.set(())
+    empty = find(window, "people_empty")
+    assert isinstance(empty, QLabel)
+    assert empty.text().startswith("Nobody in view.")
+    console.state.perception.set(PerceptionStatus("failed", "", "No model file was found."))
+    assert "No model file was found." in empty.text()
+
+
+# Speak
+
+
+def test_enter_says_the_line_and_empties_the_field(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    assert isinstance(field, QLineEdit)
+    field.setFocus()
+    QTest.keyClicks(field, "Over there is our  robot arm.")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("say", ("Over there is our robot arm.", "typed"))]
+    assert field.text() == ""
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert len(console.calls) == 1
+
+
+def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
+    field = find(window, "speak_field")
+    assert isinstance(field, QLineEdit)
+    field.setFocus()
+    for line in ("one", "two"):
+        QTest.keyClicks(field, line)
+        QTest.keyClick(field, Qt.Key.Key_Return)
+    QTest.keyClicks(field, "draft")
+    seen = []
+    for key in (Qt.Key.Key_Up, Qt.Key.Key_Up, Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_Down):
+        QTest.keyClick(field, key)
+        seen.append(field.text())
+    assert seen == ["two", "one", "one", "two", "draft"]
+
+
+def test_a_phrase_is_one_click_and_keeps_the_cursor(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    click(qtbot, find(window, "phrase_1"))
+    assert console.calls == [("say", ("Hello! Welcome to the lab.", "phrase"))]
+    assert field.hasFocus()
+    click(qtbot, find(window, "silence_button"))
+    assert console.calls[-1] == ("silence", None)
+
+
+def test_what_is_said_and_what_waits_is_shown(window: MainWindow, console: FakeConsole) -> None:
+    assert window.panels["speak"].fact[0].startswith("now saying “Over there")
+    queue = find(window, "speak_queue")
+    assert isinstance(queue, QLabel)
+    assert queue.text() == "Waiting: “It can lift five kilos.”"
+    console.state.speech.set(SpeechStatus(True, "robot"))
+    assert window.panels["speak"].fact[0] == "quiet"
+    assert not queue.isVisible()
+
+
+# Assistant
+
+
+def test_an_answer_streams_and_is_said(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    field, answer = find(window, "assistant_field"), find(window, "assistant_answer")
+    assert isinstance(answer, QPlainTextEdit)
+    field.setFocus()
+    QTest.keyClicks(field, "What can it lift?")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("ask_assistant", "What can it lift?")]
+    assert answer.toPlainText() == ""
+    status: AssistantStatus = console.state.assistant.value
+    for text in ("Five", "Five kilos", "Five kilos."):
+        console.state.assistant.set(dataclasses.replace(status, answer=text))
+        assert answer.toPlainText() == text
+    assert find(window, "assistant_cancel").isVisible()
+    console.state.assistant.set(dataclasses.replace(status, answer="Five kilos.", state="ready"))
+    click(qtbot, find(window, "assistant_say"))
+    assert console.calls[-1] == ("say_answer", "Five kilos.")
+
+
+def test_an_answer_can_be_edited_first(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    click(qtbot, find(window, "assistant_edit"))
+    answer = find(window, "assistant_answer")
+    assert answer.hasFocus()
+    QTest.keyClicks(answer, " Really.")
+    click(qtbot, find(window, "assistant_say"))
+    assert console.calls[-1][1].endswith("safety zone around it. Really.")
+
+
+def test_a_failed_answer_is_explained_in_place(window: MainWindow, console: FakeConsole) -> None:
+    console.state.assistant.set(AssistantStatus("failed", "SmolLM2", "x2", "Why?", "", "The model ended. Ask again."))
+    note = find(window, "assistant_note")
+    assert isinstance(note, QLabel)
+    assert note.text() == "The model ended. Ask again."
+    assert not find(window, "assistant_say").isEnabled()
+
+
+# Session
+
+
+def session(window: MainWindow) -> SessionPanel:
+    window.dock_host.show_panel("session")
+    panel = window.panels["session"]
+    assert isinstance(panel, SessionPanel)
+    return panel
+
+
+def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeConsole) -> None:
+    console.state.take(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
+    console.state.take(Marked(clock.now_ns(), "laughed"))
+    lines = session(window).log_lines()
+    assert lines[-2:] == ["The robot is out of reach: no answer for 1 s", "Marked: laughed"]
+
+
+def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    console.state.take(UtteranceChanged(clock.now_ns(), "u", "robot", "Hello", "typed", "started"))
+    console.state.take(Marked(clock.now_ns(), ""))
+    panel.show_category("Said")
+    assert panel.log_lines() == ["Robot: “Hello”"]
+    panel.show_category("")
+    assert panel.log_lines() == ["Robot: “Hello”", "Marked"]
+
+
+def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    for number in range(LOG_ROWS + 20):
+        console.state.take(Marked(clock.now_ns(), str(number)))
+    lines = panel.log_lines()
+    assert len(lines) == LOG_ROWS
+    assert lines[-1] == f"Marked: {LOG_ROWS + 19}"
+
+
+def test_recording_starts_and_stops_in_the_panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    click(qtbot, find(panel, "session_toggle"))
+    assert console.calls == [("stop_session", None)]
+    click(qtbot, find(panel, "session_toggle"))
+    assert find(window, "start_dialog").isVisible()
+    find(window, "start_dialog").close()
+
+
+def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    console.state.recording.set(RecordingStatus("failed", Path("/s"), detail="The disk is full."))
+    what = find(panel, "session_what")
+    assert isinstance(what, QLabel)
+    assert what.text() == "The disk is full."
+    assert panel.fact == ("not recording", "red")

@@ -1,0 +1,55 @@
+"""Colours: contrast, one place, both themes."""
+
+import re
+from pathlib import Path
+
+import pytest
+from PySide6.QtGui import QPalette
+from PySide6.QtWidgets import QApplication
+
+import caris_desktop.ui
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import as_choice
+from caris_desktop.ui.tokens import DARK, LIGHT, TEXT_PAIRS, Colors, contrast
+from tests.ui.conftest import MemorySettings
+
+
+@pytest.mark.parametrize("colors", [DARK, LIGHT], ids=["dark", "light"])
+def test_text_has_contrast(colors: Colors) -> None:
+    poor = {
+        (ink, ground): round(contrast(getattr(colors, ink), getattr(colors, ground)), 2)
+        for ink, ground in TEXT_PAIRS
+        if contrast(getattr(colors, ink), getattr(colors, ground)) < 4.5
+    }
+    assert poor == {}
+
+
+def test_contrast_is_that_of_the_standard() -> None:
+    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
+
+
+def test_colours_live_in_the_tokens_alone() -> None:
+    folder = Path(caris_desktop.ui.__file__).parent
+    literal = re.compile(r"""["'{ ]#[0-9a-fA-F]{3,8}\b|rgba?\(|GlobalColor\.(?!transparent)""")
+    offenders = [
+        f"{path.name}: {line.strip()}"
+        for path in folder.rglob("*.py")
+        if path.name != "tokens.py"
+        for line in path.read_text().splitlines()
+        if literal.search(line)
+    ]
+    assert offenders == []
+
+
+def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettings, qapp: QApplication) -> None:
+    for choice, colors in (("light", LIGHT), ("dark", DARK)):
+        window.set_theme_choice(as_choice(choice))
+        assert settings.values["theme"] == choice
+        assert qapp.palette().color(QPalette.ColorRole.Window).name() == colors.window
+        assert window.grab().toImage().pixelColor(2, window.height() // 2).name() == colors.window
+
+
+def test_an_unknown_choice_follows_the_system() -> None:
+    assert as_choice("purple") == "system"
+    assert as_choice(None) == "system"

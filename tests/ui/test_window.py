@@ -1,0 +1,224 @@
+"""The window as a whole: scenarios, permissions, the start dialog, emergency stop, problems, finding things."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.events import Problem
+from caris_desktop.live.status import LinkStatus
+from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.overlays import Entry, matching
+from caris_desktop.ui.problems import SHOWN_AT_ONCE
+from caris_desktop.ui.status_bar import StatusItem
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.fake_console import FakeConsole
+
+
+def choose(menu_owner: QWidget, menu_name: str, text: str) -> None:
+    menu = menu_owner.findChild(QMenu, menu_name)
+    assert menu is not None
+    action = next(action for action in menu.actions() if action.text() == text)
+    QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.actionGeometry(action).center())
+
+
+def test_everything_fits_a_small_laptop(window: MainWindow) -> None:
+    assert (window.width(), window.height()) == (1366, 768)
+    for button in window.findChildren(ActionButton):
+        if button.isVisible() and button.parent().objectName() == "top_bar":
+            assert button.width() >= button.sizeHint().width()
+
+
+def test_switching_the_scenario_rebuilds_the_panels(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    sequence = console.state.frame.value.sequence
+    log = window.panels["session"].log_lines()  # type: ignore[attr-defined]
+    click(qtbot, find(window, "scenario_button"))
+    choose(window, "scenario_menu", "Mental health check")
+    assert console.calls == [("open_scenario", samples.MENTAL.path)]
+    assert set(window.panels) == {"video", "people", "assistant", "speak", "drive", "session"}
+    assert [widget for widget in window.findChildren(QWidget, "photo_button") if widget.isVisible()] == []
+    assert find(window, "phrase_1").property("text") == "I’m listening."
+    assert window.panels["session"].log_lines() == log  # type: ignore[attr-defined]
+    assert console.state.frame.value.sequence == sequence
+    assert console.named("stop_session") == []
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_F1)
+    assert console.calls[-1] == ("say", ("I’m listening.", "phrase"))
+
+
+def test_switching_back_and_forth_leaves_nothing_behind(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    for _ in range(3):
+        for scenario in (samples.MENTAL, samples.TOUR):
+            assert scenario.path is not None
+            console.open_scenario(scenario.path)
+            window.show_scenario(console.scenario)
+    qtbot.waitUntil(lambda: len(window.findChildren(QLineEdit, "speak_field")) == 1)
+    console.calls.clear()
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_W)
+    QTest.keyClick(view, Qt.Key.Key_F1)
+    assert [name for name, _ in console.calls] == ["drive", "release_drive", "say"]
+
+
+def test_without_driving_there_is_no_way_to_drive(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    import dataclasses
+
+    from caris_desktop.scenario.model import Permissions
+
+    permissions = Permissions(driving=False, assistant=False)
+    console = FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions))
+    window = open_window(qtbot, console, settings, theme)
+    assert not {"drive", "assistant"} & set(window.panels)
+    view = find(window, "video_view")
+    view.setFocus()
+    for key in (Qt.Key.Key_W, Qt.Key.Key_Up):
+        QTest.keyClick(view, key)
+        QTest.keyClick(view, key, Qt.KeyboardModifier.AltModifier)
+    assert console.named("drive") == []
+    assert [widget for widget in window.findChildren(QWidget, "map_go_button") if widget.isVisible()] == []
+    QTest.keyClick(view, Qt.Key.Key_Escape)
+    assert console.calls[-1] == ("stop", None)
+
+
+def test_the_start_dialog_asks_and_remembers(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
+) -> None:
+    console.stop_session()
+    console.calls.clear()
+    click(qtbot, find(window, "record_button"))
+    for name, text in (
+        ("study", "Lab visit"),
+        ("participant", "P07"),
+        ("condition", "B"),
+        ("trial", "2"),
+        ("wizard", "Kim"),
+    ):
+        QTest.keyClicks(find(window, f"start_{name}"), text)
+    click(qtbot, find(window, "start_dialog_begin"))
+    assert console.calls == [("start_session", TrialDetails("Lab visit", "P07", "B", "2", "Kim"))]
+    label = find(window, "trial_label")
+    assert isinstance(label, QLabel)
+    assert label.text() == "P07 · condition B · trial 2"
+    console.stop_session()
+    click(qtbot, find(window, "record_button"))
+    assert find(window, "start_participant").property("text") == "P07"
+    assert find(window, "start_trial").property("text") == "3"
+    find(window, "start_dialog").close()
+
+
+def test_the_start_dialog_can_be_skipped(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    console.stop_session()
+    console.calls.clear()
+    click(qtbot, find(window, "record_button"))
+    click(qtbot, find(window, "start_dialog_skip"))
+    assert console.calls == [("start_session", TrialDetails())]
+
+
+def test_a_running_recording_is_stopped_from_the_top_bar(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    click(qtbot, find(window, "record_button"))
+    choose(window, "record_menu", "Stop recording")
+    assert console.calls == [("stop_session", None)]
+
+
+def test_the_red_button_latches_and_only_the_band_releases(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    button = find(window, "emergency_stop")
+    click(qtbot, button)
+    click(qtbot, button)
+    assert [name for name, _ in console.calls] == ["emergency_stop", "emergency_stop"]
+    assert console.state.drive.value.emergency_stop
+    assert find(window, "emergency_band").isVisible()
+    click(qtbot, find(window, "emergency_release"))
+    assert console.calls[-1] == ("clear_emergency_stop", None)
+    assert not window.findChild(QWidget, "emergency_band").isVisible()  # type: ignore[union-attr]
+
+
+def test_the_red_button_acts_on_the_press(window: MainWindow, console: FakeConsole) -> None:
+    QTest.mousePress(find(window, "emergency_stop"), Qt.MouseButton.LeftButton)
+    assert console.calls == [("emergency_stop", None)]
+
+
+def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    focused = window.focusWidget()
+    for number in range(SHOWN_AT_ONCE + 1):
+        console.state.take(Problem(1, "error", f"Problem {number}", "It means this.", "Do that."))
+    console.state.take(Problem(1, "error", f"Problem {SHOWN_AT_ONCE}", "It means this.", "Do that."))
+    cards = window.problems.cards
+    assert [card.problem.what for card in cards] == [f"Problem {number}" for number in range(1, SHOWN_AT_ONCE + 1)]
+    assert window.focusWidget() is focused
+    click(qtbot, find(cards[0], "problem_dismiss"))
+    assert len(window.problems.cards) == SHOWN_AT_ONCE - 1
+
+
+def test_anything_can_be_found_and_done(window: MainWindow, console: FakeConsole) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    field = find(window, "palette_field")
+    assert field.hasFocus()
+    QTest.keyClicks(field, "kitchen")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("go_to_place", "Kitchen")]
+    assert view.hasFocus()
+
+
+def test_escape_closes_the_palette_and_stops(window: MainWindow, console: FakeConsole) -> None:
+    window.show_command_palette()
+    QTest.keyClick(find(window, "palette_field"), Qt.Key.Key_Escape)
+    assert console.calls == [("stop", None)]
+    assert not window.findChild(QWidget, "command_palette").isVisible()  # type: ignore[union-attr]
+
+
+def test_finding_wants_every_word_and_prefers_beginnings() -> None:
+    entries = [Entry(text, "Place", "", "", lambda: None) for text in ("Go to Lab bench", "Lab tour", "Kitchen")]
+    assert [entry.text for entry in matching(entries, "lab")] == ["Lab tour", "Go to Lab bench"]
+    assert [entry.text for entry in matching(entries, "lab go")] == ["Go to Lab bench"]
+    assert matching(entries, "xyz") == []
+
+
+def test_the_shortcut_sheet_opens_by_key(window: MainWindow) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_Slash, Qt.KeyboardModifier.ControlModifier)
+    sheet = find(window, "shortcut_sheet")
+    texts = {label.text() for label in sheet.findChildren(QLabel)}
+    assert {"All shortcuts", "Stop the robot", "Drive forward", "Wizard error"} <= texts
+
+
+def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> None:
+    bar = window.status_bar
+    bar.refresh()
+    assert bar.items["link"].text == "Simulated robot"
+    assert bar.items["round_trip"].text == "link 12 ms"
+    assert bar.items["battery"].text == "battery 78 %"
+    assert bar.items["models"].text == "local models only"
+    assert bar.items["recording"].text == "recording, 184 MB"
+    assert bar.items["disk"].text == "41.3 GB free"
+    console.state.link.set(LinkStatus("lost", "Simulated robot", "ws://127.0.0.1:9090", "no answer"))
+    console.state.clear_robot_streams()
+    bar.refresh()
+    assert bar.items["link"].text == "Simulated robot out of reach"
+    assert bar.items["lidar"].text == "no LIDAR yet"
+    assert isinstance(find(window, "status_link"), StatusItem)
+
+
+def test_every_control_has_a_name_for_screen_readers(window: MainWindow) -> None:
+    nameless = [
+        button.objectName() or repr(button)
+        for button in window.findChildren(ActionButton)
+        if button.isVisible() and not button.accessibleName()
+    ]
+    assert nameless == []
+
+
+def test_closing_keeps_the_place_of_the_window(window: MainWindow, settings: MemorySettings, qtbot: QtBot) -> None:
+    with qtbot.waitSignal(window.closed):
+        window.close()
+    assert settings.values["window/geometry"]

@@ -1,0 +1,70 @@
+"""Words for numbers, times and events."""
+
+import pytest
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import (
+    EmergencyStopChanged,
+    Gap,
+    GoalChanged,
+    LinkQuality,
+    PersonRenamed,
+    Problem,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ui import words
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0.0412, "41 ms"), (0.13, "0.1 s"), (12.4, "12 s"), (185.0, "3 min")])
+def test_ages(seconds: float, text: str) -> None:
+    assert words.age(seconds) == text
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(763, "12:43"), (3723, "1:02:03"), (-4, "00:00")])
+def test_elapsed(seconds: float, text: str) -> None:
+    assert words.elapsed(seconds) == text
+
+
+@pytest.mark.parametrize(("count", "text"), [(950, "950 B"), (184e6, "184 MB"), (41.3e9, "41.3 GB"), (2e12, "2000 GB")])
+def test_sizes(count: float, text: str) -> None:
+    assert words.size(count) == text
+
+
+def test_long_lines_are_shortened_in_the_middle_of_nothing() -> None:
+    assert words.shortened("a  b\nc") == "a b c"
+    assert words.shortened("word " * 20, 12) == "word word w…"
+
+
+def name_of(person_id: str) -> str:
+    return {"p1": "Luis"}.get(person_id, "Somebody")
+
+
+@pytest.mark.parametrize(
+    ("event", "entry"),
+    [
+        (LinkQuality(1, 12.0), None),
+        (EmergencyStopChanged(1, latched=True, by="robot"), ("Moved", "Emergency stop on by the robot")),
+        (GoalChanged(1, "g", "reached", Pose2D(0, 0, 0), "Kitchen"), ("Moved", "Arrived at Kitchen")),
+        (GoalChanged(1, "g", "active", Pose2D(0, 0, 0), "Kitchen"), None),
+        (
+            GoalChanged(1, "g", "failed", Pose2D(0, 0, 0), "Kitchen", detail="the way is blocked"),
+            ("Problems", "Could not get to Kitchen: the way is blocked"),
+        ),
+        (UtteranceChanged(1, "u", "robot", "Hi", "typed", "requested"), None),
+        (UtteranceChanged(1, "u", "robot", "Hi", "typed", "interrupted"), ("Said", "Cut short: “Hi”")),
+        (PersonRenamed(1, "p1"), ("People", "Named Luis")),
+        (
+            Gap(1, "frame", 3, "the disk was slow"),
+            ("Problems", "3 values of frame were not recorded: the disk was slow"),
+        ),
+        (Problem(1, "warning", "Late", "Slow.", "Wait."), ("Problems", "Late. Slow.")),
+        (object(), None),
+    ],
+)
+def test_events_become_sentences(event: object, entry: tuple[str, str] | None) -> None:
+    assert words.event_sentence(event, name_of) == entry
+
+
+def test_time_of_day_has_seconds() -> None:
+    assert len(words.clock_time(clock.now_ns()).split(":")) == 3
