@@ -1,7 +1,5 @@
 """Both links against the simulated robot, in both dialects of ROS."""
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 
@@ -18,52 +16,20 @@ from caris_desktop.robot.profile import load_profile
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring
 from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
 from tests.support.twist_listener import TwistListener
 
 PROFILES = {1: "simulated", 2: "simulated-ros2"}
 
 
-class Simulator:
-    """The simulated robot as a program of its own."""
-
-    def __init__(self, ros: int) -> None:
-        self.ros = ros
-        self.port = 0
-        self.start()
-
-    def start(self) -> None:
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "caris_desktop.simulator",
-                "--port",
-                str(self.port),
-                "--ros",
-                str(self.ros),
-                "--mute",
-            ],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        self.address = self.process.stdout.readline().split()[-1]  # type: ignore[union-attr]
-        self.port = int(self.address.rpartition(":")[2])
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()  # type: ignore[union-attr]
-
-
 @pytest.fixture(scope="module", params=[1, 2], ids=["ros1", "ros2"])
-def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
-    running = Simulator(request.param)
-    yield running
-    running.kill()
+def simulator(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
+    with SimulatedRobot(ros=request.param) as running:
+        yield running
 
 
 @pytest.fixture(scope="module")
-def running_link(simulator: Simulator) -> Iterator[LinkProcess]:
+def running_link(simulator: SimulatedRobot) -> Iterator[LinkProcess]:
     process = LinkProcess(simulator.address, PROFILES[simulator.ros])
     process.wait_for_state("connected")
     yield process
@@ -76,7 +42,7 @@ def link(running_link: LinkProcess) -> LinkProcess:
     return running_link
 
 
-def test_every_stream_arrives(simulator: Simulator, link: LinkProcess) -> None:
+def test_every_stream_arrives(simulator: SimulatedRobot, link: LinkProcess) -> None:
     ring = FrameRing.create()
     media = LinkProcess(simulator.address, PROFILES[simulator.ros], body=run_with_ring, extra=(ring.name,))
     try:
@@ -97,7 +63,7 @@ def test_every_stream_arrives(simulator: Simulator, link: LinkProcess) -> None:
 
 
 def test_driving_moves_it_and_an_independent_client_sees_exactly_what_is_reported(
-    simulator: Simulator, link: LinkProcess
+    simulator: SimulatedRobot, link: LinkProcess
 ) -> None:
     listener = TwistListener(simulator.address)
     # Its subscription is in force once it hears a zero.
@@ -116,7 +82,7 @@ def test_driving_moves_it_and_an_independent_client_sees_exactly_what_is_reporte
     listener.close()
 
 
-def test_a_goal_is_reached_and_another_cancelled(simulator: Simulator, link: LinkProcess) -> None:
+def test_a_goal_is_reached_and_another_cancelled(simulator: SimulatedRobot, link: LinkProcess) -> None:
     start = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
 
     def states(goal_id: str) -> list[str]:
@@ -132,14 +98,14 @@ def test_a_goal_is_reached_and_another_cancelled(simulator: Simulator, link: Lin
     wait_for(lambda: states("back")[-1] == "cancelled", "cancelled")
 
 
-def test_it_speaks(simulator: Simulator, link: LinkProcess) -> None:
+def test_it_speaks(simulator: SimulatedRobot, link: LinkProcess) -> None:
     link.send(Say(now_ns(), "u", "Hello"))
     wait_for(lambda: [u.state for u in link.of(UtteranceChanged)] == ["started", "finished"], "said")
 
 
 def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
     # The double shows the same in ROS 1.
-    simulator = Simulator(2)
+    simulator = SimulatedRobot(ros=2)
     link = LinkProcess(simulator.address, PROFILES[2])
     listener = None
     try:
@@ -152,7 +118,7 @@ def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
         link.hold(lambda: "lost" in link.states()[changes:], "the loss")
         assert time.monotonic() - killed_s < 1.0
         assert len(link.of(DriveEnded)) == 1
-        simulator.start()
+        simulator = SimulatedRobot(ros=2, port=simulator.port)
         ready_s = time.monotonic()
         listener = TwistListener(simulator.address)
         link.hold(lambda: "connected" in link.states()[changes:], "the reconnection")
