@@ -87,7 +87,8 @@ class RosbridgeClient:
     """Plain websocket, plain JSON; nothing of ours in between."""
 
     def __init__(self, address: str) -> None:
-        self._socket = connect(address, compression=None, max_size=None)
+        self._open = contextlib.ExitStack()
+        self._socket = self._open.enter_context(connect(address, compression=None, max_size=None))
         self._ids = itertools.count()
         self.received: list[dict[str, Any] | bytes] = []
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -105,7 +106,7 @@ class RosbridgeClient:
         return not self._thread.is_alive()
 
     def close(self) -> None:
-        self._socket.close()
+        self._open.close()
         self._thread.join(5)
 
     def send(self, **operation: Any) -> None:

@@ -1,0 +1,64 @@
+"""The command line: readiness, exit, and what is refused."""
+
+import subprocess
+import sys
+
+import psutil
+
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
+
+
+def refused(*arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "caris_desktop.simulator", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    return done.stderr
+
+
+def test_a_port_in_use_is_explained() -> None:
+    with SimulatedRobot() as robot:
+        text = refused("--port", str(robot.port))
+        assert f"cannot listen on 127.0.0.1 port {robot.port}" in text
+        assert "--port 0" in text
+        assert "Traceback" not in text
+
+
+def test_bad_arguments_are_explained() -> None:
+    assert "--fault-latency-ms" in refused("--fault-latency-ms", "-5")
+    assert "--ros" in refused("--ros", "3")
+
+
+def test_it_ends_when_asked_and_takes_its_camera_along() -> None:
+    with SimulatedRobot() as robot:
+        with RosbridgeClient(robot.address) as client:
+            client.subscribe("/camera/image_raw/compressed")
+            client.wait_for_messages("/camera/image_raw/compressed")
+        children = psutil.Process(robot.pid).children(recursive=True)
+        assert children
+        assert robot.terminate() == 0
+        assert psutil.wait_procs(children, timeout=5)[1] == []
+
+
+def test_a_kill_takes_its_camera_along() -> None:
+    with SimulatedRobot() as robot:
+        with RosbridgeClient(robot.address) as client:
+            client.subscribe("/camera/image_raw/compressed")
+            client.wait_for_messages("/camera/image_raw/compressed")
+        children = psutil.Process(robot.pid).children(recursive=True)
+        robot.kill()
+        wait_for(lambda: not any(child.is_running() for child in children), "the camera process is gone")
+
+
+def test_started_with_latency_it_has_latency() -> None:
+    with SimulatedRobot("--fault-latency-ms", "150") as robot, RosbridgeClient(robot.address) as client:
+        client.subscribe("/scan", queue_length=1)
+        client.wait_for_messages("/scan", 2)
+        robot.fault("clear")
+        client.wait_for_messages("/scan", len(client.messages("/scan")) + 3)
