@@ -60,8 +60,10 @@ def open_study(folder: Path | None) -> StudyFolder:
 
 def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, perception: bool = True) -> Parts:
     """The parts of a console run."""
+    # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
+    inference = InferenceSettings(tracker="bytetrack" if camera is not None else "botsort")
     return Parts(
-        inference=ProcessBody("inference", run_inference, (InferenceSettings(),)) if perception else None,
+        inference=ProcessBody("inference", run_inference, (inference,)) if perception else None,
         recorder=ProcessBody("recorder", run_recorder),
         speech=ProcessBody("speech", run_speech, (SpeechSettings(),)),
         language_model_server=ProcessBody("language-model", run_embedded_server),

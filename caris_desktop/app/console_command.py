@@ -56,6 +56,7 @@ class ConsoleRun:
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:
+        self.window.close()
         self.console.shutdown()
         if self.demo_robot is not None:
             self.demo_robot.stop()

@@ -100,6 +100,8 @@ class Rehearsal(QObject):
         self._screenshot("before-the-end")
         self.session_folder = self._console.session_folder
         self._click("record_button")
+        yield Until("stopping asks once more", lambda: QApplication.activePopupWidget() is not None)
+        self._press(Qt.Key.Key_Return)
         yield Until("the recording is closed", lambda: state.recording.value.state == "idle", 20.0)
         self._note("recording closed")
         self._screenshot("end")
@@ -263,7 +265,7 @@ class Rehearsal(QObject):
         self._held = set(keys)
 
     def _focus(self) -> QWidget:
-        return QApplication.focusWidget() or self._window
+        return QApplication.activePopupWidget() or QApplication.focusWidget() or self._window
 
     def _keys_towards(self, pose: Pose2D, target: Place | None) -> set[Qt.Key]:
         if target is None:

@@ -16,7 +16,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
@@ -130,11 +130,11 @@ class ChildProcess:
             # Half-closing ends the child's reads while its last messages can still reach us.
             with contextlib.suppress(OSError), _socket_of(connection) as half:
                 half.shutdown(_SHUT_WR)
-        process.join(grace_s)
-        if process.is_alive():
+        # Only the reader thread reaps: two threads that wait for one process would each miss the other's news.
+        if not wait([process.sentinel], grace_s):
             _log.warning("%s did not end within %.1f s: killed", self.body.name, grace_s)
             process.kill()
-            process.join(1.0)
+            wait([process.sentinel], 1.0)
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(2.0)
         self._connection = None
@@ -152,7 +152,8 @@ class ChildProcess:
         process.join(5.0)
         connection.close()
         if not self._closing:
-            _log.error("%s ended by itself with exit code %s", self.body.name, process.exitcode)
+            level = logging.INFO if process.exitcode == 0 else logging.ERROR
+            _log.log(level, "%s ended by itself with exit code %s", self.body.name, process.exitcode)
             if self._on_exit is not None:
                 self._on_exit(process.exitcode)
 

@@ -47,8 +47,9 @@ from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.speech_director import SpeechDirector
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, LinkStatus
+from caris_desktop.live.status import AssistantStatus, LinkStatus, PerceptionStatus
 from caris_desktop.people.presence import Presence
+from caris_desktop.perception.cameras import PlayVideo
 from caris_desktop.recording.messages import (
     RecorderReport,
     SessionHeader,
@@ -195,7 +196,7 @@ class Console(QObject):
                 self.publish,
             )
             worker.moveToThread(self._perception_thread)
-            worker.status_changed.connect(self._state.perception.set, Qt.ConnectionType.QueuedConnection)
+            worker.status_changed.connect(self._on_perception_status, Qt.ConnectionType.QueuedConnection)
             worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
             self._perception_thread.started.connect(worker.run)
             self._perception = worker
@@ -346,6 +347,12 @@ class Console(QObject):
             self._assistant.show_status(AssistantStatus(state="failed", detail=message.problem.what))
         else:
             _log.info("%r", message)
+
+    def _on_perception_status(self, status: PerceptionStatus) -> None:
+        self._state.perception.set(status)
+        camera = self._children.get(self._parts.camera.name) if self._parts.camera else None
+        if camera is not None and status.state in ("ready", "failed"):
+            camera.send(PlayVideo())  # a recorded video waits for whoever shall see it from its start
 
     def _on_child_ended(self, name: str) -> None:
         if self._shut_down:

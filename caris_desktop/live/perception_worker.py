@@ -20,7 +20,7 @@ from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow, Presence
-from caris_desktop.perception.inference import InferenceFailed, InferenceReady
+from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -104,6 +104,8 @@ class PerceptionWorker(QObject):
                 self._publish(people)
                 self._publish_all(events)
                 self._set_status(replace(self._status, inference_ms=item.inference_ms))
+            elif isinstance(item, FrameSkipped):
+                busy = False
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)

@@ -1,5 +1,6 @@
 """An independent rosbridge client that notes every velocity command that reaches the robot's topic."""
 
+import contextlib
 import json
 import threading
 import time
@@ -25,22 +26,21 @@ class TwistListener:
 
     def __init__(self, address: str, topic: str = "/cmd_vel") -> None:
         self.seen: list[SeenTwist] = []
-        self._socket = connect(address, compression=None, max_size=None)
+        self._open = contextlib.ExitStack()
+        self._socket = self._open.enter_context(connect(address, compression=None, max_size=None))
         self._socket.send(json.dumps({"op": "subscribe", "topic": topic, "type": "geometry_msgs/Twist"}))
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        self._socket.close()
+        self._open.close()
         self._thread.join(5)
 
     def _listen(self) -> None:
-        try:
+        with contextlib.suppress(ConnectionClosed):
             for text in self._socket:
                 at_ns = time.monotonic_ns()
                 operation = json.loads(text)
                 if operation.get("op") == "publish":
                     message = operation["msg"]
                     self.seen.append(SeenTwist(at_ns, message["linear"]["x"], message["angular"]["z"]))
-        except ConnectionClosed:
-            return
