@@ -64,7 +64,9 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
             left += picture.shape[1] + _GAP_PX
     whole = np.zeros((top + WALL_STRIP_PX + _GAP_PX, SHEET_WIDTH_PX, 3), dtype=np.uint8)
     for x, y, picture in painted:
-        whole[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+        # the camera interpolates, so what lies beyond an edge must look like the edge
+        wider = cv2.copyMakeBorder(picture, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
+        whole[y : y + wider.shape[0], x : x + wider.shape[1]] = wider
     floor = _floor(grain)
     whole[: floor.shape[0], : floor.shape[1]] = floor
     ceiling = _ceiling()
