@@ -16,6 +16,7 @@ from caris_desktop.live.intents import WizardIntents
 from caris_desktop.scenario.model import LayoutNode, PanelName, Permissions, Scenario
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
@@ -135,6 +136,8 @@ class MainWindow(QWidget):
         self._problems = ProblemCards(self.theme, self.dock_host)
         self._palette_overlay = CommandPalette(self.theme, self)
         self._sheet = ShortcutSheet(self.theme, self)
+        self._connection = ConnectionCard(self.theme, self, console.state)
+        self._status_bar.connection_clicked.connect(self._connection.open)
         self._scenario_menu = as_menu(self.theme, self, "scenario_menu")
         self._window_menu = as_menu(self.theme, self, "window_menu")
         self._top_bar.start_requested.connect(self.open_start_dialog)
@@ -142,6 +145,7 @@ class MainWindow(QWidget):
         self._top_bar.window_menu_requested.connect(self._open_window_menu)
         self.hold.escape_pressed.connect(self._palette_overlay.close_overlay)
         self.hold.escape_pressed.connect(self._sheet.close_overlay)
+        self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.theme.changed.connect(self.update)
         console.state.event_happened.connect(self._on_event)
         app.focusChanged.connect(self._on_focus_changed)
@@ -291,6 +295,7 @@ class MainWindow(QWidget):
             Entry(panel.title, "Panel", _PANEL_ICONS[name], "", self._panel_opener(name))
             for name, panel in self._panels.items()
         ]
+        entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
         recording = self._console.state.recording.value.state == "recording"
         entries.append(
             Entry("Stop recording", "Do", "stop", "", self._console.stop_session) if recording

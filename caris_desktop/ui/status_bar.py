@@ -1,7 +1,7 @@
 """The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
 
-from PySide6.QtCore import QRectF, Qt, QTimer
-from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent
+from PySide6.QtCore import QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.live.intents import WizardIntents
@@ -24,6 +24,8 @@ _LINK_ICONS = {
 
 class StatusItem(QWidget):
     """One short text, with an icon where it is more than a number."""
+
+    clicked = Signal()
 
     def __init__(self, theme: Theme, name: str) -> None:
         super().__init__()
@@ -49,6 +51,9 @@ class StatusItem(QWidget):
             self.update()
         self.setToolTip(tip)
 
+    def mousePressEvent(self, _event: QMouseEvent) -> None:
+        self.clicked.emit()
+
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -64,6 +69,8 @@ class StatusItem(QWidget):
 
 class StatusBar(QWidget):
     """Refreshes four times a second: ages grow by themselves."""
+
+    connection_clicked = Signal()
 
     def __init__(self, theme: Theme, console: WizardIntents) -> None:
         super().__init__()
@@ -82,6 +89,9 @@ class StatusBar(QWidget):
             if name == "recording":
                 row.addStretch(1)
             row.addWidget(item)
+        for name in ("link", "round_trip", "video", "lidar"):
+            self.items[name].clicked.connect(self.connection_clicked)
+            self.items[name].setCursor(Qt.CursorShape.PointingHandCursor)
         self._timer = QTimer(self, interval=250)
         self._timer.timeout.connect(self.refresh)
         self._timer.start()
@@ -105,7 +115,8 @@ class StatusBar(QWidget):
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None
         items["round_trip"].say(
-            f"link {round_trip:.0f} ms" if round_trip is not None else "", tip="Time to the robot and back"
+            f"link {round_trip:.0f} ms" if round_trip is not None else "",
+            tip="Time to the robot and back. Click for the last minute.",
         )
         items["video"].say(*_stream_words("video", state.frame), tip="Age of the newest picture")
         items["lidar"].say(*_stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")

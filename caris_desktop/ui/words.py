@@ -1,6 +1,7 @@
 """Numbers, times and events in words that a wizard reads."""
 
 import math
+import re
 from collections.abc import Callable
 from datetime import datetime
 
@@ -76,6 +77,14 @@ def drive_line(drive: DriveStatus) -> str:
     if not drive.allowed:
         return "Driving is off"
     return motion(drive.target_forward_mps, drive.target_turn_radps)
+
+
+_NUMBERED = re.compile(r"Person \d+")
+
+
+def has_given_name(person: PersonStatus) -> bool:
+    """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
+    return bool(person.name) and _NUMBERED.fullmatch(person.name) is None
 
 
 def person_name(person: PersonStatus) -> str:

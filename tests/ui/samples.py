@@ -207,8 +207,8 @@ def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
         (
             PersonStatus("p1", 1, "Luis", True, now_ns - 190_000_000_000, now_ns),
             PersonStatus("p2", 2, "Ana Torres", True, now_ns - 64_000_000_000, now_ns),
-            PersonStatus("p3", 4, "", True, now_ns - 12_000_000_000, now_ns),
-            PersonStatus("p4", 3, "", False, now_ns - 300_000_000_000, now_ns - 41_000_000_000),
+            PersonStatus("p3", 4, "Person 3", True, now_ns - 12_000_000_000, now_ns),
+            PersonStatus("p4", 3, "Person 4", False, now_ns - 300_000_000_000, now_ns - 41_000_000_000),
         )
     )
     if console.scenario.places:

@@ -224,7 +224,7 @@ def test_people_have_rows_with_names_or_numbers(window: MainWindow) -> None:
     panel = people(window)
     assert panel.fact[0] == "3 here"
     texts = {person_id: row.name_text for person_id in ("p1", "p3") if (row := panel.row(person_id)) is not None}
-    assert texts == {"p1": "Luis", "p3": "Person 4"}
+    assert texts == {"p1": "Luis", "p3": "Person 3"}
 
 
 def test_a_person_is_named_in_the_row(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
@@ -247,7 +247,7 @@ def test_an_unfinished_name_changes_nothing(qtbot: QtBot, window: MainWindow, co
     QTest.keyClicks(find(row, "person_name_field"), "Mar")
     find(window, "speak_field").setFocus()
     assert console.calls == []
-    assert row.name_text == "Person 4"
+    assert row.name_text == "Person 3"
 
 
 def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None:

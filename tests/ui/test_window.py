@@ -1,5 +1,7 @@
 """The window as a whole: scenarios, permissions, the start dialog, emergency stop, problems, finding things."""
 
+import math
+
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QWidget
@@ -8,6 +10,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.events import Problem
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlays import Entry, matching
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
@@ -222,3 +225,19 @@ def test_closing_keeps_the_place_of_the_window(window: MainWindow, settings: Mem
     with qtbot.waitSignal(window.closed):
         window.close()
     assert settings.values["window/geometry"]
+
+
+def test_the_connection_can_be_looked_at(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    click(qtbot, find(window, "status_link"))
+    card = find(window, "connection_card")
+    assert isinstance(card, ConnectionCard)
+    card.history.sample()
+    console.state.link.set(LinkStatus("lost", "Simulated robot"))
+    card.history.sample()
+    card.refresh()
+    assert find(window, "connection_plot").isVisible()
+    newest = card.history.values_ms["round_trip"]
+    assert newest[-2] == 12.0
+    assert math.isnan(newest[-1])
+    QTest.keyClick(card, Qt.Key.Key_Escape)
+    assert not card.isVisible()

@@ -153,8 +153,9 @@ class PersonRow(QWidget):
     def show_person(self, person: PersonStatus) -> None:
         self._person = person
         self._name.setText(words.person_name(person))
-        self._avatar.show_person(person.name, known=bool(person.name), here=person.here)
-        self._rename.set_label("Rename" if person.name else "Name", icon="pencil-simple")
+        known = words.has_given_name(person)
+        self._avatar.show_person(person.name, known=known, here=person.here)
+        self._rename.set_label("Rename" if known else "Name", icon="pencil-simple")
         self._rename.setAccessibleName(f"Name {words.person_name(person)}")
         self.refresh_age()
 
@@ -173,7 +174,7 @@ class PersonRow(QWidget):
             label.setPalette(palette)
 
     def _open_field(self) -> None:
-        self._field.setText(self._person.name)
+        self._field.setText(self._person.name if words.has_given_name(self._person) else "")
         self._name.hide()
         self._field.show()
         self._field.selectAll()

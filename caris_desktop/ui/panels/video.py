@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from caris_desktop.domain.sensing import FrameRef, LaserScan, People
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
 from caris_desktop.live.status import PersonStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
@@ -18,7 +18,7 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
-BOXES_FRAMES_APART = 8
+BOXES_FRAMES_APART = 12
 """Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
 
 CLOSE_M = 0.6
@@ -105,7 +105,9 @@ class VideoPanel(Panel):
         self.view.show_people(people)
 
     def _on_persons_changed(self, persons: tuple[PersonStatus, ...]) -> None:
-        self.view.show_names({person.person_id: person.name for person in persons})
+        self.view.show_names(
+            {person.person_id: (words.person_name(person), words.has_given_name(person)) for person in persons}
+        )
 
     def _on_freshness_changed(self, freshness: str) -> None:
         self.view.show_freshness(freshness)
@@ -165,7 +167,7 @@ class FrameView(QWidget):
         self._pixels: NDArray[np.uint8] | None = None
         self._frame: FrameRef | None = None
         self._people: People | None = None
-        self._names: dict[str, str] = {}
+        self._names: dict[str, tuple[str, bool]] = {}
         self._freshness = "none"
         self._age_s: float | None = None
         self._lost_reason = ""
@@ -192,7 +194,8 @@ class FrameView(QWidget):
         self._people = people
         self.update()
 
-    def show_names(self, names: dict[str, str]) -> None:
+    def show_names(self, names: dict[str, tuple[str, bool]]) -> None:
+        """Words for each person id, and whether they are a given name."""
         self._names = names
         self.update()
 
@@ -220,10 +223,10 @@ class FrameView(QWidget):
         """The words on each box that is drawn now, and whether that person has a name."""
         if self._people is None or not boxes_fit(self._people, self.frame):
             return []
-        return [
-            (self._names.get(box.person_id) or f"Person {box.track}", bool(self._names.get(box.person_id)))
-            for box in self._people.boxes
-        ]
+        return [self._words_for(box) for box in self._people.boxes]
+
+    def _words_for(self, box: PersonBox) -> tuple[str, bool]:
+        return self._names.get(box.person_id, (f"Person {box.track}", False))
 
     def picture_rect(self) -> QRectF:
         """Where the picture is painted: as large as fits, undistorted."""
@@ -300,19 +303,18 @@ class FrameView(QWidget):
         metrics = QFontMetricsF(font)
         painter.setFont(font)
         for box in people.boxes:
-            name = self._names.get(box.person_id, "")
-            color = theme.color("box_named" if name else "box_unnamed")
+            label, named = self._words_for(box)
+            color = theme.color("box_named" if named else "box_unnamed")
             rect = QRectF(
                 picture.left() + box.left_px * scale_x, picture.top() + box.top_px * scale_y,
                 box.width_px * scale_x, box.height_px * scale_y,
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
             pen = QPen(color, 2)
-            if not name:
+            if not named:
                 pen.setDashPattern([5, 4])
             painter.setPen(pen)
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(rect, 3, 3)
-            label = name or f"Person {box.track}"
             width = metrics.horizontalAdvance(label) + 14
             top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
             tag = QRectF(rect.left() - 1, top, width, 21)

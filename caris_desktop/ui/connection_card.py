@@ -1,0 +1,168 @@
+"""How the connection did in the last minute: round trip, age of video and of LIDAR, as curves."""
+
+import time
+from collections import deque
+from typing import Any
+
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.live.state import LiveState
+from caris_desktop.ui import tokens
+from caris_desktop.ui.overlays import Overlay
+from caris_desktop.ui.theme import Theme
+
+SPAN_S = 60.0
+_SAMPLE_MS = 250
+_CURVES = (
+    ("round_trip", "To the robot and back", "blue", Qt.PenStyle.SolidLine),
+    ("video", "Age of the picture", "green", Qt.PenStyle.DashLine),
+    ("lidar", "Age of the LIDAR scan", "amber", Qt.PenStyle.DotLine),
+)
+
+
+class ConnectionHistory(QWidget):
+    """Samples of the last minute, taken four times a second: (monotonic seconds, milliseconds or nan)."""
+
+    def __init__(self, state: LiveState, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.hide()
+        self._state = state
+        length = round(SPAN_S * 1000 / _SAMPLE_MS)
+        self.times_s: deque[float] = deque(maxlen=length)
+        self.values_ms: dict[str, deque[float]] = {name: deque(maxlen=length) for name, *_ in _CURVES}
+        timer = QTimer(self, interval=_SAMPLE_MS)
+        timer.timeout.connect(self.sample)
+        timer.start()
+
+    def sample(self) -> None:
+        state = self._state
+        self.times_s.append(time.monotonic())
+        link = state.link.value
+        linked = link.state in ("connected", "trouble") and link.round_trip_ms is not None
+        self.values_ms["round_trip"].append(link.round_trip_ms if linked else float("nan"))
+        for name, stream in (("video", state.frame), ("lidar", state.scan)):
+            age_s = stream.age_s()
+            self.values_ms[name].append(float("nan") if age_s is None else age_s * 1000)
+
+
+class ConnectionCard(Overlay):
+    """The curves over the window. The plotting library is loaded when it is first opened."""
+
+    def __init__(self, theme: Theme, window: QWidget, state: LiveState) -> None:
+        super().__init__(theme, window, width_px=760)
+        self.setObjectName("connection_card")
+        self._history = ConnectionHistory(state, self)
+        self._plot: Any = None
+        self._curves: dict[str, Any] = {}
+        self._legend: dict[str, _LegendEntry] = {}
+        self._layout = QVBoxLayout(self.card)
+        self._layout.setContentsMargins(20, 16, 20, 16)
+        self._layout.setSpacing(10)
+        self._heading = QLabel("Connection in the last minute")
+        self._layout.addWidget(self._heading)
+        row = QHBoxLayout()
+        row.setSpacing(24)
+        for name, text, role, dash in _CURVES:
+            self._legend[name] = _LegendEntry(theme, text, role, dash)
+            row.addWidget(self._legend[name])
+        row.addStretch(1)
+        self._layout.addLayout(row)
+        self._refresh = QTimer(self, interval=_SAMPLE_MS)
+        self._refresh.timeout.connect(self.refresh)
+        theme.changed.connect(self._style)
+
+    @property
+    def history(self) -> ConnectionHistory:
+        return self._history
+
+    def open(self) -> None:
+        if self._plot is None:
+            self._build_plot()
+        self._style()
+        self.refresh()
+        self._refresh.start()
+        super().open()
+        self.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def close_overlay(self) -> None:
+        self._refresh.stop()
+        super().close_overlay()
+
+    def card_height_px(self) -> int:
+        return 380
+
+    def _build_plot(self) -> None:
+        import pyqtgraph
+
+        self._plot = pyqtgraph.PlotWidget()
+        self._plot.setObjectName("connection_plot")
+        self._plot.setMouseEnabled(x=False, y=False)
+        self._plot.setMenuEnabled(False)
+        self._plot.hideButtons()
+        self._plot.setXRange(-SPAN_S, 0, padding=0)
+        self._plot.setLabel("bottom", "seconds ago")
+        self._plot.setLabel("left", "milliseconds")
+        self._plot.showGrid(x=False, y=True, alpha=0.25)
+        for name, *_ in _CURVES:
+            self._curves[name] = self._plot.plot([], [], connect="finite")
+        self._layout.addWidget(self._plot, 1)
+
+    def _style(self) -> None:
+        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        if self._plot is None:
+            return
+        import pyqtgraph
+
+        self._plot.setBackground(self._theme.color("panel"))
+        for side in ("bottom", "left"):
+            axis = self._plot.getAxis(side)
+            axis.setPen(self._theme.color("line_strong"))
+            axis.setTextPen(self._theme.color("dim"))
+            axis.setStyle(tickFont=self._theme.font(tokens.STATUS_PX - 1))
+        for name, _, role, dash in _CURVES:
+            self._curves[name].setPen(pyqtgraph.mkPen(self._theme.color(role), width=2, style=dash))
+
+    def refresh(self) -> None:
+        """Draw what was sampled until now."""
+        if self._plot is None or not self._history.times_s:
+            return
+        now_s = self._history.times_s[-1]
+        ago = [moment - now_s for moment in self._history.times_s]
+        highest = 50.0
+        for name, *_ in _CURVES:
+            values = list(self._history.values_ms[name])
+            self._curves[name].setData(ago, values)
+            highest = max([highest, *(value for value in values if value == value)])  # noqa: PLR0124 (not a number)
+            self._legend[name].show_value(values[-1])
+        self._plot.setYRange(0, min(highest * 1.1, 3000.0), padding=0)
+
+
+class _LegendEntry(QWidget):
+    """Line sample, words, the newest value."""
+
+    def __init__(self, theme: Theme, text: str, role: str, dash: Qt.PenStyle) -> None:
+        super().__init__()
+        self._theme = theme
+        self._text = text
+        self._role = role
+        self._dash = dash
+        self._value = ""
+
+    def show_value(self, milliseconds: float) -> None:
+        self._value = "–" if milliseconds != milliseconds else f"{milliseconds:.0f} ms"  # noqa: PLR0124 (not a number)
+        self.setAccessibleName(f"{self._text} {self._value}")
+        self.updateGeometry()
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return QSize(34 + self.fontMetrics().horizontalAdvance(f"{self._text}  0000 ms"), 24)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setPen(QPen(self._theme.color(self._role), 2, self._dash))
+        painter.drawLine(0, self.height() // 2, 24, self.height() // 2)
+        painter.setPen(self._theme.color("text"))
+        rect = QRectF(34, 0, self.width() - 34, self.height())
+        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter), f"{self._text}  {self._value}")
