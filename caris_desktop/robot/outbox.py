@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections import deque
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -33,7 +34,6 @@ class Outbox:
         self._values: dict[str, deque[Any]] = {}
         self._gaps: dict[str, int] = {}
         self._closing = False
-        self._broken = False
         self._thread = threading.Thread(target=self._write, name="link-outbox", daemon=True)
         self._thread.start()
 
@@ -90,7 +90,7 @@ class Outbox:
 class ProblemReporter:
     """Turns a stream of equal mishaps into one Problem now and then, with their number."""
 
-    def __init__(self, put: Any, *, at_most_every_s: float = 10.0) -> None:
+    def __init__(self, put: Callable[[Problem], None], *, at_most_every_s: float = 10.0) -> None:
         self._put = put
         self._every_ns = int(at_most_every_s * 1e9)
         self._last_ns: dict[str, int] = {}

@@ -95,6 +95,8 @@ class LinkProcess:
         self.process.start()
         theirs.close()
         self.values: list[Any] = []
+        self.reading = threading.Event()
+        self.reading.set()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -139,6 +141,7 @@ class LinkProcess:
             half.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
+        self.reading.set()
         if self.process.is_alive():
             self.disappear()
             self.process.join(5)
@@ -149,6 +152,7 @@ class LinkProcess:
 
     def _read(self) -> None:
         while True:
+            self.reading.wait()
             try:
                 self.values.append(self._ours.recv())
             except (EOFError, OSError):

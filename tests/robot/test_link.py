@@ -103,6 +103,29 @@ def test_without_renewal_the_robot_is_stopped(bridge: BridgeDouble, link: LinkPr
     assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped answering for a moment"]
 
 
+def test_a_console_that_has_stopped_reading_cannot_keep_the_robot_moving(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    own_link.reading.clear()
+    scan = {
+        "angle_min": 0.0,
+        "angle_increment": 0.0001,
+        "range_min": 0.1,
+        "range_max": 10.0,
+        "ranges": [1.0] * 50_000,
+    }
+    # Far more than the pipe to the console holds.
+    for _ in range(12):
+        own_bridge.publish("/scan", scan)
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
+    wait_for(lambda: own_bridge.twists()[-1][1] == 0.0, "zero")
+    first_zero_s = next(at_s for at_s, forward, _ in own_bridge.twists() if not forward)
+    assert first_zero_s - moving(own_bridge)[-1][0] < 0.3
+    own_link.reading.set()
+    wait_for(lambda: len(own_link.of(CommandSent)) >= len(own_bridge.twists()), "every command is reported in the end")
+
+
 def test_the_death_of_the_console_stops_the_robot(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
     own_link.drive()
     own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
