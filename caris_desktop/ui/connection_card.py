@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui import tokens
@@ -63,7 +63,7 @@ class ConnectionCard(Overlay):
         self._heading = QLabel("Connection in the last minute")
         self._layout.addWidget(self._heading)
         row = QHBoxLayout()
-        row.setSpacing(24)
+        row.setSpacing(16)
         for name, text, role, dash in _CURVES:
             self._legend[name] = _LegendEntry(theme, text, role, dash)
             row.addWidget(self._legend[name])
@@ -144,6 +144,7 @@ class _LegendEntry(QWidget):
 
     def __init__(self, theme: Theme, text: str, role: str, dash: Qt.PenStyle) -> None:
         super().__init__()
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._text = text
         self._role = role
@@ -157,7 +158,7 @@ class _LegendEntry(QWidget):
         self.update()
 
     def sizeHint(self) -> QSize:
-        return QSize(34 + self.fontMetrics().horizontalAdvance(f"{self._text}  0000 ms"), 24)
+        return QSize(40 + self.fontMetrics().horizontalAdvance(f"{self._text}  0000 ms"), 24)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

@@ -237,6 +237,7 @@ class ShortcutSheet(Overlay):
         self.setObjectName("shortcut_sheet")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._body: QWidget | None = None
+        self._inner: QWidget | None = None
         self._layout = QVBoxLayout(self.card)
         self._layout.setContentsMargins(24, 20, 24, 20)
 
@@ -250,7 +251,7 @@ class ShortcutSheet(Overlay):
         self.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def card_height_px(self) -> int:
-        return 660
+        return 104 + (self._inner.sizeHint().height() if self._inner is not None else 0)
 
     def _build(self, specs: Sequence[ActionSpec]) -> QWidget:
         body = QWidget()
@@ -266,7 +267,7 @@ class ShortcutSheet(Overlay):
         groups: dict[str, list[ActionSpec]] = {}
         for spec in specs:
             groups.setdefault(spec.group, []).append(spec)
-        inner = QWidget()
+        inner = self._inner = QWidget()
         sides = QHBoxLayout(inner)
         sides.setContentsMargins(0, 0, 0, 0)
         sides.setSpacing(40)

@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel, scan_points_in_map
@@ -399,3 +399,20 @@ def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) ->
     assert isinstance(what, QLabel)
     assert what.text() == "The disk is full."
     assert panel.fact == ("not recording", "red")
+
+
+def test_a_large_map_is_drawn_in_pieces(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    console.state.goal.set(None)
+    cells = np.full((1500, 1500), -1, np.int8)
+    cells[700:1300, 200:1400] = 0
+    cells[700:1300, 200:260] = 100
+    grid = OccupancyGrid(clock.now_ns(), None, 0.02, Pose2D(-2.0, -12.0, 0.0), cells)
+    console.state.take(grid)
+    qtbot.waitUntil(lambda: panel.view._shown_grid is grid)
+    panel.view.fit()
+    image = panel.view.grab().toImage()
+    expected = {"map_wall": (2.6, 3.0), "map_free": (5.0, 12.5), "map_unknown": (1.0, 3.0)}
+    for role, (x_m, y_m) in expected.items():
+        assert image.pixelColor(panel.view.to_view(x_m, y_m).toPoint()) == window.theme.color(role)

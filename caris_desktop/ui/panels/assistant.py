@@ -80,7 +80,7 @@ class AssistantPanel(Panel):
         return QSize(420, 240)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(260, 120)
+        return QSize(260, 112)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

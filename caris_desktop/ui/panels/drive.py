@@ -92,7 +92,7 @@ class DrivePanel(Panel):
         return [self._stop]
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(250, 120)
+        return QSize(250, 104)
 
     def sizeHint(self) -> QSize:
         return QSize(340, 260)

@@ -31,6 +31,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 UNDER_WAY = ("requested", "active")
+CELLS_AT_ONCE = 400_000
 _MIN_SCALE, _MAX_SCALE = 4.0, 400.0  # pixels per metre
 
 
@@ -118,7 +119,7 @@ class MapPanel(Panel):
         return QSize(420, 300)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(240, 110)
+        return QSize(240, 96)
 
     def _go_to(self, place: str) -> None:
         self._popover.hide()
@@ -188,6 +189,8 @@ class MapView(QWidget):
         self._panel = panel
         self._places = places
         self._grid: OccupancyGrid | None = None
+        self._rendering: _GridRendering | None = None
+        self._shown_grid: OccupancyGrid | None = None
         self._grid_image: QImage | None = None
         self._grid_bounds = QRectF()
         self._pose: Pose2D | None = None
@@ -210,11 +213,8 @@ class MapView(QWidget):
         theme.changed.connect(self._on_theme_changed)
 
     def show_map(self, grid: OccupancyGrid | None) -> None:
-        first = self._grid is None
         self._grid = grid
         self._render_grid()
-        if grid is not None and (first or not self._fitted):
-            self.fit()
         self.update()
 
     def show_pose(self, pose: RobotPose | None) -> None:
@@ -285,32 +285,31 @@ class MapView(QWidget):
         self.update()
 
     def _render_grid(self) -> None:
-        grid = self._grid
-        if grid is None:
+        if self._grid is None:
+            self._rendering = None
             self._grid_image, self._grid_bounds = None, QRectF()
+        elif self._rendering is None or self._grid.cells.size <= CELLS_AT_ONCE:
+            self._rendering = _GridRendering(self._grid, self._theme)
+            self._render_more()
+        # Else a large map is on its way; the newest one is begun when that is done.
+
+    def _render_more(self) -> None:
+        rendering = self._rendering
+        if rendering is None:
             return
-        # int8 seen as uint8: -1 (unknown) is 255, 0..100 is how sure the map is of an obstacle.
-        cells = np.ascontiguousarray(grid.cells).view(np.uint8)
-        height, width = cells.shape
-        image = QImage(cells.data, width, height, width, QImage.Format.Format_Indexed8)
-        free, wall = self._theme.color("map_free"), self._theme.color("map_wall")
-        table = []
-        for value in range(256):
-            share = min(1.0, max(0.0, (value - 25) / 40))
-            mixed = [round(a + (b - a) * share) for a, b in zip(free.getRgb()[:3], wall.getRgb()[:3], strict=True)]  # type: ignore[index]
-            table.append(0xFF000000 | mixed[0] << 16 | mixed[1] << 8 | mixed[2] if value <= 100 else 0)
-        image.setColorTable(table)
-        self._grid_image = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
-        known = cells <= 100
-        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-        if rows.size == 0:
-            self._grid_bounds = QRectF()
+        rendering.render_band()
+        if not rendering.done:
+            QTimer.singleShot(0, self, self._render_more)
             return
-        corner = grid.origin_in_map
-        self._grid_bounds = QRectF(
-            corner.x_m + float(columns[0]) * grid.resolution_m, corner.y_m + float(rows[0]) * grid.resolution_m,
-            float(columns[-1] - columns[0] + 1) * grid.resolution_m, float(rows[-1] - rows[0] + 1) * grid.resolution_m,
-        )  # fmt: skip
+        self._rendering = None
+        first = self._grid_image is None
+        self._grid_image, self._grid_bounds = rendering.image, rendering.bounds_in_map()
+        self._shown_grid = rendering.grid
+        if first or not self._fitted:
+            self.fit()
+        self.update()
+        if self._grid is not None and self._grid is not rendering.grid:
+            self._render_grid()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -337,9 +336,9 @@ class MapView(QWidget):
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Waiting for the map")
 
     def _paint_grid(self, painter: QPainter) -> None:
-        if self._grid is None or self._grid_image is None:
+        grid = self._shown_grid
+        if grid is None or self._grid_image is None:
             return
-        grid = self._grid
         corner = grid.origin_in_map
         transform = QTransform()
         at = self.to_view(corner.x_m, corner.y_m)
@@ -468,7 +467,7 @@ class MapView(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        if self._grid is not None and not self.follow:
+        if self._grid_image is not None and not self.follow:
             self.fit()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
@@ -513,6 +512,63 @@ class MapView(QWidget):
 
     def _place_at(self, point: QPointF) -> str | None:
         return next((name for name, rect in self._place_rects.items() if rect.contains(point)), None)
+
+
+class _GridRendering:
+    """Turns a map into a picture, some rows at a time, so that a large one never holds up the keys."""
+
+    def __init__(self, grid: OccupancyGrid, theme: Theme) -> None:
+        self.grid = grid
+        # int8 seen as uint8: -1 (unknown) is 255, 0..100 is how sure the map is of an obstacle.
+        self._cells = np.ascontiguousarray(grid.cells).view(np.uint8)
+        height, width = self._cells.shape
+        self.image = QImage(width, height, QImage.Format.Format_ARGB32_Premultiplied)
+        self._rows_per_band = max(1, CELLS_AT_ONCE // max(1, width))
+        self._next_row = 0
+        self._known_rows: list[int] = []
+        self._known_columns = np.zeros(width, bool)
+        free, wall = theme.color("map_free"), theme.color("map_wall")
+        self._colors = []
+        for value in range(256):
+            share = min(1.0, max(0.0, (value - 25) / 40))
+            red, green, blue = (
+                round(one + (other - one) * share)
+                for one, other in (
+                    (free.red(), wall.red()), (free.green(), wall.green()), (free.blue(), wall.blue()),
+                )
+            )  # fmt: skip
+            self._colors.append(0xFF000000 | red << 16 | green << 8 | blue if value <= 100 else 0)
+
+    @property
+    def done(self) -> bool:
+        return self._next_row >= len(self._cells)
+
+    def render_band(self) -> None:
+        first = self._next_row
+        band = self._cells[first : first + self._rows_per_band]
+        rows, width = band.shape
+        picture = QImage(band.data, width, rows, width, QImage.Format.Format_Indexed8)
+        picture.setColorTable(self._colors)
+        painter = QPainter(self.image)
+        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
+        painter.drawImage(0, first, picture)
+        painter.end()
+        known = band <= 100
+        self._known_rows.extend((np.flatnonzero(known.any(axis=1)) + first)[[0, -1]] if known.any() else ())
+        self._known_columns |= known.any(axis=0)
+        self._next_row = first + rows
+
+    def bounds_in_map(self) -> QRectF:
+        """What the map knows of, in metres; empty for nothing."""
+        if not self._known_rows:
+            return QRectF()
+        columns, resolution_m = np.flatnonzero(self._known_columns), self.grid.resolution_m
+        corner = self.grid.origin_in_map
+        first_row, last_row = self._known_rows[0], self._known_rows[-1]
+        return QRectF(
+            corner.x_m + float(columns[0]) * resolution_m, corner.y_m + float(first_row) * resolution_m,
+            float(columns[-1] - columns[0] + 1) * resolution_m, float(last_row - first_row + 1) * resolution_m,
+        )  # fmt: skip
 
 
 def _pin(tip: QPointF) -> QPainterPath:

@@ -59,7 +59,7 @@ class PeoplePanel(Panel):
         return QSize(340, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(220, 64)
+        return QSize(220, 60)
 
     def row(self, person_id: str) -> "PersonRow | None":
         return self._rows.get(person_id)
