@@ -4,7 +4,9 @@ import asyncio
 import contextlib
 import io
 import logging
+import queue
 import shutil
+import threading
 import wave
 from collections import deque
 from collections.abc import Callable
@@ -75,28 +77,52 @@ def _from_wav(content: bytes) -> Spoken | None:
 
 
 class Loudspeaker:
-    """Plays through the default output where there is one. Looks for it once, at the first sentence."""
+    """Plays through the default output where there is one. In a thread of its own: sound servers may hang."""
 
     def __init__(self, *, muted: bool = False) -> None:
-        self._device: Any = None
-        self._looked = muted
+        self._orders: queue.SimpleQueue[Spoken | None] = queue.SimpleQueue()
+        self._muted = muted
+        self._thread: threading.Thread | None = None
 
     def play(self, spoken: Spoken) -> None:
-        """Start playing; returns at once. Slow the first time: call it off the event loop."""
-        if not self._looked:
-            self._looked = True
-            self._device = _find_device()
-        if self._device is not None and len(spoken.samples):
-            try:
-                self._device.play(spoken.samples, spoken.rate_hz)
-            except self._device.PortAudioError:
-                logger.exception("The sound device failed; the robot goes on without sound")
-                self._device = None
+        """Start playing; returns at once."""
+        if self._muted or not len(spoken.samples):
+            return
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._obey, name="loudspeaker", daemon=True)
+            self._thread.start()
+        self._order(spoken)
 
     def stop(self) -> None:
-        """Silence at once."""
-        if self._device is not None:
-            self._device.stop()
+        """Silence; returns at once."""
+        self._order(None)
+
+    def _order(self, order: Spoken | None) -> None:
+        # the thread ends when there is nothing to play on, and then nobody takes orders
+        if self._thread is not None and self._thread.is_alive():
+            self._orders.put(order)
+
+    def _obey(self) -> None:
+        device = _find_device()
+        while device is not None:
+            order = self._orders.get()
+            try:
+                if order is None:
+                    _silence(device)
+                else:
+                    device.play(order.samples, order.rate_hz)
+            except device.PortAudioError:
+                logger.exception("The sound device failed; the robot goes on without sound")
+                return
+
+
+def _silence(device: Any) -> None:
+    try:
+        # what the device has buffered already is not to be heard either
+        device.get_stream().abort()
+    except RuntimeError:
+        return  # nothing was played yet
+    device.stop()
 
 
 def _find_device() -> Any:
@@ -149,7 +175,7 @@ class Voice:
             self.speaking = text
             self._on_speaking(True)
             logger.info("Says (%.1f s): %s", spoken.duration_s, text)
-            await asyncio.to_thread(self._loudspeaker.play, spoken)
+            self._loudspeaker.play(spoken)
             await asyncio.sleep(spoken.duration_s)
         finally:
             self._loudspeaker.stop()

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -28,13 +29,24 @@ class SimulatedRobot:
         0 chooses a free one.
     arguments
         More command line arguments.
+    environment
+        Environment variables on top of the present ones.
     """
 
-    def __init__(self, *arguments: str, ros: int = 1, port: int = 0, seed: int = 1) -> None:
+    def __init__(
+        self,
+        *arguments: str,
+        ros: int = 1,
+        port: int = 0,
+        seed: int = 1,
+        muted: bool = True,
+        environment: dict[str, str] | None = None,
+    ) -> None:
         self.ros = ros
         command = [sys.executable, "-m", "caris_desktop.simulator", "--port", str(port), "--ros", str(ros)]
         self._process = subprocess.Popen(
-            [*command, "--seed", str(seed), "--mute", *arguments],
+            [*command, "--seed", str(seed), *(["--mute"] if muted else []), *arguments],
+            env={**os.environ, **(environment or {})},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,
