@@ -111,7 +111,7 @@ def test_it_drives_and_stops_by_itself(robot: SimulatedRobot, ros: roslibpy.Ros)
     wait_for(turn, "the robot turns", every_s=0.05)
     last_command_s = time.monotonic()
     wait_for(lambda: speed() == 0.0, "the robot stops by itself", every_s=0.005)
-    assert 0.4 < time.monotonic() - last_command_s < 1.5
+    assert 0.4 < time.monotonic() - last_command_s < 3.0
     odom_topic.unsubscribe()
 
 
@@ -122,7 +122,7 @@ def test_it_speaks_and_can_be_interrupted(robot: SimulatedRobot, ros: roslibpy.R
     roslibpy.Topic(ros, "/tts", types["text"]).publish({"data": "Hello, I am a robot with a very long sentence. " * 5})
     wait_for(lambda: speaking[-1]["data"], "it speaks")
     roslibpy.Topic(ros, "/tts/stop", types["empty"]).publish({})
-    wait_for(lambda: not speaking[-1]["data"], "it is silent", timeout_s=3.0)
+    wait_for(lambda: not speaking[-1]["data"], "it is silent")
     speaking_topic.unsubscribe()
 
 
