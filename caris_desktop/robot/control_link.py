@@ -129,6 +129,7 @@ class ControlLink:
                 self._lease.release(now_s)
             case commands.StopMotion():
                 self._lease.stop(now_s)
+                self._send_zero_first()
                 self._navigator.cancel_all("stopped by the wizard")
             case commands.SetEmergencyStop(latched=latched):
                 self._set_emergency_stop(latched)
@@ -214,6 +215,13 @@ class ControlLink:
         if due_s != float("inf"):
             self._timer = self._loop.call_at(due_s, self._move)
 
+    def _send_zero_first(self) -> None:
+        if self._connected:
+            self._move()
+        else:
+            # Nothing of now may go out after a reconnect.
+            self._lease.forget()
+
     def _send_twist(self, twist: Twist2D, source: CommandSource) -> None:
         velocity = self._profile.velocity
         if velocity.type == "TwistStamped":
@@ -237,8 +245,8 @@ class ControlLink:
         interface = self._profile.emergency_stop
         service = interface.service if interface else None
         if latched:
-            self._navigator.cancel_all("emergency stop")
             self._latch(wizard=True, by="wizard")
+            self._navigator.cancel_all("emergency stop")
             # Said again on every request: the wizard must see that it is set.
             if service and self._connected:
                 self._in_background(self._tell_emergency_stop(service, True))
@@ -277,7 +285,7 @@ class ControlLink:
         changed = latched != self._lease.latched
         if latched:
             self._lease.emergency(True, self._loop.time())
-            self._move()
+            self._send_zero_first()
         elif changed:
             self._lease.emergency(False, self._loop.time())
         if changed:
@@ -312,9 +320,9 @@ class ControlLink:
         latched = decode_bool(message)
         if latched == self._robot_latched:
             return
+        self._latch(robot=latched, by="robot")
         if latched:
             self._navigator.cancel_all("the robot's emergency stop")
-        self._latch(robot=latched, by="robot")
 
     # The connection
 

@@ -126,8 +126,8 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         if len(payload) > factory.sizes.message_bytes:
             factory.refuse(f"a message of {len(payload) / 2**20:.0f} MB, larger than is accepted")
             return
-        # JSON begins with a brace, a CBOR map never does; some servers send either in either kind of frame.
-        binary = payload[:1] not in (b"{", b" ", b"\n", b"\r", b"\t", b"[", b"")
+        # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
+        binary = payload[:1] >= b"\x80"
         try:
             operation = decode_cbor(payload) if binary else decode_json(str(payload, "utf-8"))
         except (ProtocolError, UnicodeDecodeError) as error:

@@ -224,8 +224,6 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
     bridge: BridgeDouble, link: LinkProcess
 ) -> None:
     wait_for(lambda: link.of(LaserScan), "scans")
-    link.drive()
-    link.hold(lambda: moving(bridge), "motion")
     for text in (
         "",
         "{",
@@ -249,9 +247,10 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
     bridge.tell(hex="00112233")
     bridge.tell(size=20_000_000)
     scans = len(link.of(LaserScan))
-    link.hold(lambda: len(link.of(LaserScan)) > scans + 8, "scans go on")
+    wait_for(lambda: len(link.of(LaserScan)) > scans + 8, "scans go on")
     assert link.states() == []
-    assert link.of(DriveEnded) == []
+    link.drive()
+    wait_for(lambda: moving(bridge), "it drives")
     problems = [problem for problem in link.of(Problem) if "cannot be used" in problem.what]
     assert len(problems) == 1
 
@@ -341,6 +340,21 @@ def test_the_emergency_stop_latches_and_clears_only_by_asking(bridge: BridgeDoub
     assert len(moving(bridge)) == count
     link.drive()
     wait_for(lambda: len(moving(bridge)) > count, "it drives again")
+
+
+def test_an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    own_bridge.kill()
+    own_link.wait_for_state("lost")
+    own_link.send(SetEmergencyStop(now_ns(), True))
+    wait_for(lambda: [p for p in own_link.of(Problem) if "did not reach the robot" in p.what], "a warning")
+    own_bridge.lines.clear()
+    own_bridge.start()
+    wait_for(lambda: [c for c in own_bridge.operations("call_service") if c.get("args") == {"data": True}], "the stop")
+    own_link.drive()
+    wait_for(lambda: own_link.of(DriveEnded), "the refusal")
+    assert moving(own_bridge) == []
 
 
 def test_the_robots_own_emergency_stop_ends_the_drive(bridge: BridgeDouble, link: LinkProcess) -> None:
