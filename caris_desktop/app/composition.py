@@ -27,9 +27,10 @@ from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
 from caris_desktop.robot.profile import ProfileError, load_profile
-from caris_desktop.scenario.file import ScenarioError, load_scenario
+from caris_desktop.scenario.file import ScenarioError, load_scenario, save_scenario
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.library import user_scenarios_dir
+from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.study.folder import StudyFolder, StudyFolderError, new_session_folder, open_study_folder
 from caris_desktop.study.trial import TrialDetails
 
@@ -48,6 +49,23 @@ def find_scenario(name_or_path: str) -> Scenario:
         return load_scenario(find_scenario_file(name_or_path))
     except ScenarioError as error:
         raise StartError(str(error)) from error
+
+
+def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
+    """Keep the wizard's panel arrangement: in the user's own copy of the scenario, never in a shipped file.
+
+    Raises IntentError.
+    """
+    name = scenario.path.name if scenario.path is not None else "scenario.yaml"
+    path = user_scenarios_dir() / name
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_scenario(replace(scenario, layout=layout), path)
+    except (OSError, ScenarioError) as error:
+        raise IntentError(
+            "The panel layout was not saved.", f"{path} cannot be written ({error}).", "It lasts until you close."
+        ) from error
+    return path
 
 
 def open_study(folder: Path | None) -> StudyFolder:

@@ -12,10 +12,11 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
-from caris_desktop.live.console import Console
+from caris_desktop.live.console import Console, IntentError
 from caris_desktop.live.logs import configure_logging
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.scenario.library import list_scenarios
+from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
@@ -44,7 +45,8 @@ class ConsoleRun:
         study = composition.open_study(arguments.study)
         self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
-        self.window = MainWindow(self.console, settings=self.settings, theme=theme)
+        self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=_scenario_choices)
+        self.window.layout_save_requested.connect(self._on_layout_save_requested)
         self.demo_robot: DemoRobot | None = None
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
@@ -77,6 +79,15 @@ class ConsoleRun:
         except composition.StartError as refusal:
             self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
 
+    def _on_layout_save_requested(self, layout: LayoutNode) -> None:
+        try:
+            path = composition.save_layout(self.console.scenario, layout)
+        except IntentError as error:
+            self.console.problem("error", error.what, error.meaning, error.advice)
+            return
+        self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
+        self.console.open_scenario(path)
+
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:
             self.settings.setValue("scenario", str(scenario.path))
@@ -102,6 +113,10 @@ def run(arguments: argparse.Namespace) -> int:
         return console_run.application.exec()
     finally:
         console_run.close()
+
+
+def _scenario_choices() -> list[ScenarioChoice]:
+    return [ScenarioChoice(entry.title, entry.path) for entry in list_scenarios()]
 
 
 def _let_python_run() -> None:

@@ -123,6 +123,7 @@ class Console(QObject):
         self._exports: list[Future[None]] = []
         self._shut_down = False
         self._recording_video = False
+        self._held_voice_problem: Problem | None = None
         self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
 
         self._media_ring = FrameRing.create()
@@ -278,8 +279,11 @@ class Console(QObject):
         else:
             self.publish(value, raw)
 
-    def _on_voice_message(self, value: Any, raw: bytes) -> None:  # reader threads
-        self._on_robot_message(value, raw)
+    def _on_voice_message(self, value: Any, raw: bytes) -> None:  # reader thread
+        if isinstance(value, Problem):
+            self._child_spoke.emit(value)
+        else:
+            self._on_robot_message(value, raw)
 
     def _on_recorder_message(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, RecorderReport):
@@ -331,13 +335,15 @@ class Console(QObject):
             self._speech.on_utterance(message)
         elif isinstance(message, RecorderReport):
             self._on_recorder_report(message)
+        elif isinstance(message, Problem):
+            self._on_voice_problem(message)
         elif isinstance(message, SpeechReady):
             status = self._state.speech.value
             self._state.speech.set(
                 replace(status, ready=True, detail="" if message.audible else "no sound device: nobody hears it")
             )
         elif isinstance(message, SpeechFailed):
-            self.publish(message.problem)
+            self._on_voice_problem(message.problem)
             self._speech.on_voice_lost("computer", message.problem.what)
         elif isinstance(message, EmbeddedReady):
             self._embedded_url = message.url
@@ -347,6 +353,13 @@ class Console(QObject):
             self._assistant.show_status(AssistantStatus(state="failed", detail=message.problem.what))
         else:
             _log.info("%r", message)
+
+    def _on_voice_problem(self, problem: Problem) -> None:
+        """What is wrong with this computer's voice matters once a scenario speaks with it."""
+        if self._scenario.voice == "computer":
+            self.publish(problem)
+        else:
+            self._held_voice_problem = problem
 
     def _on_perception_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)
@@ -594,6 +607,9 @@ class Console(QObject):
     def _apply_scenario(self) -> None:
         self._drive.use_scenario(self._scenario)
         self._speech.use_voice(self._scenario.voice)
+        if self._scenario.voice == "computer" and self._held_voice_problem is not None:
+            self.publish(replace(self._held_voice_problem, stamp_ns=clock.now_ns()))
+            self._held_voice_problem = None
         self.publish(self._scenario_event())
 
     def _scenario_event(self) -> ScenarioOpened:

@@ -41,12 +41,12 @@ class Driver(QObject):
 
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")
-        pad = self._run.window.findChild(QObject, "drive_pad")
+        window = self._run.window
         if word == "press":
-            pad.setFocus()
-            QTest.keyPress(pad, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
+            QTest.keyClick(window, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
+            QTest.keyPress(QApplication.focusWidget() or window, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
         elif word == "release":
-            QTest.keyRelease(pad, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
+            QTest.keyRelease(QApplication.focusWidget() or window, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
         elif word == "record":
             self._run.console.start_session(TrialDetails(participant="P1"))
         elif word == "end_recording":

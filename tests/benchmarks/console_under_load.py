@@ -9,8 +9,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QEventLoop, QSettings
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QEventLoop, QSettings, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
@@ -40,6 +41,17 @@ class ConsoleUnderLoad:
         if record:
             self.console.start_session(TrialDetails(participant="benchmark"))
             self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 20.0)
+
+    def focus_driving(self) -> QWidget:
+        """Go to driving as a wizard does, and give the widget that has the keys then."""
+        self.window.activateWindow()
+        self.wait_for(self.window.isActiveWindow, "active window", 10.0)
+        QTest.keyClick(self.window, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
+        self.wait_for(lambda: self.window.actions_table.driving_focus, "driving focus", 5.0)
+        focused = QApplication.focusWidget()
+        if focused is None:
+            sys.exit("nothing has the focus")
+        return focused
 
     @property
     def address(self) -> str:

@@ -40,9 +40,7 @@ def measure(presses: int) -> dict[str, object]:
         f"{FLOOR_TOPIC}=std_msgs/String",
     )
     floor = _start("tests.benchmarks.bare_qt_key_to_websocket", load.address)
-    pad = load.window.findChild(object, "drive_pad")
-    pad.setFocus()
-    load.wait_for(lambda: pad.hasFocus(), "driving focus", 5.0)
+    pad = load.focus_driving()
     pressed_ns: list[int] = []
     released_ns: list[int] = []
     # Left and right in turn, so that the robot stays where it is.

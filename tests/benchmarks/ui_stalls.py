@@ -54,8 +54,7 @@ def measure(seconds: float) -> dict[str, object]:
         text=True,
     )
     load.let_qt_run(1.0)
-    pad = load.window.findChild(object, "drive_pad")
-    pad.setFocus()
+    pad = load.focus_driving()
     meter = LatenessMeter()
     until_s = time.monotonic() + seconds
     number = 0
