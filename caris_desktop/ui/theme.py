@@ -13,8 +13,8 @@ ThemeChoice = Literal["system", "dark", "light"]
 CHOICES: tuple[ThemeChoice, ...] = ("system", "dark", "light")
 
 # Used only where the system has no font of its own to speak of, as a bare Debian with DejaVu alone.
-_GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu")
-_FALLBACK_FAMILIES = ("DejaVu Sans", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
+_GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu", "Liberation Sans", "DejaVu Sans")
+_FALLBACK_FAMILIES = ("DejaVu Sans", "DejaVu Serif", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
 
 
 def apply_theme(app: QApplication, choice: str = "system") -> "Theme":
@@ -42,6 +42,7 @@ class Theme(QObject):
         self.family = _pick_family()
         self.colors: Colors = DARK
         app.setStyle("Fusion")
+        self._system_scheme = QGuiApplication.styleHints().colorScheme()
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._on_system_scheme_changed)
         self._apply()
 
@@ -63,23 +64,23 @@ class Theme(QObject):
         font.setWeight(QFont.Weight(weight))
         return font
 
-    def _on_system_scheme_changed(self, _scheme: Qt.ColorScheme) -> None:
+    def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:
+        self._system_scheme = scheme
         if self._choice == "system":
             self._apply()
 
     def _apply(self) -> None:
-        self.colors = _colors_for(self._choice)
+        self.colors = colors_for(self._choice, self._system_scheme)
         self._app.setPalette(make_palette(self.colors))
         self._app.setFont(self.font())
         self._app.setStyleSheet(make_style_sheet(self.colors))
         self.changed.emit()
 
 
-def _colors_for(choice: ThemeChoice) -> Colors:
+def colors_for(choice: ThemeChoice, system_scheme: Qt.ColorScheme) -> Colors:
+    """The user's choice, else the system's; a system that does not say (a bare screen) reads as dark."""
     if choice == "system":
-        # An unknown scheme (a bare virtual screen) reads as dark, the theme of a dim lab.
-        scheme = QGuiApplication.styleHints().colorScheme()
-        return LIGHT if scheme == Qt.ColorScheme.Light else DARK
+        return LIGHT if system_scheme == Qt.ColorScheme.Light else DARK
     return DARK if choice == "dark" else LIGHT
 
 

@@ -4,12 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
-from PySide6.QtGui import QPalette
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
 import caris_desktop.ui
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.theme import as_choice
+from caris_desktop.ui.theme import Theme, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, TEXT_PAIRS, Colors, contrast
 from tests.ui.conftest import MemorySettings
 
@@ -53,3 +54,20 @@ def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettin
 def test_an_unknown_choice_follows_the_system() -> None:
     assert as_choice("purple") == "system"
     assert as_choice(None) == "system"
+
+
+def test_the_system_s_choice_is_followed_while_running(theme: Theme, qapp: QApplication) -> None:
+    hints = QGuiApplication.styleHints()
+    theme.set_choice("system")
+    for scheme, colors in ((Qt.ColorScheme.Light, LIGHT), (Qt.ColorScheme.Dark, DARK)):
+        hints.colorSchemeChanged.emit(scheme)
+        assert theme.colors is colors
+        assert qapp.palette().color(QPalette.ColorRole.Window).name() == colors.window
+    theme.set_choice("light")
+    hints.colorSchemeChanged.emit(Qt.ColorScheme.Dark)
+    assert theme.colors is LIGHT
+
+
+def test_a_system_that_does_not_say_reads_as_dark() -> None:
+    assert colors_for("system", Qt.ColorScheme.Unknown) is DARK
+    assert colors_for("light", Qt.ColorScheme.Dark) is LIGHT

@@ -332,6 +332,7 @@ class MapView(QWidget):
         painter.drawPath(path)
 
     def _paint_words(self, painter: QPainter) -> None:
+        painter.setFont(self._theme.font())
         painter.setPen(self._theme.color("dim"))
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Waiting for the map")
 
