@@ -19,6 +19,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.icons import icon
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panels.assistant import AssistantPanel
@@ -147,7 +148,10 @@ class MainWindow(QWidget):
         self.hold.escape_pressed.connect(self._sheet.close_overlay)
         self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.theme.changed.connect(self.update)
+        self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         console.state.event_happened.connect(self._on_event)
+        console.state.frame.freshness_changed.connect(self._on_video_freshness_changed)
+        self._on_video_freshness_changed(console.state.frame.freshness)
         app.focusChanged.connect(self._on_focus_changed)
         self.show_scenario(console.scenario)
         self._restore_place()
@@ -383,6 +387,9 @@ class MainWindow(QWidget):
     def _on_event(self, event: Any) -> None:
         if isinstance(event, Problem):
             self._problems.show_problem(event)
+
+    def _on_video_freshness_changed(self, freshness: str) -> None:
+        self.actions_table.set_condition("video", freshness == "fresh")
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
         for panel in self._panels.values():

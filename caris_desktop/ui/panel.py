@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.live.intents import WizardIntents
@@ -132,6 +132,10 @@ class PanelTitleBar(QWidget):
 
     def _on_active_changed(self, _active: bool) -> None:
         self.update()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._panel.focus_target().setFocus(Qt.FocusReason.MouseFocusReason)
+        event.ignore()  # the dock is dragged by this press
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

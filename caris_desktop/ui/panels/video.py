@@ -6,7 +6,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
@@ -101,6 +101,12 @@ class VideoPanel(Panel):
         if image_bgr is not None:
             self.view.show_frame(image_bgr, frame)
 
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        # Frames were not read while the panel was hidden; the last one that was must not pass for the present.
+        if self.state.frame.value is not None and self.state.frame.freshness == "fresh":
+            self._on_frame_changed(self.state.frame.value)
+
     def _on_people_changed(self, people: People) -> None:
         self.view.show_people(people)
 
@@ -150,7 +156,6 @@ class VideoPanel(Panel):
         linked = state.link.value.state in ("connected", "trouble")
         self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
         self.view.show_age(age_s)
-        self.table.set_condition("video", state.frame.freshness == "fresh")
 
 
 class FrameView(QWidget):
