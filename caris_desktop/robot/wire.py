@@ -75,6 +75,7 @@ class Wire(asyncio.Protocol):
         self._open = False
         self._over = False
         self._heard_s = self._loop.time()
+        self._began_s = self._heard_s
         self._silent = False
         self._pieces: list[bytes] = []
         self._pings: dict[bytes, float] = {}
@@ -125,6 +126,7 @@ class Wire(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.Transport, transport)
+        self._began_s = self._loop.time()
         raw = transport.get_extra_info("socket")
         if raw is not None:
             raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -167,6 +169,8 @@ class Wire(asyncio.Protocol):
             return
         self._open = True
         self._watched_s = self._next_ping_s = self._loop.time()
+        # The first answer over a slow network takes as long as the handshake did.
+        self._heard_s = 2.0 * self._watched_s - self._began_s
         self._watch = self._loop.call_later(self._watch_s, self._look_after)
         if not self.opened.done():
             self.opened.set_result(None)
