@@ -99,11 +99,9 @@ class StartDialog(QDialog):
         layout.addLayout(form)
         layout.addSpacing(4)
         layout.addLayout(buttons)
-        first_empty = next((name for name, _, _ in _FIELDS if not getattr(prefilled, name)), "participant")
-        self._fields[first_empty].setFocus(Qt.FocusReason.OtherFocusReason)
-        if prefilled.participant:
-            self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
-            self._fields["participant"].selectAll()
+        # What changes from session to session.
+        self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
+        self._fields["participant"].selectAll()
 
     def sizeHint(self) -> QSize:
         return QSize(540, 400)

@@ -5,6 +5,7 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import Marked
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import DriveStatus, RecordingStatus
 from caris_desktop.study.trial import TrialDetails
@@ -56,9 +57,11 @@ class TopBar(QWidget):
         self._record_menu = QMenu(self)
         self._record_menu.setObjectName("record_menu")
         self._record_menu.addAction("Stop recording").triggered.connect(console.stop_session)
-        mark = ActionButton(theme, "Mark", icon="bookmark-simple")
-        mark.setObjectName("mark_button")
-        mark.bind(actions, "mark")
+        self._mark = ActionButton(theme, "Mark", icon="bookmark-simple")
+        self._mark.setObjectName("mark_button")
+        self._mark.bind(actions, "mark")
+        self._unmark = QTimer(self, singleShot=True, interval=1500)
+        self._unmark.timeout.connect(self._on_mark_shown)
         error = ActionButton(theme, "Wizard error")
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
@@ -82,7 +85,7 @@ class TopBar(QWidget):
         row.addWidget(self.scenario_button)
         row.addWidget(self._trial)
         row.addWidget(self.record_button)
-        row.addWidget(mark)
+        row.addWidget(self._mark)
         row.addWidget(error)
         row.addWidget(self._find)
         row.addStretch(1)
@@ -90,6 +93,7 @@ class TopBar(QWidget):
         row.addWidget(self.emergency)
         console.state.recording.changed.connect(self._on_recording_changed)
         console.state.drive.changed.connect(self._on_drive_changed)
+        console.state.event_happened.connect(self._on_event)
         self._clock = QTimer(self, interval=500)
         self._clock.timeout.connect(self._refresh)
         self._clock.start()
@@ -131,6 +135,14 @@ class TopBar(QWidget):
             self.popup_below(self._record_menu, self.record_button)
         else:
             self.start_requested.emit()
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, Marked) and event.kind == "mark":
+            self._mark.set_label("Marked", icon="check")
+            self._unmark.start()
+
+    def _on_mark_shown(self) -> None:
+        self._mark.set_label("Mark", icon="bookmark-simple")
 
     def _on_recording_changed(self, _status: RecordingStatus) -> None:
         self._refresh()

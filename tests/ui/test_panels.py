@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LinkChanged, Marked, UtteranceChanged
+from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
@@ -431,3 +431,16 @@ def test_a_click_on_a_title_takes_the_focus_there(qtbot: QtBot, window: MainWind
     title = window.dock_host.docks["speak"].titleBarWidget()
     qtbot.mouseClick(title, Qt.MouseButton.LeftButton, pos=QPoint(40, 15))
     assert find(window, "speak_field").hasFocus()
+
+
+def test_the_picture_says_why_the_robot_does_not_drive(window: MainWindow, console: FakeConsole) -> None:
+    panel, _ = video(window)
+    assert panel._hints() == [("W A S D or arrows drive", "hint")]
+    find(window, "speak_field").setFocus()
+    assert panel._hints() == [("Alt+W A S D drives while you type", "hint")]
+    console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
+    assert panel._hints() == [("Slowed down: the picture is late", "warning")]
+    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
+    assert panel._hints() == [("Driving is off: The robot is out of reach", "warning")]
+    console.state.take(PhotoTaken(clock.now_ns(), "front", 1, "photos/1.png"))
+    assert panel._hints()[0] == ("Photo taken", "good")

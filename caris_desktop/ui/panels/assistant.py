@@ -38,6 +38,7 @@ class AssistantPanel(Panel):
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
+        self._answer.setPlaceholderText("The answer appears here. Nothing is said before you say so.")
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()

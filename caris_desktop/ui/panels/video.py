@@ -9,10 +9,10 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
-from caris_desktop.live.status import PersonStatus
+from caris_desktop.live.status import DriveStatus, PersonStatus
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
@@ -22,6 +22,9 @@ BOXES_FRAMES_APART = 12
 """Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
 
 CLOSE_M = 0.6
+_PHOTO_SHOWN_S = 2.5
+_CHIP_COLORS = {"hint": "box_unnamed", "warning": "box_warning", "good": "box_named"}
+_CHIP_ICONS = {"warning": "warning", "good": "check"}
 _AHEAD_RAD = math.radians(20.0)
 
 
@@ -54,7 +57,7 @@ class VideoPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("video_panel")
-        self.view = FrameView(self.theme, self.table, self)
+        self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -65,12 +68,16 @@ class VideoPanel(Panel):
             self._photo.setObjectName("photo_button")
             self._photo.bind(self.table, "photo")
         self._shown: list[float] = []
+        self._photo_until_s = 0.0
         self._latency_s = 0.0
         state = self.state
         state.frame.changed.connect(self._on_frame_changed)
         state.frame.freshness_changed.connect(self._on_freshness_changed)
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
+        state.drive.changed.connect(self._on_drive_changed)
+        state.event_happened.connect(self._on_event)
+        self.table.keys_changed.connect(self._refresh)
         self._facts = QTimer(self, interval=250)
         self._facts.timeout.connect(self._refresh)
         self._facts.start()
@@ -152,10 +159,38 @@ class VideoPanel(Panel):
                 chips.append((f"Obstacle {ahead_m:.1f} m ahead", "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
             chips.append(("LIDAR is silent", "warning"))
+        chips += self._hints()
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")
         self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
         self.view.show_age(age_s)
+
+    def _hints(self) -> list[tuple[str, str]]:
+        """How to drive now, or why not; and for a moment that a photo was taken."""
+        drive: DriveStatus = self.state.drive.value
+        hints: list[tuple[str, str]] = []
+        if time.monotonic() < self._photo_until_s:
+            hints.append(("Photo taken", "good"))
+        if self.table.spec("drive_forward") is None:
+            return hints
+        if drive.emergency_stop:
+            hints.append(("Emergency stop is on", "warning"))
+        elif not drive.allowed:
+            hints.append((f"Driving is off: {drive.reason}" if drive.reason else "Driving is off", "warning"))
+        elif drive.cap_reason:
+            hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
+        else:
+            free = self.table.driving_focus
+            hints.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
+        return hints
+
+    def _on_drive_changed(self, _drive: DriveStatus) -> None:
+        self._refresh()
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, PhotoTaken):
+            self._photo_until_s = time.monotonic() + _PHOTO_SHOWN_S
+            self._refresh()
 
 
 class FrameView(QWidget):
@@ -163,10 +198,9 @@ class FrameView(QWidget):
 
     clicked = Signal()
 
-    def __init__(self, theme: Theme, actions: Actions, panel: Panel) -> None:
+    def __init__(self, theme: Theme, panel: Panel) -> None:
         super().__init__(panel)
         self._theme = theme
-        self._actions = actions
         self._panel = panel
         self._image: QImage | None = None
         self._pixels: NDArray[np.uint8] | None = None
@@ -180,7 +214,6 @@ class FrameView(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName("Picture from the robot's camera")
         theme.changed.connect(self.update)
-        actions.keys_changed.connect(self.update)
 
     @property
     def frame(self) -> FrameRef | None:
@@ -331,16 +364,13 @@ class FrameView(QWidget):
 
     def _paint_chips(self, painter: QPainter) -> None:
         theme = self._theme
-        chips = list(self._chips)
-        if self._actions.spec("drive_forward") is not None:
-            free = self._actions.driving_focus
-            chips.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
+        chips = self._chips
         font = theme.font(tokens.BODY_PX)
         metrics = QFontMetricsF(font)
         painter.setFont(font)
         left, top = 12.0, self.height() - 46.0
         for text, role in chips:
-            width = metrics.horizontalAdvance(text) + 24 + (22 if role == "warning" else 0)
+            width = metrics.horizontalAdvance(text) + 24 + (22 if role in _CHIP_ICONS else 0)
             if left + width > self.width() - 8:
                 if left <= 12.0:
                     continue
@@ -354,11 +384,11 @@ class FrameView(QWidget):
             painter.setBrush(theme.color("video_chip"))
             painter.drawRoundedRect(rect.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
             text_rect = rect
-            if role == "warning":
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                draw_icon(painter, QRectF(left + 10, top + 8, 18, 18), "warning", theme.color("box_warning"))
+            color = theme.color(_CHIP_COLORS.get(role, "video_text"))
+            if role in _CHIP_ICONS:
+                draw_icon(painter, QRectF(left + 10, top + 8, 18, 18), _CHIP_ICONS[role], color)
                 text_rect = rect.adjusted(22, 0, 0, 0)
-            painter.setPen(theme.color({"hint": "box_unnamed", "warning": "box_warning"}.get(role, "video_text")))
+            painter.setPen(color)
             painter.drawText(text_rect, Qt.AlignmentFlag.AlignCenter, text)
             left += width + 8
 
