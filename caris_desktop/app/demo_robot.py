@@ -19,7 +19,7 @@ class DemoRobot(QObject):
         super().__init__(console)
         self._console = console
         self._camera = camera
-        command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0"]
+        command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin"]
         if seed is not None:
             command += ["--seed", str(seed)]
         self.process = SimulatedRobotProcess(command, on_ready=self._ready.emit, on_failed=self._failed.emit)

@@ -315,6 +315,9 @@ class Rehearsal(QObject):
     # Running
 
     def _step(self) -> None:
+        if QApplication.activeWindow() is None:
+            self._window.activateWindow()  # without a window manager nobody does it when a dialog closes
+            return
         try:
             if self._waiting is not None:
                 if not self._waiting.condition():

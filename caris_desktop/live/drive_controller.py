@@ -17,6 +17,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 
 RENEW_EVERY_MS = 50
+LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
 
 
@@ -31,6 +32,7 @@ class DriveController(QObject):
         self._source: CommandSource = "none"
         self._held = False
         self._sent_target = Twist2D()
+        self._renewed_ns = 0
         self._renewal = QTimer(self)
         self._renewal.setTimerType(Qt.TimerType.PreciseTimer)
         self._renewal.setInterval(RENEW_EVERY_MS)
@@ -144,20 +146,33 @@ class DriveController(QObject):
 
     def _send_target(self) -> None:
         target = self._target()
-        if self._robot.send(Drive(clock.now_ns(), target, self._source)):
-            self._sent_target = target
+        now_ns = clock.now_ns()
+        if self._robot.send(Drive(now_ns, target, self._source)):
+            self._sent_target, self._renewed_ns = target, now_ns
         else:
             self._held = False
             self._renewal.stop()
         self._show_target()
 
     def _resend(self) -> None:
-        if self._held and self._target() != self._sent_target:
+        if self._held and self._target() != self._sent_target and self._lease_is_alive():
             self._send_target()
 
     def _renew(self) -> None:
-        if not self._robot.send(RenewLease(clock.now_ns())):
+        if not self._lease_is_alive():
+            return
+        now_ns = clock.now_ns()
+        if self._robot.send(RenewLease(now_ns)):
+            self._renewed_ns = now_ns
+        else:
             self.release("The link does not take commands")
+
+    def _lease_is_alive(self) -> bool:
+        """After a stall the lease has lapsed at the link: only a new key press may drive again."""
+        if clock.now_ns() - self._renewed_ns <= LEASE_NS:
+            return True
+        self.release("The program stalled")
+        return False
 
     def _show_target(self) -> None:
         self._state.drive.set(

@@ -11,7 +11,10 @@ _READY = re.compile(r"ws://\S+")
 
 
 class SimulatedRobotProcess:
-    """``on_ready(address)`` and ``on_failed(text)`` are called in a thread of its own."""
+    """``on_ready(address)`` and ``on_failed(text)`` are called in a thread of its own.
+
+    The command must end when its standard input ends: that is how it learns that the console was killed.
+    """
 
     def __init__(
         self, command: Sequence[str], *, on_ready: Callable[[str], None], on_failed: Callable[[str], None]
@@ -28,7 +31,7 @@ class SimulatedRobotProcess:
 
     def start(self) -> None:
         self._process = subprocess.Popen(
-            self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, start_new_session=True
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         threading.Thread(target=self._watch, args=(self._process,), name="simulated-robot", daemon=True).start()
 

@@ -4,9 +4,12 @@ import argparse
 import asyncio
 import contextlib
 import logging
+import os
 import signal
 import sys
+import threading
 import time
+from collections.abc import Callable
 
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator.base import STEP_S
@@ -35,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay every message by this much"
     )
+    parser.add_argument(
+        "--end-with-stdin", action="store_true", help="end when standard input ends, as it does when its starter dies"
+    )
     parser.add_argument("--verbose", action="store_true", help="log what clients do")
 
 
@@ -58,6 +64,8 @@ async def _simulate(args: argparse.Namespace) -> int:
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
+    if args.end_with_stdin:
+        _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
     dialect = Dialect.ROS1 if args.ros == 1 else Dialect.ROS2
     robot = Robot(args.seed)
     server = BridgeServer()
@@ -89,6 +97,17 @@ async def _simulate(args: argparse.Namespace) -> int:
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
     await server.stop()
     return 0
+
+
+def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    def wait() -> None:
+        # Not sys.stdin: its lock must not be held by this thread when the interpreter shuts down.
+        while os.read(0, 4096):
+            pass
+        with contextlib.suppress(RuntimeError):  # the loop has ended already
+            loop.call_soon_threadsafe(callback)
+
+    threading.Thread(target=wait, name="stdin", daemon=True).start()
 
 
 async def _step_forever(robot: Robot, topics: RobotTopics, goals: MoveBaseTopics | NavigateToPoseAction) -> None:

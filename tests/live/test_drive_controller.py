@@ -150,6 +150,19 @@ def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
     assert state.drive.value.target_forward_mps == 0
 
 
+def test_after_a_stall_only_a_new_key_press_drives(
+    controller: DriveController, state: LiveState, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    late_ns = clock.now_ns() + 200_000_000
+    monkeypatch.setattr(clock, "now_ns", lambda: late_ns)
+    robot.sent.clear()
+    state.scan.clear()  # the first thing that happens after the stall asks for another speed
+    assert [type(command) for command in robot.sent] == [Release]
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert robot.of(Drive)
+
+
 def test_a_scenario_without_driving_has_no_way_to_drive(
     controller: DriveController, state: LiveState, robot: RecordingRobot
 ) -> None:

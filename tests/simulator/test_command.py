@@ -62,3 +62,18 @@ def test_started_with_latency_it_has_latency() -> None:
         client.wait_for_messages("/scan", 2)
         robot.fault("clear")
         client.wait_for_messages("/scan", len(client.messages("/scan")) + 3)
+
+
+def test_it_ends_when_its_starter_is_gone() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "caris_desktop.simulator", "--port", "0", "--mute", "--end-with-stdin"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline().startswith("Simulated robot ready")
+    assert process.poll() is None
+    process.stdin.close()
+    assert process.wait(20) == 0
+    process.stdout.close()

@@ -43,11 +43,20 @@ class SimulatedRobot:
         environment: dict[str, str] | None = None,
     ) -> None:
         self.ros = ros
-        command = [sys.executable, "-m", "caris_desktop.simulator", "--port", str(port), "--ros", str(ros)]
+        command = [
+            sys.executable,
+            "-m",
+            "caris_desktop.simulator",
+            "--port",
+            str(port),
+            "--ros",
+            str(ros),
+            "--end-with-stdin",
+        ]
         self._process = subprocess.Popen(
             [*command, "--seed", str(seed), *(["--mute"] if muted else []), *arguments],
             env={**os.environ, **(environment or {})},
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -72,8 +81,9 @@ class SimulatedRobot:
         """kill -9."""
         self._process.kill()
         self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
 
     def terminate(self) -> int:
         """Ask it to end, and return its exit status."""
