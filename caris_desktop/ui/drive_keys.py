@@ -17,8 +17,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain.events import CommandSource
+from caris_desktop.domain.events import CommandSource, DriveEnded
 from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.physical_keys import PhysicalKeys
 
@@ -81,6 +82,8 @@ class HoldToDrive(QObject):
         app.focusChanged.connect(self._on_focus_changed)
         app.applicationStateChanged.connect(self._on_application_state_changed)
         actions.rebuilt.connect(self._take_keys)
+        console.state.drive.changed.connect(self._on_drive_changed)
+        console.state.event_happened.connect(self._on_event)
         self._take_keys()
 
     def close(self) -> None:
@@ -100,7 +103,7 @@ class HoldToDrive(QObject):
 
     def hold_onscreen(self, action_id: str) -> None:
         """An on-screen arrow is pressed."""
-        if self._actions.spec(action_id) is not None and action_id not in self._onscreen:
+        if self._actions.spec(action_id) is not None and self._may_drive():
             self._onscreen.add(action_id)
             self._send("onscreen")
 
@@ -116,6 +119,11 @@ class HoldToDrive(QObject):
             self._onscreen.clear()
             self._console.release_drive(reason)
             self.held_changed.emit(self.held)
+
+    def _may_drive(self) -> bool:
+        # A key pressed in vain must not move the robot later, when driving is possible again.
+        drive: DriveStatus = self._console.state.drive.value
+        return drive.allowed and not drive.emergency_stop
 
     def _take_keys(self) -> None:
         self.release_all("The scenario was changed")
@@ -168,8 +176,9 @@ class HoldToDrive(QObject):
         event.accept()
         if event.type() == QEvent.Type.KeyPress and not repeated:
             self._owned[identity] = hold
-            self._active[identity] = hold
-            self._send("keyboard")
+            if self._may_drive():
+                self._active[identity] = hold
+                self._send("keyboard")
         return True
 
     def _hold_for(self, event: QKeyEvent) -> _Hold | None:
@@ -211,6 +220,17 @@ class HoldToDrive(QObject):
     def _forget_keys_that_went_up_elsewhere(self) -> None:
         still_down = self._keys.still_down(set(self._owned))
         self._owned = {identity: hold for identity, hold in self._owned.items() if identity in still_down}
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop or not drive.allowed:
+            self.release_all(drive.reason or "Driving is not possible now")
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, DriveEnded) and (self._active or self._onscreen):
+            # The link ended it: what is still down must not move the robot on the next change of keys.
+            self._active.clear()
+            self._onscreen.clear()
+            self.held_changed.emit(self.held)
 
     def _on_stop_key(self, key: Qt.Key) -> None:
         if self._active or self._onscreen:

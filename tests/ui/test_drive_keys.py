@@ -1,5 +1,7 @@
 """Hold-to-drive and the stop keys, with real key and mouse events."""
 
+import dataclasses
+
 import pytest
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
@@ -7,6 +9,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import DriveEnded
 from caris_desktop.ui.drive_keys import combine
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
@@ -234,6 +238,43 @@ def test_escape_stops_before_a_dialog_and_a_popup_see_it(
     QTest.keyClick(menu, Qt.Key.Key_Escape)
     assert [name for name, _ in console.calls] in (["stop", "stop"], ["stop", "emergency_stop"])
     assert not menu.isVisible()
+
+
+def test_what_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConsole) -> None:
+    QTest.keyPress(view, Qt.Key.Key_W)
+    console.state.take(DriveEnded(clock.now_ns(), "The console stopped answering for a moment"))
+    console.calls.clear()
+    QTest.keyPress(view, Qt.Key.Key_A)
+    QTest.keyRelease(view, Qt.Key.Key_A)
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    assert drives(console) == [(0, 1)]
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert drives(console)[-1] == (1, 0)
+
+
+def test_a_lost_link_ends_what_is_held(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    window.dock_host.show_panel("drive")
+    arrow = find(window, "hold_turn_left")
+    QTest.mousePress(arrow, Qt.MouseButton.LeftButton)
+    QTest.keyPress(view, Qt.Key.Key_W)
+    connected = console.state.drive.value
+    console.state.drive.set(dataclasses.replace(connected, allowed=False, reason="Not connected to the robot"))
+    assert console.calls[-1] == ("release_drive", "Not connected to the robot")
+    assert window.hold.held == frozenset()
+    console.state.drive.set(connected)
+    QTest.mouseRelease(arrow, Qt.MouseButton.LeftButton)
+    QTest.keyPress(view, Qt.Key.Key_D)
+    assert drives(console)[-1] == (0, -1)
+
+
+def test_a_key_pressed_in_vain_does_not_drive_later(view: QWidget, console: FakeConsole) -> None:
+    connected = console.state.drive.value
+    console.state.drive.set(dataclasses.replace(connected, allowed=False, reason="Not connected to the robot"))
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert drives(console) == []
+    console.state.drive.set(connected)
+    QTest.keyPress(view, Qt.Key.Key_A)
+    assert drives(console) == [(0, 1)]
 
 
 def test_holding_an_arrow_with_the_mouse_drives(window: MainWindow, console: FakeConsole) -> None:

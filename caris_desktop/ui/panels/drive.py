@@ -1,7 +1,7 @@
 """Drive: arrow pad, speed setting and what the robot is asked to do now."""
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QVBoxLayout, QWidget
 
 from caris_desktop.live.status import DriveStatus
@@ -211,6 +211,16 @@ class HoldArrow(QWidget):
 
     def _on_held_changed(self, _held: object) -> None:
         self.update()
+
+    def changeEvent(self, event: QEvent) -> None:
+        # A disabled widget is not told that the mouse button went up.
+        if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
+            self._hold.let_go_onscreen(self._action_id)
+        super().changeEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._hold.let_go_onscreen(self._action_id)
+        super().hideEvent(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton:

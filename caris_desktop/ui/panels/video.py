@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from caris_desktop.domain.events import PhotoTaken
+from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
 from caris_desktop.live.status import DriveStatus, PersonStatus
 from caris_desktop.ui import tokens, words
@@ -23,6 +23,7 @@ BOXES_FRAMES_APART = 12
 
 CLOSE_M = 0.6
 _PHOTO_SHOWN_S = 2.5
+_DRIVE_ENDED_SHOWN_S = 5.0
 _CHIP_COLORS = {"hint": "box_unnamed", "warning": "box_warning", "good": "box_named"}
 _CHIP_ICONS = {"warning": "warning", "good": "check"}
 _AHEAD_RAD = math.radians(20.0)
@@ -69,6 +70,7 @@ class VideoPanel(Panel):
             self._photo.bind(self.table, "photo")
         self._shown: list[float] = []
         self._photo_until_s = 0.0
+        self._ended = ("", 0.0)
         self._latency_s = 0.0
         state = self.state
         state.frame.changed.connect(self._on_frame_changed)
@@ -177,6 +179,8 @@ class VideoPanel(Panel):
             hints.append(("Emergency stop is on", "warning"))
         elif not drive.allowed:
             hints.append((f"Driving is off: {drive.reason}" if drive.reason else "Driving is off", "warning"))
+        elif time.monotonic() < self._ended[1] and not self.hold.held:
+            hints.append((f"Driving ended: {self._ended[0]}", "warning"))
         elif drive.cap_reason:
             hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
         else:
@@ -188,7 +192,10 @@ class VideoPanel(Panel):
         self._refresh()
 
     def _on_event(self, event: object) -> None:
-        if isinstance(event, PhotoTaken):
+        if isinstance(event, DriveEnded):
+            self._ended = (event.reason, time.monotonic() + _DRIVE_ENDED_SHOWN_S)
+            self._refresh()
+        elif isinstance(event, PhotoTaken):
             self._photo_until_s = time.monotonic() + _PHOTO_SHOWN_S
             self._refresh()
 
