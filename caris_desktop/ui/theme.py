@@ -123,8 +123,8 @@ QLineEdit, QPlainTextEdit, QComboBox {{
 }}
 QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {colors.blue}; padding: 4px 9px; }}
 QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: {colors.panel}; }}
-QLineEdit#speak_field {{ font-size: {tokens.SPEECH_PX}px; padding: 10px 12px; }}
-QLineEdit#speak_field:focus {{ padding: 9px 11px; }}
+QLineEdit#speak_field {{ font-size: {tokens.SPEECH_PX}px; padding: 5px 12px; }}
+QLineEdit#speak_field:focus {{ padding: 4px 11px; }}
 QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
 QPlainTextEdit#assistant_answer[readOnly="true"] {{
     background: transparent; border-color: transparent; padding: 2px 0;

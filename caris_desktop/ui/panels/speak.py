@@ -30,7 +30,8 @@ class SpeakPanel(Panel):
         self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30)
         self._silence.setObjectName("silence_button")
         self._silence.bind(self.table, "silence")
-        chips = FlowRow(gap_px=6)
+        self._row = FlowRow(gap_px=6)
+        self._chips: list[ActionButton] = []
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
             spec = self.table.spec(action_id)
             if spec is None:
@@ -39,7 +40,8 @@ class SpeakPanel(Panel):
             chip.setObjectName(action_id)
             chip.bind(self.table, action_id)
             chip.setToolTip(spec.text)
-            chips.add(chip)
+            self._row.add(chip)
+            self._chips.append(chip)
         self._queue = QLabel()
         self._queue.setTextFormat(Qt.TextFormat.PlainText)
         self._queue.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -65,7 +67,7 @@ class SpeakPanel(Panel):
         column = QVBoxLayout(body)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(10)
-        column.addWidget(chips)
+        column.addWidget(self._row)
         column.addWidget(self._queue)
         column.addWidget(self._hints)
         column.addStretch(1)
@@ -75,7 +77,7 @@ class SpeakPanel(Panel):
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 10, 14, 8)
+        layout.setContentsMargins(14, 10, 14, 6)
         layout.setSpacing(8)
         layout.addWidget(self.field)
         layout.addWidget(scroll, 1)
@@ -95,6 +97,15 @@ class SpeakPanel(Panel):
 
     def minimumSizeHint(self) -> QSize:
         return QSize(270, 130)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        # On a small screen a third row of phrases is worth more than air.
+        low = self.height() < 220
+        self.field.setMinimumHeight(42 if low else 48)
+        self._row.set_gap(5 if low else 6)
+        for chip in self._chips:
+            chip.set_size(height_px=28 if low else 32, text_px=tokens.BODY_PX - 1 if low else tokens.BODY_PX)
 
     def _style(self) -> None:
         for label in (self._queue, *self._hint_labels):

@@ -66,6 +66,12 @@ class ActionButton(QAbstractButton):
             self.updateGeometry()
             self.update()
 
+    def set_size(self, *, height_px: int, text_px: int) -> None:
+        if (height_px, text_px) != (self._height_px, self._text_px):
+            self._height_px, self._text_px = height_px, text_px
+            self.updateGeometry()
+            self.update()
+
     def set_label(
         self, text: str, *, icon: str | None = None, dot: str | None = None, look: Look | None = None
     ) -> None:

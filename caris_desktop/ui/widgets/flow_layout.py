@@ -17,6 +17,9 @@ class FlowRow(QWidget):
     def add(self, widget: QWidget) -> None:
         self._flow.addWidget(widget)
 
+    def set_gap(self, gap_px: int) -> None:
+        self._flow.set_gap(gap_px)
+
     # Without these Qt reserves the height for the narrowest width that is possible.
     def sizeHint(self) -> QSize:
         return self._flow.minimumSize()
@@ -36,6 +39,10 @@ class FlowLayout(QLayout):
         self._items: list[QLayoutItem] = []
         self._gap_px = gap_px
         self.setContentsMargins(QMargins(0, 0, 0, 0))
+
+    def set_gap(self, gap_px: int) -> None:
+        self._gap_px = gap_px
+        self.invalidate()
 
     def addItem(self, item: QLayoutItem) -> None:
         self._items.append(item)
