@@ -1,6 +1,7 @@
 """The console itself: from arguments to a running window and back."""
 
 import argparse
+import gc
 import logging
 import signal
 import sys
@@ -64,6 +65,9 @@ class ConsoleRun:
             self.demo_robot.stop()
 
     def _start_rest(self) -> None:
+        # What exists now stays for the whole run: a full collection need not walk it again, which stalls the GUI.
+        gc.collect()
+        gc.freeze()
         self.console.start()
         arguments = self._arguments
         if self._make_demo_robot is not None:

@@ -5,11 +5,10 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QEventLoop, QSettings, Qt
+from PySide6.QtCore import QEventLoop, QSettings, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
@@ -67,10 +66,12 @@ class ConsoleUnderLoad:
             self.let_qt_run(0.02)
 
     def let_qt_run(self, seconds: float) -> None:
-        """Run the event loop as the program would."""
-        until_s = time.monotonic() + seconds
-        while (left_s := until_s - time.monotonic()) > 0:
-            QApplication.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, max(1, int(left_s * 1000)))
+        """Run the event loop as the program would (``processEvents`` with a time limit would spin)."""
+        loop = QEventLoop()
+        timer = QTimer(singleShot=True, timerType=Qt.TimerType.PreciseTimer)
+        timer.timeout.connect(loop.quit)
+        timer.start(max(1, round(seconds * 1000)))
+        loop.exec()
 
     def load(self) -> dict[str, object]:
         """What was running, for the report."""
