@@ -31,8 +31,15 @@ from caris_desktop.scenario.file import ScenarioError, load_scenario, save_scena
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
-from caris_desktop.study.folder import StudyFolder, StudyFolderError, new_session_folder, open_study_folder
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.study.folder import (
+    StudyFolder,
+    StudyFolderError,
+    load_last_details,
+    new_session_folder,
+    open_study_folder,
+    save_last_details,
+)
+from caris_desktop.study.trial import TrialDetails, following
 
 
 class StartError(Exception):
@@ -91,6 +98,7 @@ def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, percept
         resolve_endpoint=_resolve_endpoint,
         build_prompt=_build_prompt,
         load_scenario=_load_scenario,
+        suggested_details=lambda: following(load_last_details(study)),
         new_session=functools.partial(_new_session, study),
         export_session=export_session,
     )
@@ -169,6 +177,8 @@ def _new_session(
 ) -> tuple[Path, SessionHeader]:
     try:
         folder = new_session_folder(study, details)
+        if details != TrialDetails():
+            save_last_details(study, details)
     except StudyFolderError as error:
         raise IntentError(error.what, error.meaning, error.advice) from error
     return folder, SessionHeader(

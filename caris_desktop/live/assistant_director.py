@@ -55,15 +55,17 @@ class AssistantDirector(QObject):
         self._stream_chat = stream_chat
         self._publish = publish
         self._endpoint: ModelEndpoint | None = None
+        self._shown_as = ""
         self._running: Future[None] | None = None
         self._last_answer: tuple[str, str] | None = None
         self._answer_grew.connect(self._on_answer_grew)
         self._exchange_ended.connect(self._on_exchange_ended)
 
-    def use_endpoint(self, endpoint: ModelEndpoint) -> None:
-        """From now on ask this model."""
+    def use_endpoint(self, endpoint: ModelEndpoint, *, shown_as: str) -> None:
+        """From now on ask this model; ``shown_as`` is its name for the wizard."""
         self._endpoint = endpoint
-        self._state.assistant.set(AssistantStatus(state="ready", model=endpoint.model))
+        self._shown_as = shown_as
+        self._state.assistant.set(AssistantStatus(state="ready", model=shown_as))
 
     def show_status(self, status: AssistantStatus) -> None:
         """No model (yet): ``status`` says why."""
@@ -79,9 +81,7 @@ class AssistantDirector(QObject):
             f"x-{secrets.token_hex(4)}", self._endpoint, tuple(messages), max_tokens, temperature, clock.now_ns()
         )
         self._state.assistant.set(
-            AssistantStatus(
-                state="answering", model=asked.endpoint.model, exchange_id=asked.exchange_id, question=question
-            )
+            AssistantStatus(state="answering", model=self._shown_as, exchange_id=asked.exchange_id, question=question)
         )
         self._running = self._asyncio.submit(self._exchange(asked))
         return True

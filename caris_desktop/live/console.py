@@ -64,6 +64,7 @@ from caris_desktop.study.trial import TrialDetails
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
 _UTTERANCES_KEPT = 200
+_EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,7 @@ class Parts:
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
     build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
     load_scenario: Callable[[Path], Scenario]
+    suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     export_session: Callable[[Path], Path]
 
@@ -504,6 +506,9 @@ class Console(QObject):
 
     # Session
 
+    def suggested_details(self) -> TrialDetails:
+        return self._parts.suggested_details()
+
     def start_session(self, details: TrialDetails) -> None:
         if self._state.recording.value.state in ("starting", "recording", "stopping"):
             return
@@ -620,7 +625,7 @@ class Console(QObject):
         if not self._scenario.permissions.assistant:
             self._assistant.show_status(AssistantStatus(state="off"))
         elif self._scenario.assistant.model == "embedded" and self._embedded_url is None:
-            self._assistant.show_status(AssistantStatus(state="starting", model="SmolLM2"))
+            self._assistant.show_status(AssistantStatus(state="starting", model=_EMBEDDED_MODEL_SHOWN))
             if self._parts.language_model_server.name not in self._children:
                 self._start_child(self._parts.language_model_server, self._on_robot_message)
         else:
@@ -629,9 +634,11 @@ class Console(QObject):
     def _use_language_model(self) -> None:
         if not self._scenario.permissions.assistant:
             return
+        model = self._scenario.assistant.model
         try:
+            endpoint = self._parts.resolve_endpoint(model, self._embedded_url)
             self._assistant.use_endpoint(
-                self._parts.resolve_endpoint(self._scenario.assistant.model, self._embedded_url)
+                endpoint, shown_as=_EMBEDDED_MODEL_SHOWN if model == "embedded" else endpoint.model
             )
         except LanguageModelError as error:
             self._assistant.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))

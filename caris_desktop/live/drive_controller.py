@@ -118,9 +118,9 @@ class DriveController(QObject):
             reason = "Not connected to the robot"
         cap_reason = ""
         if self._state.scan.freshness != "fresh":
-            cap_reason = "slow: no fresh LIDAR"
+            cap_reason = "no fresh LIDAR"
         elif self._state.frame.freshness != "fresh":
-            cap_reason = "slow: no fresh video"
+            cap_reason = "no fresh video"
         self._state.drive.set(
             replace(
                 status,

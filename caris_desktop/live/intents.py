@@ -68,9 +68,15 @@ class WizardIntents(Protocol):
 
     def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None: ...
 
+    def suggested_details(self) -> TrialDetails:
+        """What the start dialog begins with: the study's last answers, with the trial counted on."""
+
     def start_session(self, details: TrialDetails) -> None: ...
 
     def stop_session(self) -> None: ...
+
+    def export_session(self) -> None:
+        """Write the last session as tables beside its files; an info ``Problem`` says where."""
 
     def open_scenario(self, path: Path) -> bool:
         """Switch the scenario; the link and a running recording stay. False when the file was refused."""

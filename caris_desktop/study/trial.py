@@ -1,6 +1,6 @@
 """Who takes part in what: the details that head a session."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,3 +12,8 @@ class TrialDetails:
     condition: str = ""
     trial: str = ""
     wizard: str = ""
+
+
+def following(details: TrialDetails) -> TrialDetails:
+    """What to suggest for the next session: the same, with a plain trial number counted on."""
+    return replace(details, trial=str(int(details.trial) + 1)) if details.trial.isdecimal() else details

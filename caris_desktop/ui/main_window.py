@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
@@ -30,7 +30,7 @@ from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
-from caris_desktop.ui.start_dialog import Settings, StartDialog, store_details, stored_details
+from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
 from caris_desktop.ui.top_bar import EmergencyBand, TopBar, as_menu
@@ -79,6 +79,14 @@ def absent_panels(permissions: Permissions) -> frozenset[str]:
     return frozenset(absent)
 
 
+class Settings(Protocol):
+    """What the window needs of QSettings."""
+
+    def value(self, key: str, defaultValue: Any = None) -> Any: ...  # noqa: N803
+
+    def setValue(self, key: str, value: Any) -> None: ...
+
+
 class MainWindow(QWidget):
     """The wizard's window. Draws what ``console.state`` holds and turns input into intents.
 
@@ -87,7 +95,7 @@ class MainWindow(QWidget):
     console
         What the wizard can ask for; its ``state`` and ``scenario`` are read only.
     settings
-        Where the theme, the last trial details and the window's place are kept; nothing is kept without.
+        Where the theme and the window's place are kept; nothing is kept without.
     scenarios
         Gives the lines of the scenario menu each time it opens; by default the shipped files.
     """
@@ -266,14 +274,12 @@ class MainWindow(QWidget):
         if self._dialog is not None:
             self._dialog.raise_()
             return
-        self._dialog = StartDialog(self.theme, stored_details(self._settings), self)
+        self._dialog = StartDialog(self.theme, self._console.suggested_details(), self)
         self._dialog.begin.connect(self._on_begin)
         self._dialog.finished.connect(self._on_dialog_finished)
         self._dialog.open()
 
     def _on_begin(self, details: TrialDetails) -> None:
-        if details != TrialDetails():
-            store_details(self._settings, details)
         self._top_bar.show_details(details)
         self._console.start_session(details)
 

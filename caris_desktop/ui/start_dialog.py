@@ -1,7 +1,5 @@
 """The dialog before a recording: who takes part in what. All of it may be left empty."""
 
-from typing import Any, Protocol
-
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
@@ -17,30 +15,6 @@ _FIELDS = (
     ("trial", "Trial", "for example 2 of 4"),
     ("wizard", "Wizard", "your name or initials"),
 )
-
-
-class Settings(Protocol):
-    """What the window needs of QSettings."""
-
-    def value(self, key: str, defaultValue: Any = None) -> Any: ...  # noqa: N803
-
-    def setValue(self, key: str, value: Any) -> None: ...
-
-
-def stored_details(settings: Settings | None) -> TrialDetails:
-    """The details of the last session, with a trial number counted on."""
-    if settings is None:
-        return TrialDetails()
-    stored = {name: str(settings.value(f"trial/{name}", "") or "") for name, _, _ in _FIELDS}
-    if stored["trial"].isdigit():
-        stored["trial"] = str(int(stored["trial"]) + 1)
-    return TrialDetails(**stored)
-
-
-def store_details(settings: Settings | None, details: TrialDetails) -> None:
-    if settings is not None:
-        for name, _, _ in _FIELDS:
-            settings.setValue(f"trial/{name}", getattr(details, name))
 
 
 class StartDialog(QDialog):

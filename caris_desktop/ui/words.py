@@ -98,6 +98,8 @@ NameOf = Callable[[str], str]
 def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
     """Category and sentence for the log; None for what only the recording needs."""
     match event:
+        case events.LinkChanged(link="media", state=state):
+            return ("Problems", "Camera and map are out of reach") if state == "lost" else None
         case events.LinkChanged(state="connected"):
             return "Session", "The robot is connected"
         case events.LinkChanged(state="connecting"):

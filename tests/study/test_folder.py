@@ -18,7 +18,7 @@ from caris_desktop.study.folder import (
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.study.trial import TrialDetails, following
 
 NOW = datetime(2026, 11, 21, 10, 14, 2).astimezone()
 
@@ -90,3 +90,8 @@ def test_the_default_is_under_the_documents_where_there_are_any(
     monkeypatch.setattr(platformdirs, "user_data_dir", lambda *_args, **_kwargs: str(tmp_path / "data"))
     assert default_study_path() == tmp_path / "data" / "CARIS Desktop" / "default study"
     assert isinstance(StudyFolder(default_study_path()).sessions, Path)
+
+
+def test_the_next_trial_is_suggested_one_further() -> None:
+    assert following(TrialDetails(participant="P1", trial="3")) == TrialDetails(participant="P1", trial="4")
+    assert following(TrialDetails(trial="2 of 4")).trial == "2 of 4"

@@ -57,6 +57,7 @@ class FakeConsole:
         self.state = LiveState()
         self.scenario = scenario
         self.frames = FakeFrames()
+        self.suggested = TrialDetails()
         self.calls: list[tuple[str, Any]] = []
         self._others = other_scenarios or {}
 
@@ -132,8 +133,15 @@ class FakeConsole:
         self.calls.append(("mark", (label, kind)))
         self.state.take(Marked(clock.now_ns(), label, kind))
 
+    def suggested_details(self) -> TrialDetails:
+        return self.suggested
+
+    def export_session(self) -> None:
+        self.calls.append(("export_session", None))
+
     def start_session(self, details: TrialDetails) -> None:
         self.calls.append(("start_session", details))
+        self.suggested = details
         self.state.recording.set(
             RecordingStatus("recording", Path("/sessions/2026-11-21_14-02-11_P07"), clock.now_ns(), 0, 41_000_000_000)
         )

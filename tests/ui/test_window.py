@@ -87,8 +87,8 @@ def test_without_driving_there_is_no_way_to_drive(qtbot: QtBot, settings: Memory
     assert console.calls[-1] == ("stop", None)
 
 
-def test_the_start_dialog_asks_and_remembers(
-    qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
+def test_the_start_dialog_asks_and_is_prefilled_the_next_time(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.stop_session()
     console.calls.clear()
@@ -109,7 +109,7 @@ def test_the_start_dialog_asks_and_remembers(
     console.stop_session()
     click(qtbot, find(window, "record_button"))
     assert find(window, "start_participant").property("text") == "P07"
-    assert find(window, "start_trial").property("text") == "3"
+    assert find(window, "start_trial").property("text") == "2"
     find(window, "start_dialog").close()
 
 

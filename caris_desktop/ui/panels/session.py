@@ -63,6 +63,10 @@ class SessionPanel(Panel):
         self._folder = ActionButton(self.theme, "Open folder", icon="folder-open")
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
+        self._export = ActionButton(self.theme, "Export tables", icon="export")
+        self._export.setObjectName("session_export")
+        self._export.setToolTip("Write the session as CSV tables beside its files")
+        self._export.clicked.connect(self.console.export_session)
         self._filter = ActionButton(
             self.theme, "Everything", height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
         )
@@ -89,6 +93,7 @@ class SessionPanel(Panel):
         top.setSpacing(10)
         top.addWidget(self._toggle)
         top.addWidget(self._folder)
+        top.addWidget(self._export)
         top.addStretch(1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 12, 8, 8)
@@ -170,6 +175,7 @@ class SessionPanel(Panel):
         kept = "robot, speech and events" + (", video" if permissions.video_recording else "; no video")
         kept += ", photos" if permissions.photos else ", no photos"
         self._folder.setVisible(status.folder is not None)
+        self._export.setVisible(status.folder is not None and status.state in ("idle", "failed"))
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
         role = "dim"
         match status.state:
