@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import Gap, PhotoTaken, Problem, SessionEnded, SessionStarted, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef
@@ -340,19 +340,6 @@ class SessionRecorder:
         replace_file(
             self.folder / "session.json", text.encode("utf-8", "replace"), durable=True, on_full=self._make_room
         )
-
-
-def without_credentials(address: str) -> str:
-    """``address`` without user, password, query and fragment."""
-    try:
-        parts = urlsplit(address)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        return ""
-    if not (parts.scheme and host):
-        return address if "@" not in address and "?" not in address else ""
-    shown = f"[{host}]" if ":" in host else host
-    return f"{parts.scheme}://{shown}{f':{port}' if port else ''}{parts.path}"
 
 
 def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Literal, Protocol
 
 from caris_desktop.domain import commands
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
 from caris_desktop.robot.outbox import Outbox, ProblemReporter
@@ -88,7 +89,7 @@ class LinkReporter:
 
     def __init__(self, link: Literal["control", "media"], address: str, outbox: Outbox) -> None:
         self._link = link
-        self._address = address
+        self._address = without_credentials(address)
         self._put = outbox.put
         self.problems = ProblemReporter(outbox.put)
         self._told_unreachable = False

@@ -90,15 +90,18 @@ class Outbox:
 class ProblemReporter:
     """Turns a stream of equal mishaps into one Problem now and then, with their number."""
 
-    def __init__(self, put: Callable[[Problem], None], *, at_most_every_s: float = 10.0) -> None:
+    def __init__(
+        self, put: Callable[[Problem], None], *, at_most_every_s: float = 10.0, clock: Callable[[], int] = now_ns
+    ) -> None:
         self._put = put
+        self._now_ns = clock
         self._every_ns = int(at_most_every_s * 1e9)
         self._last_ns: dict[str, int] = {}
         self._count: dict[str, int] = {}
 
     def count(self, key: str, *, severity: Severity, what: str, meaning: str, advice: str) -> None:
         """Report the first of a kind at once and later ones summed up. ``{count}`` in ``what`` is their number."""
-        now = now_ns()
+        now = self._now_ns()
         self._count[key] = self._count.get(key, 0) + 1
         if key in self._last_ns and now - self._last_ns[key] < self._every_ns:
             return

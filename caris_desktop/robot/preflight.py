@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
@@ -157,6 +158,8 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
                 return [unreachable]
             return missing_from(profile, await take_inventory(ros))
     except (TimeoutError, ServiceCallError):
-        return [NO_ROSAPI] if probe.outcome.done() else [f"Nothing answers at {address} within {timeout_s:g} s."]
+        if probe.outcome.done():
+            return [NO_ROSAPI]
+        return [f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s."]
     finally:
         await ros.aclose(_GOODBYE_S)

@@ -12,6 +12,7 @@ from urllib.parse import parse_qs, urlsplit
 import jsonschema
 import yaml
 
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import resources_dir
 
@@ -226,7 +227,7 @@ def _profile_at_address(url: str) -> RobotProfile:
     address = parts._replace(query="", fragment="").geturl()
     # The fullest set of usual names; the link finds out which of them the robot really has.
     profile = load_profile("simulated" if ros == "1" else "simulated-ros2")
-    return replace(profile, name="address", address=address, title=f"Robot at {address}")
+    return replace(profile, name="address", address=address, title=f"Robot at {without_credentials(address)}")
 
 
 def _robots_dir() -> Path:

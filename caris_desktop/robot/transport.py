@@ -429,8 +429,9 @@ class SafeFactory:
             try:
                 wire = await open_wire(self.url, self, self._timings, largest_frame_bytes=self.sizes.frame_bytes)
             except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI) as error:
-                logger.debug("No connection to %s: %r", self.url, error)
-                self.run_safely(self._observer.link_unreachable, *explain_failure(error, self.url))
+                what, advice = explain_failure(error, self.url)
+                logger.debug("%s (%s)", what, type(error).__name__)
+                self.run_safely(self._observer.link_unreachable, what, advice)
                 await asyncio.sleep(delay_s)
                 delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
                 continue

@@ -21,6 +21,8 @@ from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.uri import parse_uri
 
+from caris_desktop.domain.address import without_credentials
+
 logger = logging.getLogger(__name__)
 
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
@@ -279,7 +281,8 @@ async def open_wire(url: str, owner: WireOwner, timings: Timings, *, largest_fra
 
 
 def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
-    """Why no connection came about, and what to do, for the wizard."""
+    """Why no connection came about, and what to do, for the wizard. No password of ``address`` is in it."""
+    address = without_credentials(address)
     name = urlsplit(address).hostname or address
     if isinstance(error, TimeoutError):
         return (
@@ -293,7 +296,9 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
             f"{name} is there, but no rosbridge listens at {address}.",
             "Start rosbridge on the robot (rosbridge_websocket), or correct the port.",
         )
-    if isinstance(error, (InvalidHandshake, InvalidURI, ConnectionError)):
+    if isinstance(error, InvalidURI):
+        return (f"{address} is not an address that can be used: {error.msg}.", "Correct the robot's address.")
+    if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             f"What answers at {address} is not a rosbridge server ({error}).",
             "Check the port; rosbridge uses 9090 unless set otherwise.",
