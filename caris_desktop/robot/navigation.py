@@ -26,6 +26,7 @@ from caris_desktop.ros.actions import (
     decode_move_base_result,
     decode_navigate_to_pose_feedback,
     decode_navigate_to_pose_result,
+    encode_cancel_every_goal,
     encode_goal_id,
     encode_move_base_goal,
     encode_navigate_to_pose_goal,
@@ -70,7 +71,7 @@ class GoalListener(Protocol):
 class GoalServer(Protocol):
     """How goals reach the robot. None of the calls waits, and none of them is kept for later."""
 
-    def send(self, goal_id: str, target_in_map: Pose2D, listener: GoalListener) -> str | None:
+    def send(self, goal_id: str, target_in_map: Pose2D) -> str | None:
         """Ask for a goal. Its name on the robot, or None when it could not be sent."""
 
     def cancel(self, wire_id: str) -> None:
@@ -100,7 +101,7 @@ class MoveBase:
         self._feedback.subscribe(self._take_feedback)
         self._result.subscribe(self._take_result)
 
-    def send(self, goal_id: str, target_in_map: Pose2D, listener: GoalListener) -> str | None:
+    def send(self, goal_id: str, target_in_map: Pose2D) -> str | None:
         wire_id = f"{goal_id}-{uuid4().hex[:8]}"
         # Stamp zero: the robot's clock may differ from ours, and actionlib drops goals that seem too old.
         goal = encode_move_base_goal(wire_id, target_in_map, stamp_ns=0)
@@ -132,24 +133,25 @@ class MoveBase:
 class NavigateToPose:
     """Nav2's action through rosbridge's send_action_goal."""
 
-    def __init__(self, ros: SafeRos, name: str) -> None:
+    def __init__(self, ros: SafeRos, name: str, listener: GoalListener) -> None:
         self._ros = ros
+        self._listener = listener
         self._name = name
         action_type = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
         self._client = roslibpy.ActionClient(ros, name, action_type)
 
-    def send(self, goal_id: str, target_in_map: Pose2D, listener: GoalListener) -> str | None:
+    def send(self, _: str, target_in_map: Pose2D) -> str | None:
         if not self._ros.is_connected:
             return None
         wire_ids: list[str] = []
 
         def feedback(values: Mapping[str, Any]) -> None:
-            listener.goal_feedback(wire_ids[0], decode_navigate_to_pose_feedback({"values": dict(values)}))
+            self._listener.goal_feedback(wire_ids[0], decode_navigate_to_pose_feedback({"values": dict(values)}))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
             operation = {"status": results["status"].value or None, "values": results["values"], "result": worked}
             result = decode_navigate_to_pose_result(operation)
-            listener.goal_ended(wire_ids[0], result.ending, result.detail)
+            self._listener.goal_ended(wire_ids[0], result.ending, result.detail)
 
         goal = encode_navigate_to_pose_goal(target_in_map, stamp_ns=0)
         wire_ids.append(
@@ -166,12 +168,10 @@ class NavigateToPose:
         self._client.cancel_goal(wire_id)
 
     def cancel_all(self) -> None:
-        # rosbridge cancels only what this very connection asked for. The action's own service knows every goal:
-        # a zero id with a zero stamp means all of them (action_msgs/srv/CancelGoal).
-        everything = {"goal_info": {"goal_id": {"uuid": [0] * 16}, "stamp": {"sec": 0, "nanosec": 0}}}
+        # rosbridge cancels only what this very connection asked for. The action's own service knows every goal.
         service = roslibpy.Service(self._ros, f"{self._name}/_action/cancel_goal", "action_msgs/srv/CancelGoal")
         service.call(
-            roslibpy.ServiceRequest(everything),
+            roslibpy.ServiceRequest(encode_cancel_every_goal()),
             lambda _: None,
             lambda reason: logger.info("The robot did not cancel all its goals: %s", reason),
         )
@@ -204,7 +204,7 @@ class Navigator:
         if server is not None and server.kind == "move_base":
             self._server = MoveBase(ros, server.name, self)
         elif server is not None:
-            self._server = NavigateToPose(ros, server.name)
+            self._server = NavigateToPose(ros, server.name, self)
 
     @property
     def under_way(self) -> bool:
@@ -223,7 +223,7 @@ class Navigator:
             self.refuse(goal_id, target_in_map, place, "the target is not a place in the map")
             return
         self._epoch = next(self._epochs)
-        wire_id = self._server.send(goal_id, target_in_map, self)
+        wire_id = self._server.send(goal_id, target_in_map)
         if wire_id is None:
             self.refuse(goal_id, target_in_map, place, "the robot is not connected")
             return

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros.dialect import Dialect, encode_time
+from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.fields import (
     Message,
     MessageError,
+    blob,
     count,
     encode_header,
     message_of,
@@ -28,6 +29,10 @@ PENDING, ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, PREEMPTING, RECALLING,
 ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING, ROS2_SUCCEEDED, ROS2_CANCELED, ROS2_ABORTED = range(1, 7)
 """action_msgs/GoalStatus."""
 
+CANCEL_ACCEPTED, CANCEL_REJECTED, CANCEL_UNKNOWN_GOAL = range(3)
+"""return_code of action_msgs/srv/CancelGoal."""
+
+_UUID_BYTES = 16
 _MAX_GOALS = 1_000
 _MAX_GOAL_ID_CHARS = 500
 _ENDINGS: dict[int, Ending] = {
@@ -151,6 +156,27 @@ def decode_goal_status_array(message: Any) -> tuple[GoalStatus, ...]:
 def encode_navigate_to_pose_goal(target_in_map: Pose2D, *, stamp_ns: int) -> Message:
     """The goal (``args`` of ``send_action_goal``) of nav2_msgs/action/NavigateToPose."""
     return {"pose": encode_pose_stamped(Dialect.ROS2, target_in_map, stamp_ns=stamp_ns), "behavior_tree": ""}
+
+
+def encode_cancel_every_goal() -> Message:
+    """The request of action_msgs/srv/CancelGoal for which a zero id with the zero time means every goal."""
+    stamp = encode_time(Dialect.ROS2, 0)
+    return {"goal_info": {"goal_id": {"uuid": [0] * _UUID_BYTES}, "stamp": stamp}}
+
+
+def means_every_goal(message: Any) -> bool:
+    """Whether a request of action_msgs/srv/CancelGoal is for every goal; ROS fills fields left out with zero."""
+    what = "CancelGoal.goal_info"
+    info = message_of(message_of(message, "CancelGoal").get("goal_info", {}), what)
+    goal_id = message_of(info.get("goal_id", {}), f"{what}.goal_id")
+    uuid = goal_id.get("uuid", [])
+    # A list, or what rosbridge makes of uint8[]: base64 text in JSON, a byte string in CBOR.
+    octets = uuid if isinstance(uuid, list) else blob(goal_id, "uuid", f"{what}.goal_id", most=_UUID_BYTES)
+    try:
+        stamp_ns = decode_time(info["stamp"]) if "stamp" in info else None
+    except ValueError as error:
+        raise MessageError(f"{what}.stamp: {error}") from error
+    return stamp_ns is None and not any(octets)
 
 
 def decode_navigate_to_pose_goal(message: Any) -> Pose2D:

@@ -6,11 +6,13 @@ CBOR arrays are RFC 8746 typed arrays and become numpy arrays, which costs no in
 import base64
 import json
 import math
+import secrets
 from collections.abc import Callable
 from typing import Any
 
 import cbor2
 import numpy as np
+from numpy.typing import NDArray
 
 MAX_MESSAGE_BYTES = 128 * 1024 * 1024
 MAX_DEPTH = 60
@@ -53,6 +55,11 @@ _TAG_OF_DTYPE = {
     "float32": 85,
     "float64": 86,
 }
+# Text of each int8, padded, in the order of the bytes 0 to 255: a map is written by looking its cells up.
+_INT8_TEXTS = np.frombuffer(
+    "".join(f"{number:4d}," for number in (*range(128), *range(-128, 0))).encode(), dtype=np.uint8
+).reshape(256, 5)
+_MANY_CELLS = 1_000
 # cbor2 would build dates, regular expressions, addresses, shared (cyclic) references ... from these
 _TAGS_NEVER_SENT = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 100, 256, 258, 260, 261, 1004, 43000, 55799)
 
@@ -80,10 +87,16 @@ def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, A
 
 def encode_json(operation: dict[str, Any]) -> str:
     """JSON text as rosbridge writes it: arrays as lists, ``inf`` and ``nan`` as null, bytes as base64."""
+    maps: list[str] = []
+    # Nobody who writes a text can guess it, so it stands for nothing else.
+    mark = f"cells {secrets.token_hex(8)} "
     try:
-        return json.dumps(_plain(operation), separators=(",", ":"), allow_nan=False)
+        text = json.dumps(_plain(operation, maps, mark), separators=(",", ":"), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise ProtocolError(f"the message cannot be written as JSON: {error}") from error
+    for index, cells in enumerate(maps):
+        text = text.replace(f'"{mark}{index}"', cells, 1)
+    return text
 
 
 def decode_cbor(content: bytes, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
@@ -246,14 +259,18 @@ def _encode_numpy(encoder: Any, value: Any) -> None:
         raise TypeError(f"{type(value).__name__} has no form in rosbridge")
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, maps: list[str], mark: str) -> Any:
+    """What json can write. Large int8 arrays go to ``maps`` as text, with ``mark`` and their number in their place."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _plain(item, maps, mark) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_plain(item, maps, mark) for item in value]
     if isinstance(value, np.ndarray):
+        if value.dtype == np.int8 and value.ndim == 1 and value.size >= _MANY_CELLS:
+            maps.append(_int8_list(value))
+            return f"{mark}{len(maps) - 1}"
         if value.dtype.kind == "f" and not np.isfinite(value).all():
-            return _plain(value.tolist())
+            return _plain(value.tolist(), maps, mark)
         return value.tolist()
     if isinstance(value, np.generic):
         value = value.item()
@@ -262,3 +279,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (bytes, bytearray)):
         return base64.b64encode(value).decode("ascii")
     return value
+
+
+def _int8_list(array: NDArray[np.int8]) -> str:
+    """A JSON list, in a quarter of the time that json itself takes."""
+    written = _INT8_TEXTS[array.view(np.uint8)].tobytes().translate(None, b" ")
+    return f"[{written[:-1].decode('ascii')}]"

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import actions, messages
 from caris_desktop.ros.actions import GoalStatus
-from caris_desktop.ros.dialect import Dialect, action_type_name, type_name
+from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
 from caris_desktop.ros.fields import MessageError, message_of
 from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded, Progress
 from caris_desktop.simulator.robot import Robot
-from caris_desktop.simulator.server import Action, BridgeServer, Message, Topic
+from caris_desktop.simulator.server import Action, BridgeServer, Message, Service, Topic
 
 logger = logging.getLogger(__name__)
 
@@ -118,6 +118,8 @@ class NavigateToPoseAction:
         self._steps = 0
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
         server.actions["/navigate_to_pose"] = Action(kind, self._start, self._cancel)
+        cancel_type = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
+        server.services["/navigate_to_pose/_action/cancel_goal"] = Service(cancel_type, self._cancel_service)
         pose_type = type_name(Dialect.ROS2, "geometry_msgs", "PoseStamped")
         server.topics["/goal_pose"] = Topic(pose_type, on_message=self._on_goal_pose)
 
@@ -155,6 +157,13 @@ class NavigateToPoseAction:
     def _cancel(self, goal_id: str) -> None:
         if goal_id == self._robot.goal_id:
             self._robot.cancel_goal()
+
+    def _cancel_service(self, arguments: Message) -> Message:
+        """action_msgs/CancelGoal, for every goal: who asks through rosbridge never learns the uuid of one."""
+        if not actions.means_every_goal(arguments):
+            return {"return_code": actions.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}
+        self._robot.cancel_goal()
+        return {"return_code": actions.CANCEL_ACCEPTED, "goals_canceling": []}
 
     def _on_goal_pose(self, message: Message) -> None:
         target = messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map

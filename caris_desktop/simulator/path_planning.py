@@ -41,7 +41,7 @@ def plan(
     if goal_cell is None or start_cell is None:
         return None
     cost = np.where(free, 1.0 + 2.0 * np.clip(_COMFORT_M - clearance, 0.0, _COMFORT_M), _WALL_COST)
-    field = _cost_to_go(cost, goal_cell, start_cell)
+    field = _cost_to_go(cost, goal_cell)
     if field[start_cell] >= _WALL_COST:
         return None
     cells = _downhill(field, start_cell, goal_cell)
@@ -120,7 +120,7 @@ def _nearest_free(point: Point, free: NDArray[np.bool_], within_m: float) -> tup
     return (int(rows[nearest]), int(columns[nearest])) if distance[nearest] <= within_m else None
 
 
-def _cost_to_go(cost: NDArray[np.float64], goal: tuple[int, int], start: tuple[int, int]) -> NDArray[np.float64]:
+def _cost_to_go(cost: NDArray[np.float64], goal: tuple[int, int]) -> NDArray[np.float64]:
     """Least cost from each cell to the goal, by sweeping whole rows and columns until nothing improves.
 
     A sweep in one direction is a running minimum over ``field - walked``, where ``walked`` is the summed cost along

@@ -46,7 +46,6 @@ class RobotTopics:
         self._steps = 0
         self._twists_received = 0
         self._last_twist_s: float | None = None
-        self._speech_topic_stops = 0
         self.voice = Voice(self._on_speaking, muted=muted)
         self.faults = faults
         server.latency_s = faults.latency_s

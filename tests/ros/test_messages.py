@@ -197,6 +197,19 @@ def test_a_goal_of_ros2(wire: Wire) -> None:
     assert (feedback.goal_id, feedback.distance_left_m) == ("g", 2.5)
 
 
+@both_wires
+def test_only_a_zero_id_with_the_zero_time_cancels_every_goal(wire: Wire) -> None:
+    assert actions.means_every_goal(wire(actions.encode_cancel_every_goal()))
+    assert actions.means_every_goal(wire({}))
+    assert actions.means_every_goal(wire({"goal_info": {"goal_id": {"uuid": bytes(16)}}}))
+    for info in (
+        {"goal_id": {"uuid": [200, *range(15)]}},
+        {"goal_id": {"uuid": bytes(range(16))}},
+        {"stamp": {"sec": 3, "nanosec": 0}},
+    ):
+        assert not actions.means_every_goal(wire({"goal_info": info}))
+
+
 @pytest.mark.parametrize(
     ("operation", "ending"),
     [
@@ -274,6 +287,7 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
             ),
         },
     ),
+    "cancel2": (actions.means_every_goal, actions.encode_cancel_every_goal()),
     "result2": (actions.decode_navigate_to_pose_result, {"id": "g", "status": 4, "values": {}, "result": True}),
 }
 

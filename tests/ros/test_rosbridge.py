@@ -1,6 +1,7 @@
 """Whole operations in both forms, fragments, and bytes from strangers."""
 
 import contextlib
+import json
 import math
 from typing import Any
 
@@ -29,6 +30,13 @@ def test_json_is_written_as_rosbridge_writes_it() -> None:
         "msg": {"a": np.array([1.5, math.inf, math.nan], dtype=np.float32), "b": b"\x01\x02", "c": math.nan},
     }
     assert encode_json(operation) == '{"op":"publish","msg":{"a":[1.5,null,null],"b":"AQI=","c":null}}'
+
+
+def test_a_large_map_is_written_cell_by_cell_as_json_writes_it() -> None:
+    cells = np.arange(-128, 128, dtype=np.int8).repeat(20)
+    text = encode_json({"op": "publish", "msg": {"data": cells, "other": cells[::-1], "info": "x"}})
+    plain = {"op": "publish", "msg": {"data": cells.tolist(), "other": cells[::-1].tolist(), "info": "x"}}
+    assert text == json.dumps(plain, separators=(",", ":"))
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -173,6 +173,17 @@ def test_goals_of_ros2_are_reached_and_cancelled(robot: SimulatedRobot, ros: ros
     assert failures == []
     wait_for(lambda: robot.state()["speed_mps"] == 0.0, "it stands")
 
+    again = send(FAR_AWAY)
+    wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it is on its way again")
+    cancel = roslibpy.Service(ros, "/navigate_to_pose/_action/cancel_goal", "action_msgs/srv/CancelGoal")
+    somebody_elses = {"goal_info": {"goal_id": {"uuid": [*range(16)]}, "stamp": {"sec": 0, "nanosec": 0}}}
+    assert cancel.call(somebody_elses, timeout=10)["return_code"] == 2
+    assert robot.state()["goal_id"]
+    # A zero id with the zero time means every goal, and ROS fills what is left out with zero.
+    assert cancel.call({}, timeout=10)["return_code"] == 0
+    client.wait_goal(again, 5)
+    assert results[-1]["status"] == roslibpy.GoalStatus.CANCELED
+
 
 def test_a_service_that_fails_says_why(ros: roslibpy.Ros) -> None:
     with pytest.raises(Exception, match="is no fault; known are"):
