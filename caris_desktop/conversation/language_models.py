@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 from urllib.parse import urlsplit
 
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.failure import ToldFailure
 
 if TYPE_CHECKING:
     import httpx
@@ -31,14 +32,8 @@ _MAX_ERROR_BODY_BYTES = 65_536
 _KEYRING_TIMEOUT_S = 5.0
 
 
-class LanguageModelError(Exception):
-    """A language model did not answer, told as the wizard needs it: what, what it means, what to do."""
-
-    def __init__(self, what: str, meaning: str, advice: str) -> None:
-        super().__init__(f"{what} {meaning} {advice}")
-        self.what = what
-        self.meaning = meaning
-        self.advice = advice
+class LanguageModelError(ToldFailure):
+    """A language model did not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +288,7 @@ async def _documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asy
 async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
     """Lines without their ends; unlike httpx's own, bounded in length."""
     pending = bytearray()
-    async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]
+    async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
         async for block in blocks:
             *whole, rest = block.split(b"\n")
             for part in whole:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import platformdirs
 
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
@@ -22,14 +23,8 @@ _MAX_DETAILS_BYTES = 64 * 1024
 _MAX_DETAIL_CHARACTERS = 200
 
 
-class StudyFolderError(Exception):
-    """The study folder cannot be used: what happened, what it means for the session, what to do."""
-
-    def __init__(self, what: str, meaning: str, advice: str) -> None:
-        super().__init__(f"{what} {meaning} {advice}")
-        self.what = what
-        self.meaning = meaning
-        self.advice = advice
+class StudyFolderError(ToldFailure):
+    """The study folder cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)

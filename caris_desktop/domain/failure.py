@@ -1,0 +1,11 @@
+"""Failures that are told to the wizard."""
+
+
+class ToldFailure(Exception):  # noqa: N818 - its kinds end in Error
+    """Something failed, told as the wizard needs it: what happened, what it means for the session, what to do."""
+
+    def __init__(self, what: str, meaning: str, advice: str) -> None:
+        super().__init__(f"{what} {meaning} {advice}")
+        self.what = what
+        self.meaning = meaning
+        self.advice = advice
