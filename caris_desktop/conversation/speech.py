@@ -11,7 +11,7 @@ import tempfile
 import threading
 import unicodedata
 from collections import deque
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -32,16 +32,26 @@ _log = logging.getLogger(__name__)
 MAX_UTTERANCE_CHARACTERS = 1000
 UNHEARD = "not heard: this computer has no sound output"
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
-_START_S = 15.0
-_LOOK_S = 3.0
-_OPEN_S = 3.0
-_HEARTBEAT_S = 3.0
-_SILENCE_S = 0.3
+_RENDER_S_PER_CHARACTER = 0.02
 
 _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "playing", "silencing", "pacing"]
 
 
-def run_speech(connection: Connection, settings: SpeechSettings) -> None:
+@dataclass(frozen=True, slots=True)
+class SpeechDeadlines:
+    """How long the voice may take for each step before it counts as hung. ``render_s`` grows with the text."""
+
+    start_s: float = 15.0
+    look_s: float = 3.0
+    render_s: float = 3.0
+    open_s: float = 3.0
+    heartbeat_s: float = 3.0
+    silence_s: float = 0.3
+
+
+def run_speech(
+    connection: Connection, settings: SpeechSettings, deadlines: SpeechDeadlines = SpeechDeadlines()
+) -> None:
     """Process body: speak what is asked until the connection ends.
 
     Receives Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it changes), SpeechFailed, Problem,
@@ -49,7 +59,7 @@ def run_speech(connection: Connection, settings: SpeechSettings) -> None:
     """
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
-    desk = _SpeechDesk(connection, settings, inbox)
+    desk = _SpeechDesk(connection, settings, deadlines, inbox)
     try:
         desk.run()
     except (BrokenPipeError, ConnectionResetError):
@@ -144,10 +154,15 @@ class _SpeechDesk:
     """One utterance at a time through an engine that is never trusted to answer: every phase has a deadline."""
 
     def __init__(
-        self, connection: Connection, settings: SpeechSettings, inbox: "queue.SimpleQueue[tuple[int, Any]]"
+        self,
+        connection: Connection,
+        settings: SpeechSettings,
+        deadlines: SpeechDeadlines,
+        inbox: "queue.SimpleQueue[tuple[int, Any]]",
     ) -> None:
         self._connection = connection
         self._settings = settings
+        self._deadlines = deadlines
         self._inbox = inbox
         self._engine: VoiceEngine | None = None
         self._engines = _CONSOLE
@@ -222,12 +237,12 @@ class _SpeechDesk:
             self._end("interrupted", clock.now_ns())
         elif self._phase != "silencing" and self._engine is not None:
             self._engine.send({"do": "silence"})
-            self._enter("silencing", _SILENCE_S)
+            self._enter("silencing", self._deadlines.silence_s)
 
     def _start_engine(self, *, look: bool = True) -> None:
         self._engines += 1
         self._engine = VoiceEngine(self._settings, self._inbox, number=self._engines, look=look)
-        self._enter("starting", _START_S)
+        self._enter("starting", self._deadlines.start_s)
 
     def _begin(self) -> None:
         if self._engine is None:
@@ -238,7 +253,7 @@ class _SpeechDesk:
         self._started = False
         self._duration_s = self._played_s = 0.0
         self._engine.send({"do": "say", "text": self._now.text})
-        self._enter("rendering", 3.0 + 0.02 * len(self._now.text))
+        self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(self._now.text))
 
     def _on_engine(self, event: dict[str, Any] | None) -> None:
         match event:
@@ -249,7 +264,7 @@ class _SpeechDesk:
             case {"event": "ready", "voice": str(voice)}:
                 self._voice = voice
                 if self._audible is None:
-                    self._enter("looking", _LOOK_S)
+                    self._enter("looking", self._deadlines.look_s)
                 else:
                     self._enter("idle", None)
             case {"event": "device", "audible": bool(audible), "detail": str(detail)}:
@@ -261,15 +276,15 @@ class _SpeechDesk:
             case {"event": "rendered", "duration_s": float(duration_s)}:
                 self._duration_s = duration_s
                 if self._phase == "rendering":
-                    self._enter("opening", _OPEN_S)
+                    self._enter("opening", self._deadlines.open_s)
             case {"event": "started", "at_ns": int(at_ns)}:
                 self._report_started(at_ns)
                 if self._phase == "opening":
-                    self._enter("playing", _HEARTBEAT_S)
+                    self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "playing", "played_s": float(played_s)}:
                 self._played_s = played_s
                 if self._phase == "playing":
-                    self._enter("playing", _HEARTBEAT_S)
+                    self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "inaudible", "played_s": float(played_s)}:
                 self._played_s = played_s
                 self._pace()

@@ -47,7 +47,3 @@ class SpeechFailed:
     """No speech can be made; each further Speak tries again."""
 
     problem: Problem
-
-
-SpeechCommand = Speak | SilenceSpeech | CloseSpeech
-"""Messages to the process. It answers with SpeechReady, SpeechFailed, UtteranceChanged and Problem."""

@@ -224,7 +224,6 @@ class _Engine:
         self._commands: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._silenced = threading.Event()
         self._woken = threading.Event()
-        self._asked = 0
 
     def run(self, settings: dict[str, Any], folder: Path) -> None:
         threading.Thread(target=self._read, args=(folder,), name="commands", daemon=True).start()

@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from caris_desktop.conversation.preflight import probe_sound
-from caris_desktop.conversation.speech import MAX_UTTERANCE_CHARACTERS, run_speech, speakable
+from caris_desktop.conversation.speech import MAX_UTTERANCE_CHARACTERS, SpeechDeadlines, run_speech, speakable
 from caris_desktop.conversation.speech_messages import (
     CloseSpeech,
     SilenceSpeech,
@@ -40,16 +40,17 @@ NOWHERE = "unix:/nonexistent/no-sound-server"
 class Speech:
     """The speech process as the console sees it."""
 
-    def __init__(self, settings: SpeechSettings) -> None:
+    def __init__(self, deadlines: SpeechDeadlines) -> None:
         self._connection, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, settings), daemon=True)
+        settings = SpeechSettings(rate_wpm=300)
+        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, settings, deadlines), daemon=True)
         self.process.start()
         theirs.close()
         self.heard: list[Any] = []
 
     @property
     def connection(self) -> Connection:
-        return self._connection  # type: ignore[return-value]
+        return self._connection
 
     def say(self, utterance_id: str, text: str = SENTENCE) -> None:
         self._connection.send(Speak(utterance_id, text, "typed"))
@@ -108,9 +109,9 @@ def start_speech(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[St
     monkeypatch.setattr(tempfile, "tempdir", None)
     started: list[Speech] = []
 
-    def start(sound: SoundServer | None, settings: SpeechSettings | None = None) -> Speech:
+    def start(sound: SoundServer | None, **deadlines: float) -> Speech:
         monkeypatch.setenv("PULSE_SERVER", NOWHERE if sound is None else sound.address)
-        started.append(Speech(settings or SpeechSettings(rate_wpm=300)))
+        started.append(Speech(SpeechDeadlines(**deadlines)))
         return started[-1]
 
     yield start
@@ -172,8 +173,9 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
     speech.wait_state("u3", "interrupted")
     wait_for(lambda: listening.length_s > heard_until_s + 1.0, "another second is recorded")
     assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted"), ("u3", "interrupted")]
-    assert (end.stamp_ns - silenced_ns) / 1e6 < 300
-    assert listening.loud_span_s(from_s=heard_until_s) < 0.3
+    # At once beside the three seconds that were left of it.
+    assert (end.stamp_ns - silenced_ns) / 1e9 < 1.0
+    assert listening.loud_span_s(from_s=heard_until_s) < 1.0
     assert 0.8 < _seconds(start, end) < 4.0
     speech.say("u4")
     speech.wait_state("u4", "finished")
@@ -190,7 +192,7 @@ def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(st
     speech.wait_state("u2", "started")
     speech.say("u3")
     silenced_ns = speech.silence()
-    assert (speech.wait_state("u2", "interrupted").stamp_ns - silenced_ns) / 1e6 < 300
+    assert (speech.wait_state("u2", "interrupted").stamp_ns - silenced_ns) / 1e9 < 1.0
     speech.wait_state("u3", "interrupted")
     assert [problem.severity for problem in speech.problems] == ["warning"]
     assert "Nobody hears" in speech.problems[0].meaning
@@ -218,7 +220,7 @@ def test_a_sound_server_that_dies_and_returns(own_sound: SoundServer, start_spee
 
 
 def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_speech: StartSpeech) -> None:
-    speech = start_speech(own_sound)
+    speech = start_speech(own_sound, open_s=1.5)
     assert speech.wait_ready().audible
     own_sound.signal(signal.SIGSTOP)
     speech.say("u1")
@@ -230,7 +232,7 @@ def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_spe
 
 
 def test_a_voice_that_hangs_is_replaced(start_speech: StartSpeech) -> None:
-    speech = start_speech(None)
+    speech = start_speech(None, render_s=1.0)
     speech.wait_ready()
     hung = speech.engine()
     hung.suspend()
