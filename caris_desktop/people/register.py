@@ -107,8 +107,7 @@ class PeopleRegister:
 
     def _update(self, person_id: str, column: str, value: str | int) -> None:
         with self._explained("written"):
-            # `column` is one of the two literals above.
-            statement = f"UPDATE people SET {column} = ? WHERE person_id = ?"  # noqa: S608
+            statement = f"UPDATE people SET {column} = ? WHERE person_id = ?"  # noqa: S608 - one of two literals above
             updated = self._database.execute(statement, (value, person_id)).rowcount
         if not updated:
             raise KeyError(person_id)

@@ -38,9 +38,7 @@ class PersonTracker:
         When the file cannot be loaded or knows no class that means a person.
     """
 
-    def __init__(
-        self, weights: Weights, *, tracker: TrackerName = "bytetrack", confidence: float = 0.1, threads: int = 2
-    ) -> None:
+    def __init__(self, weights: Weights, *, tracker: TrackerName, confidence: float, threads: int) -> None:
         from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
 
         prepare_ultralytics(threads=threads)

@@ -90,7 +90,7 @@ class Crowd:
     """Everybody in the building. The same seed and the same robot motion give the same walks."""
 
     def __init__(self, seed: int) -> None:
-        self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(_ROLES)]  # noqa: S311
+        self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(_ROLES)]  # noqa: S311 - walks, no secrets
 
     @property
     def bodies(self) -> NDArray[np.float64]:

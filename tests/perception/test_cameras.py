@@ -212,7 +212,7 @@ class MjpegCamera(http.server.BaseHTTPRequestHandler):
             for _ in range(30):
                 self.wfile.write(part + self.picture + b"\r\n")
 
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class names it so
         pass
 
 
@@ -310,7 +310,7 @@ class ReplayedOak:
     def build(self) -> "ReplayedOak":
         return self
 
-    def requestOutput(self, size: tuple[int, int], *, type: Any, fps: float) -> Any:  # noqa: A002
+    def requestOutput(self, size: tuple[int, int], *, type: Any, fps: float) -> Any:  # noqa: A002 - depthai names it so
         self.calls.append((size, type, fps))
         return self.replay.out
 

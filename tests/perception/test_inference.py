@@ -206,7 +206,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
     untrained = YOLO("yolov8n.yaml", task="detect")
     untrained.model.names = {0: "person"} | {number: f"thing {number}" for number in range(1, 80)}
     untrained.save(str(Path(folder) / "yolov8n.pt"))
-    tracker = PersonTracker(find_weights(folders=(Path(folder),)), threads=1)
+    tracker = PersonTracker(find_weights(folders=(Path(folder),)), tracker="bytetrack", confidence=0.1, threads=1)
     boxes = tracker.track(np.zeros((480, 640, 3), np.uint8))
     report.send((boxes, addresses, settings["sync"]))
 
