@@ -64,9 +64,6 @@ class Session:
         wanted = {BY_NAME[name].name for name in streams}
         return _values(self.folder / "events.mcap", wanted)
 
-    def videos(self) -> tuple[Path, ...]:
-        return tuple(sorted(self.folder.glob("video-*.mp4")))
-
 
 def open_session(folder: Path) -> Session:
     """Read the header and, where the session was not closed properly, find out where it ends.

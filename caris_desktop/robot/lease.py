@@ -61,11 +61,6 @@ class MotionLease:
         """Whether the emergency stop forbids motion."""
         return self._latched
 
-    @property
-    def target(self) -> Twist2D:
-        """What is being ramped to; zero when nothing holds the lease."""
-        return self._target if self.held else ZERO_TWIST
-
     def drive(self, target: Twist2D, source: CommandSource, now_s: float) -> bool:
         """Take the lease or change its target. False when the emergency stop refuses it (and zeros go out again)."""
         if self._latched:

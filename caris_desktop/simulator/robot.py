@@ -5,7 +5,6 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry
@@ -162,10 +161,6 @@ class Robot:
     def view(self) -> View:
         """What the camera would see now."""
         return View(self._base.pose_in_map @ ROBOT_FROM_CAMERA, self._crowd.seen)
-
-    def bodies(self) -> NDArray[np.float64]:
-        """Circles (x, y, radius) of everybody, shape (people, 3)."""
-        return self._crowd.bodies
 
     def _localised(self) -> Pose2D:
         pose = self._base.pose_in_map

@@ -49,7 +49,7 @@ async def render(text: str) -> Spoken:
     try:
         content, _ = await asyncio.wait_for(process.communicate(text.encode("utf-8")), _RENDER_LIMIT_S)
     except TimeoutError:
-        logger.warning("espeak-ng took longer than %.0f s; the robot keeps silent for as long as it would speak", 15.0)
+        logger.warning("espeak-ng took over %.0f s; the robot only takes the time to speak", _RENDER_LIMIT_S)
         return estimate(text)
     finally:
         if process.returncode is None:
