@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from PySide6.QtCore import QEvent, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
@@ -50,6 +50,8 @@ _PANEL_ICONS: dict[PanelName, str] = {
     "video": "video-camera", "map": "map-trifold", "drive": "game-controller", "people": "users",
     "speak": "chat-text", "assistant": "sparkle", "session": "list-bullets",
 }  # fmt: skip
+_ROOMY = QSize(1680, 1000)
+_FRAME = QSize(16, 48)  # what a window manager may put around a window
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
 
@@ -407,13 +409,13 @@ class MainWindow(QWidget):
             self.hold.release_all("The window was minimised")
 
     def _restore_place(self) -> None:
-        self.resize(1440, 860)
         geometry = self._settings.value("window/geometry") if self._settings is not None else None
         if geometry:
             self.restoreGeometry(geometry)
         else:
-            screen = self.screen().availableGeometry()
-            self.resize(min(1680, screen.width()), min(1000, screen.height()))
+            self.resize(_ROOMY)
+        # A window taller than its screen hides the status bar below the edge, title bar included.
+        self.resize(self.size().boundedTo(self.screen().availableSize() - _FRAME))
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._settings is not None:

@@ -132,8 +132,11 @@ class StatusBar(QWidget):
     def _say_models(self, perception: PerceptionStatus) -> None:
         match perception.state:
             case "ready":
-                took = f" {perception.inference_ms:.0f} ms" if perception.inference_ms is not None else ""
-                self.items["perception"].say(f"finding people{took}", tip=perception.model)
+                took_ms = perception.inference_ms
+                self.items["perception"].say(
+                    "people: ready" if took_ms is None else f"people {took_ms:.0f} ms",
+                    tip=f"Time to find the people in a picture, on this computer.\n{perception.model}".strip(),
+                )
             case "loading":
                 self.items["perception"].say("people: loading model", tip=perception.model)
             case "failed":

@@ -11,6 +11,9 @@ from caris_desktop.live.status import DriveStatus, PersonStatus
 _ANCHOR = clock.ClockAnchor.take()
 
 Category = str  # one of CATEGORIES
+UNDER_WAY = ("requested", "active")
+"""States of a goal that the robot drives to."""
+
 CATEGORIES = ("Said", "Moved", "People", "Session", "Problems")
 
 

@@ -6,22 +6,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People
+from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
+from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel, scan_points_in_map
+from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.session import LOG_ROWS, SessionPanel
-from caris_desktop.ui.panels.video import BOXES_FRAMES_APART, FrameView, VideoPanel, boxes_fit, distance_ahead_m
+from caris_desktop.ui.panels.video import (
+    BOXES_FRAMES_APART,
+    BOXES_GONE_S,
+    BOXES_SOLID_S,
+    FrameView,
+    VideoPanel,
+    box_strength,
+    boxes_fit,
+    distance_ahead_m,
+    moved_since,
+)
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole
@@ -35,6 +46,20 @@ def pixel(view: FrameView, x: float, y: float) -> QColor:
         .toImage()
         .pixelColor(QPoint(round(rect.left() + x * rect.width()), round(rect.top() + y * rect.height())))
     )
+
+
+class PaintCount(QObject):
+    """Counts how often a widget is painted."""
+
+    def __init__(self, watched: QWidget) -> None:
+        super().__init__(watched)
+        QApplication.processEvents()
+        self.count = 0
+        watched.installEventFilter(self)
+
+    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+        self.count += event.type() == QEvent.Type.Paint
+        return False
 
 
 def video(window: MainWindow) -> tuple[VideoPanel, FrameView]:
@@ -89,6 +114,32 @@ def test_boxes_belong_to_about_the_frame_on_show() -> None:
     assert not boxes_fit(dataclasses.replace(people, frame_sequence=100 - BOXES_FRAMES_APART - 1), frame)
     assert not boxes_fit(dataclasses.replace(people, camera="rear"), frame)
     assert not boxes_fit(None, frame)
+
+
+def frame_at(stamp_s: float) -> FrameRef:
+    return FrameRef(round(stamp_s * 1e9), None, "front", "fake", 0, 100, 640, 480)
+
+
+def people_at(stamp_s: float, left_px: float) -> People:
+    box = PersonBox(7, "p7", left_px, 50.0, 100.0, 200.0, 0.9)
+    return People(round(stamp_s * 1e9), "front", 100, 640, 480, (box,), 30.0)
+
+
+def test_boxes_that_fall_behind_the_picture_fade() -> None:
+    people = people_at(10.0, 200.0)
+    assert box_strength(people, frame_at(10.0 + BOXES_SOLID_S)) == 1.0
+    assert 0.0 < box_strength(people, frame_at(10.5)) < 1.0
+    assert box_strength(people, frame_at(10.0 + BOXES_GONE_S)) == 0.0
+    assert box_strength(people, frame_at(9.9)) == 1.0
+
+
+def test_boxes_keep_up_with_a_turning_robot() -> None:
+    before, now = people_at(10.0, 200.0), people_at(10.1, 230.0)
+    assert moved_since(before, now, frame_at(10.2)) == pytest.approx({7: 30.0})
+    assert moved_since(before, now, frame_at(12.0)) == pytest.approx({7: 75.0}), "not for ever"
+    assert moved_since(people_at(10.0, 229.0), now, frame_at(10.2)) == {}, "trembling is no movement"
+    assert moved_since(people_at(8.0, 200.0), now, frame_at(10.2)) == {}
+    assert moved_since(None, now, frame_at(10.2)) == {}
 
 
 def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, console: FakeConsole) -> None:
@@ -154,6 +205,24 @@ def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow,
     assert console.calls[-1] == ("cancel_goal", None)
 
 
+def test_beams_on_one_spot_are_one_dot() -> None:
+    points = np.array([(10.2, 4.1), (10.9, 5.0), (30.0, 9.0), (-3.0, 5.0), (5.0, 99.0)])
+    assert distinct_dots(points, 60, 40).tolist() == [[11, 5], [31, 9]]
+
+
+def test_the_map_is_painted_at_its_own_pace(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    painted = PaintCount(panel.view)
+    for _ in range(20):
+        state = console.state
+        state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
+        state.take(dataclasses.replace(samples.scan_at(Pose2D(6.6, 3.4, 0.55)), stamp_ns=clock.now_ns()))
+    QApplication.processEvents()
+    assert painted.count <= 1
+    qtbot.waitUntil(lambda: painted.count >= 1)
+
+
 def test_the_map_view_turns_clicks_back_into_metres(window: MainWindow) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
@@ -195,6 +264,7 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
     assert line.text() == "0.35 m/s forward"
     console.state.drive.set(DriveStatus(True, "", target_turn_radps=math.radians(30)))
     assert line.text() == "turning left 30°/s"
+    console.state.goal.set(None)
     console.state.drive.set(DriveStatus(True, ""))
     assert line.text() == "Standing still"
     console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
@@ -202,6 +272,16 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
     console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
     assert (line.text(), reason.text()) == ("Driving is off", "The robot is out of reach")
     assert not find(window, "drive_pad").isEnabled()
+
+
+def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow, console: FakeConsole) -> None:
+    line = find(window, "drive_line")
+    assert isinstance(line, QLabel)
+    console.state.drive.set(DriveStatus(True, ""))
+    console.go_to_place("Kitchen")
+    assert line.text() == "Going to Kitchen"
+    console.cancel_goal()
+    assert line.text() == "Standing still"
 
 
 def test_the_speed_is_set_with_the_slider(window: MainWindow, console: FakeConsole) -> None:
@@ -390,6 +470,16 @@ def test_recording_starts_and_stops_in_the_panel(qtbot: QtBot, window: MainWindo
     click(qtbot, find(panel, "session_toggle"))
     assert find(window, "start_dialog").isVisible()
     find(window, "start_dialog").close()
+
+
+def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    window.dock_host.show_panel("session")
+    assert not any(button.isVisible() for button in window.findChildren(QWidget, "session_export"))
+    console.start_session(TrialDetails("P07"))
+    assert not any(button.isVisible() for button in window.findChildren(QWidget, "session_export"))
+    console.stop_session()
+    click(qtbot, find(window, "session_export"))
+    assert console.calls[-1] == ("export_session", None)
 
 
 def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) -> None:

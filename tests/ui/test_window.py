@@ -2,13 +2,16 @@
 
 import math
 
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import AssistantStatus, LinkStatus
+from caris_desktop.scenario.file import load_scenario
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.main_window import MainWindow
@@ -34,6 +37,49 @@ def test_everything_fits_a_small_laptop(window: MainWindow) -> None:
     for button in window.findChildren(ActionButton):
         if button.isVisible() and button.parent().objectName() == "top_bar":
             assert button.width() >= button.sizeHint().width()
+
+
+def test_a_first_window_is_no_larger_than_its_screen(
+    qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme
+) -> None:
+    window = MainWindow(console, settings=settings, theme=theme)
+    qtbot.addWidget(window)
+    room = window.screen().availableSize()
+    assert window.width() <= room.width()
+    assert window.height() + 30 <= room.height(), "with its title bar the status bar would be below the edge"
+
+
+@pytest.fixture(params=["tour-guide", "mental-health-check"])
+def laptop(
+    request: pytest.FixtureRequest, qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme
+) -> MainWindow:
+    """A shipped scenario in a window as it is on a screen of 1366 by 768 pixels."""
+    console.scenario = load_scenario(layouts_dir() / f"{request.param}.yaml")
+    window = MainWindow(console, settings=settings, theme=theme)
+    qtbot.addWidget(window)
+    window.resize(1350, 720)
+    window.show()
+    return window
+
+
+def test_every_phrase_is_in_view_on_a_small_laptop(qtbot: QtBot, laptop: MainWindow, console: FakeConsole) -> None:
+    area = laptop.panels["speak"].findChild(QScrollArea)
+    assert isinstance(area, QScrollArea)
+    chips = [find(laptop, f"phrase_{number}") for number in range(1, len(console.scenario.phrases) + 1)]
+    chips.append(find(laptop, "filler"))
+    qtbot.waitUntil(
+        lambda: all(chip.mapTo(area, chip.rect().bottomRight()).y() <= area.height() for chip in chips), timeout=2000
+    )
+
+
+def test_an_answer_can_be_read_on_a_small_laptop(qtbot: QtBot, laptop: MainWindow, console: FakeConsole) -> None:
+    text = "It lifts up to five kilos, and it stops at once as soon as it touches something or somebody."
+    for state in ("answering", "ready"):
+        console.state.assistant.set(AssistantStatus(state, "SmolLM2", "x9", "How much can it lift?", text))
+    answer = find(laptop, "assistant_answer")
+    assert isinstance(answer, QPlainTextEdit)
+    qtbot.waitUntil(lambda: answer.viewport().height() >= 3 * answer.fontMetrics().height(), timeout=2000)
+    assert answer.verticalScrollBar().value() == 0, "it is read from the beginning"
 
 
 def test_switching_the_scenario_rebuilds_the_panels(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:

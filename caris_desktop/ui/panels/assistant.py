@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
 
 from caris_desktop.live.status import AssistantStatus
 from caris_desktop.ui import tokens, words
@@ -20,6 +20,7 @@ class AssistantPanel(Panel):
         self.setObjectName("assistant_panel")
         self._exchange_id = ""
         self._editing = False
+        self._answering = False
         self.field = QLineEdit()
         self.field.setObjectName("assistant_field")
         self.field.setAccessibleName("Question to the assistant")
@@ -38,7 +39,7 @@ class AssistantPanel(Panel):
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
-        self._answer.setPlaceholderText("The answer appears here. Nothing is said before you say so.")
+        self._answer.setPlaceholderText("Answers wait here until you say them.")
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()
@@ -57,19 +58,22 @@ class AssistantPanel(Panel):
         top.setSpacing(8)
         top.addWidget(self.field, 1)
         top.addWidget(self._ask)
-        bottom = QHBoxLayout()
-        bottom.setSpacing(8)
-        bottom.addWidget(self._say)
-        bottom.addWidget(self._edit)
-        bottom.addWidget(self._cancel)
-        bottom.addWidget(self._note, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 12, 14, 12)
-        layout.setSpacing(8)
-        layout.addLayout(top)
-        layout.addWidget(self._question)
-        layout.addWidget(self._answer, 1)
-        layout.addLayout(bottom)
+        self._buttons = QBoxLayout(QBoxLayout.Direction.LeftToRight)
+        self._buttons.setSpacing(8)
+        for button in (self._say, self._edit, self._cancel):
+            self._buttons.addWidget(button)
+        self._buttons.addStretch(1)
+        self._middle = QBoxLayout(QBoxLayout.Direction.TopToBottom)
+        self._middle.setSpacing(8)
+        self._middle.addWidget(self._answer, 1)
+        self._middle.addLayout(self._buttons)
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(14, 12, 14, 12)
+        self._column.setSpacing(8)
+        self._column.addLayout(top)
+        self._column.addWidget(self._question)
+        self._column.addLayout(self._middle, 1)
+        self._column.addWidget(self._note)
         self.state.assistant.changed.connect(self._on_assistant_changed)
         self.theme.changed.connect(self._style)
         self._style()
@@ -86,6 +90,11 @@ class AssistantPanel(Panel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._question.setVisible(bool(self._question.text()) and self.height() >= 196)
+        # Where it is low, the buttons stand beside the answer: it must be read before it is said.
+        low = self.height() < 210
+        self._middle.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
+        self._buttons.setDirection(QBoxLayout.Direction.TopToBottom if low else QBoxLayout.Direction.LeftToRight)
+        self._column.setContentsMargins(14, 8 if low else 12, 14, 8 if low else 12)
 
     def _style(self) -> None:
         for label in (self._question, self._note):
@@ -131,6 +140,10 @@ class AssistantPanel(Panel):
         if not self._editing and self._answer.toPlainText() != status.answer:
             self._show_answer(status.answer)
         answering = status.state == "answering"
+        if self._answering and not answering:
+            # Written to the end: read from the beginning.
+            self._answer.verticalScrollBar().setValue(0)
+        self._answering = answering
         has_answer = bool(status.answer.strip()) and not answering
         self._question.setText(f"You asked: {words.shortened(status.question, 140)}" if status.question else "")
         self._question.setVisible(bool(status.question) and self.height() >= 196)
@@ -179,6 +192,7 @@ class AssistantPanel(Panel):
         else:
             text = status.detail
         self._note.setText(text)
+        self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):
             palette = label.palette()
             palette.setColor(label.foregroundRole(), self.theme.color(color))

@@ -4,6 +4,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QVBoxLayout, QWidget
 
+from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
@@ -83,6 +84,7 @@ class DrivePanel(Panel):
         self._layout.addLayout(self._second, 1)
         self.theme.changed.connect(self._style)
         self.state.drive.changed.connect(self._on_drive_changed)
+        self.state.goal.changed.connect(self._on_goal_changed)
         self.hold.held_changed.connect(self._on_held_changed)
         self.table.keys_changed.connect(self._on_keys_changed)
         self._style()
@@ -104,6 +106,8 @@ class DrivePanel(Panel):
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
         if direction != self._layout.direction():
             self._layout.setDirection(direction)
+            # Where it is that low, a second line of words is worth more than air.
+            self._layout.setContentsMargins(14, 8 if beside else 12, 14, 8 if beside else 12)
             self._layout.setSpacing(16 if beside else tokens.GRID_PX)
             self._layout.setStretch(0, 1 if beside else 0)
             target, source = (self._first, self._second) if beside else (self._second, self._first)
@@ -126,6 +130,14 @@ class DrivePanel(Panel):
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         self._show(drive)
 
+    def _on_goal_changed(self, _goal: GoalChanged | None) -> None:
+        self._show(self.state.drive.value)
+
+    def _going_to(self) -> str:
+        """Where the robot drives by itself; empty when it does not."""
+        goal: GoalChanged | None = self.state.goal.value
+        return (goal.place or "the chosen point") if goal is not None and goal.state in words.UNDER_WAY else ""
+
     def _on_held_changed(self, _held: object) -> None:
         self._show(self.state.drive.value)
 
@@ -133,7 +145,10 @@ class DrivePanel(Panel):
         self.console.set_speed_fraction(percent / 100)
 
     def _show(self, drive: DriveStatus) -> None:
-        self._line.setText(words.drive_line(drive))
+        going_to = self._going_to()
+        by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
+        by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == 0.0
+        self._line.setText(f"Going to {going_to}" if by_itself else words.drive_line(drive))
         top_mps = drive.max_forward_mps * drive.speed_fraction
         self._speed.setText(f"{top_mps:.2f} m/s")
         self._slider.blockSignals(True)
@@ -148,9 +163,10 @@ class DrivePanel(Panel):
             text, role = f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
         elif self.hold.held:
             text = "Let go to stop."
+        elif going_to:
+            text = f"{self.table.key_text('stop')} stops it."
         else:
-            free = self.table.driving_focus
-            text = "Hold an arrow or W A S D to drive." if free else "Alt + W A S D drives while you type."
+            text = "Hold W A S D or arrows" if self.table.driving_focus else "Alt+W A S D while you type"
         self._reason.setText(text)
         palette = self._reason.palette()
         palette.setColor(self._reason.foregroundRole(), self.theme.color(role))

@@ -30,9 +30,12 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
-UNDER_WAY = ("requested", "active")
 CELLS_AT_ONCE = 400_000
+REPAINT_MS = 80
+"""What the robot sends is painted at most so often: a map does not need the rate of a video."""
+
 _MIN_SCALE, _MAX_SCALE = 4.0, 400.0  # pixels per metre
+_DOT_PX = 2
 
 
 def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
@@ -43,6 +46,18 @@ def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.fl
     angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
     distances = ranges[valid].astype(np.float64)
     return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
+
+
+def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.int64]:
+    """The points inside a view, each spot of two by two pixels once: int64 of shape (spots, 2), pixels.
+
+    Most beams of a scan end on the same few pixels of a map that shows a whole building.
+    """
+    inside = ((points_px >= 0) & (points_px < (width_px, height_px))).all(axis=1)
+    cells = points_px[inside].astype(np.int64) // _DOT_PX
+    columns = width_px // _DOT_PX + 1
+    numbers = np.unique(cells[:, 1] * columns + cells[:, 0])
+    return np.column_stack((numbers % columns, numbers // columns)) * _DOT_PX + _DOT_PX // 2
 
 
 class MapPanel(Panel):
@@ -143,8 +158,8 @@ class MapPanel(Panel):
         self.view.show_pose(pose)
 
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
-        self.view.show_goal(goal if goal is not None and goal.state in UNDER_WAY else None)
-        going = goal is not None and goal.state in UNDER_WAY
+        self.view.show_goal(goal if goal is not None and goal.state in words.UNDER_WAY else None)
+        going = goal is not None and goal.state in words.UNDER_WAY
         self._cancel.setVisible(going)
         self._go.setVisible(not going)
         self._refresh()
@@ -169,7 +184,7 @@ class MapPanel(Panel):
             case _:
                 text, role = "no LIDAR yet", "dim"
         goal = state.goal.value
-        if goal is not None and goal.state in UNDER_WAY:
+        if goal is not None and goal.state in words.UNDER_WAY:
             left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""
             text, role = f"going to {goal.place or 'a point'}{left}", "green"
         elif self.view.follow:
@@ -195,8 +210,7 @@ class MapView(QWidget):
         self._grid_bounds = QRectF()
         self._pose: Pose2D | None = None
         self._pose_freshness = "none"
-        self._scan: LaserScan | None = None
-        self._scan_pose: Pose2D | None = None
+        self._scan_points_m: NDArray[np.float64] | None = None
         self._scan_freshness = "none"
         self._goal: GoalChanged | None = None
         self._center = QPointF(0.0, 0.0)  # metres in the map
@@ -207,6 +221,8 @@ class MapView(QWidget):
         self._dragged = False
         self._place_rects: dict[str, QRectF] = {}
         self._hovered: str | None = None
+        self._soon = QTimer(self, singleShot=True, interval=REPAINT_MS)
+        self._soon.timeout.connect(self.update)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setAccessibleName("Map with the robot's position")
@@ -221,12 +237,16 @@ class MapView(QWidget):
         self._pose = None if pose is None else pose.pose_in_map
         if self._pose is not None and self.follow and self._drag_from is None:
             self._center = QPointF(self._pose.x_m, self._pose.y_m)
-        self.update()
+        self._update_soon()
 
     def show_scan(self, scan: LaserScan) -> None:
         # Points are placed with the pose of their own moment, so they do not swim when only the pose moves on.
-        self._scan, self._scan_pose = scan, self._pose
-        self.update()
+        self._scan_points_m = None if self._pose is None else scan_points_in_map(scan, self._pose)
+        self._update_soon()
+
+    def _update_soon(self) -> None:
+        if not self._soon.isActive():
+            self._soon.start()
 
     def show_goal(self, goal: GoalChanged | None) -> None:
         self._goal = goal
@@ -353,15 +373,16 @@ class MapView(QWidget):
         painter.restore()
 
     def _paint_scan(self, painter: QPainter) -> None:
-        if self._scan is None or self._scan_pose is None or self._scan_freshness not in ("fresh", "stale"):
+        points_m = self._scan_points_m
+        if points_m is None or self._scan_freshness not in ("fresh", "stale"):
             return
-        points = scan_points_in_map(self._scan, self._scan_pose)
-        x = self.width() / 2 + (points[:, 0] - self._center.x()) * self._scale
-        y = self.height() / 2 - (points[:, 1] - self._center.y()) * self._scale
+        center, scale = self._center, self._scale
+        points_px = (points_m - (center.x(), center.y())) * (scale, -scale) + (self.width() / 2, self.height() / 2)
+        dots = distinct_dots(points_px, self.width(), self.height())
         color = self._theme.color("blue")
         color.setAlpha(230 if self._scan_freshness == "fresh" else 80)
         painter.setPen(QPen(color, 3, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-        painter.drawPoints([QPointF(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
+        painter.drawPoints([QPoint(x, y) for x, y in dots.tolist()])
 
     def _paint_goal(self, painter: QPainter) -> None:
         if self._goal is None:

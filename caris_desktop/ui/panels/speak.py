@@ -32,6 +32,7 @@ class SpeakPanel(Panel):
         self._silence.bind(self.table, "silence")
         self._row = FlowRow(gap_px=6)
         self._chips: list[ActionButton] = []
+        self._roomy = True
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
             spec = self.table.spec(action_id)
             if spec is None:
@@ -100,12 +101,18 @@ class SpeakPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # On a small screen a third row of phrases is worth more than air.
-        low = self.height() < 220
-        self.field.setMinimumHeight(42 if low else 48)
-        self._row.set_gap(5 if low else 6)
+        # Every phrase in view is worth more than air: what does not fit is drawn smaller before it must be scrolled.
+        self._set_roomy(self.height() >= 220)
+        if self._roomy and self._row.heightForWidth(self.width() - 36) > self.height() - 90:
+            self._set_roomy(False)
+
+    def _set_roomy(self, roomy: bool) -> None:
+        self._roomy = roomy
+        self.field.setMinimumHeight(48 if roomy else 42)
+        self._row.set_gap(6 if roomy else 5)
+        self._hints.setVisible(roomy)
         for chip in self._chips:
-            chip.set_size(height_px=28 if low else 32, text_px=tokens.BODY_PX - 1 if low else tokens.BODY_PX)
+            chip.set_size(height_px=32 if roomy else 28, text_px=tokens.BODY_PX if roomy else tokens.BODY_PX - 1)
 
     def _style(self) -> None:
         for label in (self._queue, *self._hint_labels):

@@ -21,7 +21,13 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 BOXES_FRAMES_APART = 12
 """Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
 
+BOXES_SOLID_S = 0.25
+BOXES_GONE_S = 0.8
+"""Between these ages, next to the picture on show, boxes fade away."""
+
 CLOSE_M = 0.6
+_FORESEEN_S = 0.25
+_STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
 _PHOTO_SHOWN_S = 2.5
 _DRIVE_ENDED_SHOWN_S = 5.0
 _CHIP_COLORS = {"hint": "box_unnamed", "warning": "box_warning", "good": "box_named"}
@@ -34,6 +40,34 @@ def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
     if people is None or frame is None:
         return False
     return people.camera == frame.camera and abs(frame.sequence - people.frame_sequence) <= BOXES_FRAMES_APART
+
+
+def box_strength(people: People, frame: FrameRef) -> float:
+    """How strongly boxes are drawn, 0 to 1: full while they are about what is on show, less as they fall behind."""
+    behind_s = (frame.stamp_ns - people.stamp_ns) / 1e9
+    return min(1.0, max(0.0, (BOXES_GONE_S - behind_s) / (BOXES_GONE_S - BOXES_SOLID_S)))
+
+
+def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[int, float]:
+    """How far each track has probably moved, pixels to the right, from its box to the frame on show.
+
+    People are found in a frame while newer ones are shown already: while the robot turns, boxes that stay where
+    they were found trail behind. The movement between the last two finds goes on for a quarter of a second at most.
+    """
+    ahead_s = min((frame.stamp_ns - people.stamp_ns) / 1e9, _FORESEEN_S)
+    between_s = (people.stamp_ns - before.stamp_ns) / 1e9 if before is not None else 0.0
+    if before is None or ahead_s <= 0.0 or not 0.0 < between_s <= 2 * _FORESEEN_S:
+        return {}
+    earlier = {box.track: box for box in before.boxes}
+    moved = {}
+    for box in people.boxes:
+        old = earlier.get(box.track)
+        if old is None:
+            continue
+        right = (box.left_px + box.width_px / 2 - old.left_px - old.width_px / 2) / between_s
+        if abs(right) > _STILL_PER_S * people.frame_width_px:
+            moved[box.track] = right * ahead_s
+    return moved
 
 
 def distance_ahead_m(scan: LaserScan) -> float | None:
@@ -213,6 +247,7 @@ class FrameView(QWidget):
         self._pixels: NDArray[np.uint8] | None = None
         self._frame: FrameRef | None = None
         self._people: People | None = None
+        self._people_before: People | None = None
         self._names: dict[str, tuple[str, bool]] = {}
         self._freshness = "none"
         self._age_s: float | None = None
@@ -236,8 +271,10 @@ class FrameView(QWidget):
         self.update()
 
     def show_people(self, people: People) -> None:
-        self._people = people
-        self.update()
+        self._people_before, self._people = self._people, people
+        # With a running video the next frame paints them, a moment later and once instead of twice.
+        if self._freshness != "fresh":
+            self.update()
 
     def show_names(self, names: dict[str, tuple[str, bool]]) -> None:
         """Words for each person id, and whether they are a given name."""
@@ -339,9 +376,11 @@ class FrameView(QWidget):
         painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
     def _paint_boxes(self, painter: QPainter) -> None:
-        people, theme = self._people, self._theme
-        if people is None or people.frame_width_px <= 0:
+        people, frame, theme = self._people, self._frame, self._theme
+        if people is None or frame is None or people.frame_width_px <= 0:
             return
+        moved = moved_since(self._people_before, people, frame)
+        painter.setOpacity(box_strength(people, frame))
         picture = self.picture_rect()
         scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
         font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
@@ -350,8 +389,9 @@ class FrameView(QWidget):
         for box in people.boxes:
             label, named = self._words_for(box)
             color = theme.color("box_named" if named else "box_unnamed")
+            right_px = moved.get(box.track, 0.0)
             rect = QRectF(
-                picture.left() + box.left_px * scale_x, picture.top() + box.top_px * scale_y,
+                picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
                 box.width_px * scale_x, box.height_px * scale_y,
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
             pen = QPen(color, 2)
@@ -368,6 +408,7 @@ class FrameView(QWidget):
             painter.drawRoundedRect(tag, 4, 4)
             painter.setPen(theme.color("on_box"))
             painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, label)
+        painter.setOpacity(1.0)
 
     def _paint_chips(self, painter: QPainter) -> None:
         theme = self._theme
