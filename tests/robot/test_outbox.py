@@ -1,7 +1,6 @@
 """What goes to the console while the console reads, and while it does not."""
 
 import multiprocessing
-import time
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -31,14 +30,10 @@ def command(number: int) -> CommandSent:
 def test_a_console_that_sleeps_blocks_nobody_loses_no_event_and_wakes_to_the_newest() -> None:
     ours, theirs = multiprocessing.Pipe()
     outbox = Outbox(theirs)
-    longest_s = 0.0
-    # Far more than a pipe holds.
+    # Far more than a pipe holds: a put that waited for the reader would wait for ever.
     for number in range(20_000):
-        started_s = time.perf_counter()
         outbox.put(command(number))
         outbox.put(pose(number))
-        longest_s = max(longest_s, time.perf_counter() - started_s)
-    assert longest_s < 0.5
     values = drain(ours)
     assert [value.sequence for value in values if isinstance(value, CommandSent)] == list(range(20_000))
     poses = [value for value in values if isinstance(value, RobotPose)]
