@@ -118,11 +118,11 @@ class ChildProcess:
                 return False
         return True
 
-    def stop(self, *, grace_s: float) -> None:
-        """End the child: close the connection, wait, then kill. Blocks up to ``grace_s`` and a little."""
+    def ask_to_end(self) -> None:
+        """Close the connection; several children asked at once end side by side. :meth:`stop` must follow."""
         self._closing = True
-        process, connection = self._process, self._connection
-        if process is None or connection is None:
+        connection = self._connection
+        if connection is None:
             return
         if sys.platform == "win32":
             connection.close()
@@ -130,6 +130,13 @@ class ChildProcess:
             # Half-closing ends the child's reads while its last messages can still reach us.
             with contextlib.suppress(OSError), _socket_of(connection) as half:
                 half.shutdown(_SHUT_WR)
+
+    def stop(self, *, grace_s: float) -> None:
+        """End the child: close the connection, wait, then kill. Blocks up to ``grace_s`` and a little."""
+        self.ask_to_end()
+        process = self._process
+        if process is None or self._connection is None:
+            return
         # Only the reader thread reaps: two threads that wait for one process would each miss the other's news.
         if not wait([process.sentinel], grace_s):
             _log.warning("%s did not end within %.1f s: killed", self.body.name, grace_s)

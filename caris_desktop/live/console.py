@@ -4,7 +4,7 @@ intents to the adapters. GUI thread, except where a method says otherwise.
 
 import asyncio
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -63,6 +63,7 @@ from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
+_RESTARTS_AT_MOST = 3
 _UTTERANCES_KEPT = 200
 _EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
 
@@ -122,6 +123,7 @@ class Console(QObject):
         self._session_folder: Path | None = None
         self._embedded_url: str | None = None
         self._children: dict[str, ChildProcess] = {}
+        self._restarts: Counter[str] = Counter()
         self._exports: list[Future[None]] = []
         self._shut_down = False
         self._recording_video = False
@@ -139,11 +141,7 @@ class Console(QObject):
         self._child_spoke.connect(self._on_child_message, Qt.ConnectionType.QueuedConnection)
         self._child_ended.connect(self._on_child_ended, Qt.ConnectionType.QueuedConnection)
 
-        self._recorder = ChildProcess(
-            replace(parts.recorder, arguments=(*parts.recorder.arguments, self._rings_to_read)),
-            on_message=self._on_recorder_message,
-            on_exit=lambda _code: self._child_ended.emit("recorder"),
-        )
+        self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._asyncio = AsyncioThread()
         self._drive = DriveController(self._state, self, scenario, self)
@@ -178,12 +176,17 @@ class Console(QObject):
     def child_pids(self) -> dict[str, int]:
         """Process ids of the children, by body name."""
         children = {**self._children, "recorder": self._recorder}
-        return {name: child.pid for name, child in children.items() if child.pid is not None}
+        pids = {name: child.pid for name, child in children.items()}
+        if self._perception is not None:
+            pids["inference"] = self._perception.child_pid
+        return {name: pid for name, pid in pids.items() if pid is not None}
 
     # Start and end
 
     def start(self) -> None:
         """Start what the window does not need to be usable: all child processes and the perception thread."""
+        if self._shut_down:
+            return
         self._recorder.start()
         if self._parts.camera is not None and self._camera_ring is not None:
             body = self._parts.camera
@@ -209,19 +212,16 @@ class Console(QObject):
 
     def connect_robot(self, connection: RobotConnection) -> None:
         """Connect, or connect to another robot instead."""
+        if self._shut_down:
+            return
         for name in ("control", "media"):
             child = self._children.pop(name, None)
             if child is not None:
                 child.stop(grace_s=1.0)
         self._connection = connection
         self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
-        self._start_child(connection.control, self._on_robot_message)
-        if connection.media is not None:
-            media = connection.media
-            self._start_child(
-                replace(media, arguments=(*media.arguments, RingToWrite(self._media_ring.name))),
-                self._on_robot_message,
-            )
+        self._start_link("control")
+        self._start_link("media")
 
     def shutdown(self) -> None:
         """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
@@ -235,6 +235,8 @@ class Console(QObject):
             control.stop(grace_s=2.0)
         if self._state.recording.value.state in ("starting", "recording"):
             self.stop_session()
+        for child in self._children.values():
+            child.ask_to_end()
         for child in self._children.values():
             child.stop(grace_s=1.5)
         if self._perception is not None:
@@ -369,24 +371,36 @@ class Console(QObject):
         if camera is not None and status.state in ("ready", "failed"):
             camera.send(PlayVideo())  # a recorded video waits for whoever shall see it from its start
 
-    def _on_child_ended(self, name: str) -> None:
+    def _on_child_ended(self, child: ChildProcess) -> None:
         if self._shut_down:
             return
-        child = self._children.pop(name, None)
-        if name == "recorder":
-            self._state.recording.set(replace(self._state.recording.value, state="failed", detail="it stopped"))
-            self._recording_video = False
+        if child is self._recorder:
+            self._on_recorder_ended()
+            return
+        name = child.body.name
+        if self._children.get(name) is not child:
+            return  # it was replaced while the news of its end was on its way
+        del self._children[name]
+        if name in ("control", "media"):
+            address = self._connection.address if self._connection is not None else ""
+            self.publish(
+                LinkChanged(
+                    clock.now_ns(),
+                    "control" if name == "control" else "media",
+                    "lost",
+                    address,
+                    "the link process stopped",
+                )
+            )
             self.problem(
-                "error",
-                "The recorder stopped unexpectedly.",
-                "The session up to now is on disk; nothing after this moment is recorded.",
-                "Restart the program to record again.",
+                "warning",
+                "The connection to the robot broke inside the console."
+                if name == "control"
+                else "The connection for the robot's pictures and map broke inside the console.",
+                "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
+                "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
             )
-        elif child is not None and name in ("control", "media"):
-            self._on_link_changed(
-                LinkChanged(clock.now_ns(), name, "lost", self._state.link.value.address, "the link process stopped")
-            )
-            QTimer.singleShot(_RESTART_AFTER_MS, self._reconnect)
+            QTimer.singleShot(_RESTART_AFTER_MS, lambda: self._restart_link(name))
         elif self._parts.camera is not None and name == self._parts.camera.name:
             self.problem(
                 "warning",
@@ -394,21 +408,97 @@ class Console(QObject):
                 "There is no video from now on; a recording goes on without it.",
                 "Start again with another --camera, or without one for the robot's own.",
             )
-        elif child is not None and name == self._parts.speech.name:
+        elif name == self._parts.speech.name:
+            again = self._may_restart(name)
+            self._state.speech.set(replace(self._state.speech.value, ready=False, detail="the voice stopped"))
+            self._on_voice_problem(
+                Problem(
+                    clock.now_ns(),
+                    "warning",
+                    "This computer's voice stopped unexpectedly.",
+                    "What it was saying is cut off; the session goes on.",
+                    "It is being started again." if again else "It failed too often: restart the program.",
+                )
+            )
+            if again:
+                self._start_child(self._parts.speech, self._on_voice_message)
             self._speech.on_voice_lost("computer", "speech stopped unexpectedly")
-            self._start_child(self._parts.speech, self._on_voice_message)
-        elif child is not None and name == self._parts.language_model_server.name:
-            self._embedded_url = None
-            self._assistant.show_status(
-                AssistantStatus(state="failed", detail="The language model stopped. Open the scenario again.")
+        elif name == self._parts.language_model_server.name:
+            self._on_language_model_ended()
+
+    def _on_recorder_ended(self) -> None:
+        interrupted = self._state.recording.value.state in ("starting", "recording", "stopping")
+        again = self._may_restart("recorder")
+        if again:
+            self._recorder = self._new_recorder()
+            self._recorder.start()
+        self._feed.use_recorder(self._recorder)
+        self._recording_video = False
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state="failed" if interrupted or not again else "idle",
+                detail="the recorder stopped",
+            )
+        )
+        self.problem(
+            "error",
+            "The recorder stopped unexpectedly.",
+            "The session up to now is on disk; nothing after this moment is recorded."
+            if interrupted
+            else "No session was being recorded.",
+            "Start recording again: that makes a new session." if again else "Restart the program to record again.",
+        )
+
+    def _on_language_model_ended(self) -> None:
+        self._embedded_url = None
+        self._assistant.cancel()
+        again = self._may_restart(self._parts.language_model_server.name)
+        if self._scenario.permissions.assistant and self._scenario.assistant.model == "embedded":
+            self._assistant.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
+            self.problem(
+                "warning",
+                "The language model stopped unexpectedly.",
+                "The assistant gives no answers; everything else works.",
+                "It is being started again." if again else "It failed too often: restart the program.",
+            )
+            if again:
+                self._start_language_model()
+
+    def _may_restart(self, name: str) -> bool:
+        """Whatever crashes again and again is left alone, instead of keeping the computer busy."""
+        self._restarts[name] += 1
+        return self._restarts[name] <= _RESTARTS_AT_MOST
+
+    def _start_link(self, name: str) -> None:
+        connection = self._connection
+        if connection is None:
+            return
+        if name == "control":
+            self._start_child(connection.control, self._on_robot_message)
+        elif connection.media is not None:
+            media = connection.media
+            self._start_child(
+                replace(media, arguments=(*media.arguments, RingToWrite(self._media_ring.name))),
+                self._on_robot_message,
             )
 
-    def _reconnect(self) -> None:
-        if self._connection is not None and not self._shut_down:
-            self.connect_robot(self._connection)
+    def _restart_link(self, name: str) -> None:
+        """The other link goes on: neither may take the other along."""
+        if not self._shut_down and name not in self._children:
+            self._start_link(name)
+
+    def _new_recorder(self) -> ChildProcess:
+        body = self._parts.recorder
+        recorder = ChildProcess(
+            replace(body, arguments=(*body.arguments, self._rings_to_read)),
+            on_message=self._on_recorder_message,
+            on_exit=lambda _code: self._child_ended.emit(recorder),
+        )
+        return recorder
 
     def _start_child(self, body: ProcessBody, on_message: Callable[[Any, bytes], None]) -> None:
-        child = ChildProcess(body, on_message=on_message, on_exit=lambda _code: self._child_ended.emit(body.name))
+        child = ChildProcess(body, on_message=on_message, on_exit=lambda _code: self._child_ended.emit(child))
         self._children[body.name] = child
         child.start()
 
@@ -512,6 +602,9 @@ class Console(QObject):
     def start_session(self, details: TrialDetails) -> None:
         if self._state.recording.value.state in ("starting", "recording", "stopping"):
             return
+        if self._restarts["recorder"] > _RESTARTS_AT_MOST:
+            self.problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
+            return
         try:
             folder, header = self._parts.new_session(details, self._scenario, self._connection)
         except IntentError as refusal:
@@ -588,6 +681,7 @@ class Console(QObject):
         )
         if report.state in ("idle", "failed"):
             self._recording_video = False
+            self._feed.end()
 
     # Scenario
 

@@ -45,8 +45,14 @@ class PerceptionWorker(QObject):
         self._slot_lock = threading.Lock()
         self._newest: FrameRef | None = None
         self._stopping = False
+        self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
         self._shown_persons: tuple[PersonRow, ...] = ()
+
+    @property
+    def child_pid(self) -> int | None:
+        """The inference process, None before it runs."""
+        return None if self._child is None else self._child.pid
 
     def offer(self, ref: FrameRef) -> None:
         """A new frame; one that was not taken yet is overwritten."""
@@ -145,6 +151,7 @@ class PerceptionWorker(QObject):
             on_exit=lambda _code: self._inputs.put(_ChildEnded(child)),
         )
         child.start()
+        self._child = child
         return child
 
     def _publish_all(self, events: list[Event]) -> None:

@@ -4,7 +4,6 @@ import logging
 import pickle
 import threading
 from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.domain import clock
@@ -70,6 +69,18 @@ class RecorderFeed:
             self._recording = False
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
 
+    def end(self) -> None:
+        """The recorder has ended the session: what comes from now on is not for it."""
+        with self._changed:
+            self._recording = False
+
+    def use_recorder(self, recorder: ChildProcess) -> None:
+        """Another recorder in place of one that is gone. The session went with that one; what waited is dropped."""
+        with self._changed:
+            self._recorder = recorder
+            self._recording = False
+            self._forget()
+
     def request(self, message: Any) -> None:
         """A request to the recorder itself, such as a photo."""
         with self._changed:
@@ -89,13 +100,13 @@ class RecorderFeed:
         self._changed.notify()
 
     def _write(self) -> None:
-        send: Callable[[bytes], bool] = self._recorder.send_raw_waiting
         while True:
             with self._changed:
                 while not self._queue and not self._ended:
                     self._changed.wait()
                 if not self._queue:
                     return
+                recorder = self._recorder
                 raw = self._queue.popleft()
                 self._queued_bytes -= len(raw)
                 if self._dropped and self._queued_bytes < self._max_bytes // 2:
@@ -103,10 +114,16 @@ class RecorderFeed:
                         gap = Gap(clock.now_ns(), stream, count, "the recorder could not keep up")
                         self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
                     self._dropped.clear()
-            if not send(raw):
-                _log.error("the recorder is gone: %d values were not handed over", len(self._queue) + 1)
+            if not recorder.send_raw_waiting(raw):
                 with self._changed:
-                    self._queue.clear()
-                    self._queued_bytes = 0
+                    if recorder is self._recorder:
+                        _log.error("the recorder is gone: %d values were not handed over", len(self._queue) + 1)
+                        self._recording = False
+                        self._forget()
                     if self._ended:
                         return
+
+    def _forget(self) -> None:
+        self._queue.clear()
+        self._queued_bytes = 0
+        self._dropped.clear()
