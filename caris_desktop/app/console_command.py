@@ -42,7 +42,7 @@ class ConsoleRun:
         self.application.setApplicationVersion(__version__)
         self.settings = settings or QSettings("CARIS", "CARIS Desktop")
         self._arguments = arguments
-        scenario = composition.find_scenario(arguments.scenario or str(self.settings.value("scenario", "tour-guide")))
+        scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
@@ -69,6 +69,13 @@ class ConsoleRun:
         gc.collect()
         gc.freeze()
         self.console.start()
+        if self._refused_scenario:
+            self.console.problem(
+                "warning",
+                "The scenario of last time was not opened.",
+                f"{self._refused_scenario}",
+                f"{self.console.scenario.title} is open instead. Correct the file and open it.",
+            )
         arguments = self._arguments
         if self._make_demo_robot is not None:
             self.demo_robot = self._make_demo_robot(self.console)
@@ -82,6 +89,19 @@ class ConsoleRun:
             )
         except composition.StartError as refusal:
             self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
+
+    def _scenario_to_start_with(self) -> tuple[Scenario, str]:
+        """What was asked for; else the one of last time, or, with the reason, the tour guide where that is broken.
+
+        Raises StartError.
+        """
+        if self._arguments.scenario:
+            return composition.find_scenario(self._arguments.scenario), ""
+        last_time = str(self.settings.value("scenario", "tour-guide"))
+        try:
+            return composition.find_scenario(last_time), ""
+        except composition.StartError as refusal:
+            return composition.find_scenario("tour-guide"), str(refusal)
 
     def _on_layout_save_requested(self, layout: LayoutNode) -> None:
         try:
