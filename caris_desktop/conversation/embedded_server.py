@@ -64,14 +64,14 @@ def missing_for_embedded() -> str:
     return ""
 
 
-def run_embedded_server(connection: Connection) -> None:
+def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> None:
     """Process body: serve the embedded model until the connection ends or CloseEmbedded arrives.
 
     Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process ends at once, native threads and all, since
     the server keeps no state and an orphan would keep a processor busy.
     """
     if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+        os.nice(niceness)
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
     server = None
     try:

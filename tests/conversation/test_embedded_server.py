@@ -29,9 +29,9 @@ _CONTEXT = multiprocessing.get_context("spawn")
 class Server:
     """The server process as the console sees it."""
 
-    def __init__(self) -> None:
+    def __init__(self, *settings: int) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs,), daemon=True)
+        self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs, *settings), daemon=True)
         self.process.start()
         theirs.close()
 
@@ -44,7 +44,8 @@ class Server:
 def server() -> Iterator[Server]:
     if missing := missing_for_embedded():
         pytest.skip(missing)
-    server = Server()
+    # Not behind everything else that a busy machine does: that would be a verdict on the machine.
+    server = Server(0)
     yield server
     server.connection.close()
     server.process.join(10)
@@ -93,8 +94,11 @@ def test_only_this_computer_and_no_web_page_may_ask(server: Server, url: str) ->
     assert reply.headers.get("access-control-allow-origin", "") == ""
 
 
-def test_it_stands_back_for_the_console(server: Server, url: str) -> None:
-    assert psutil.Process(server.process.pid).nice() == 10
+def test_it_stands_back_for_the_console() -> None:
+    server = Server()
+    wait_for(lambda: psutil.Process(server.process.pid).nice() == 10, "it runs behind the console")
+    server.process.kill()
+    server.process.join()
 
 
 def test_preflight_asks_it(url: str) -> None:
