@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QListView, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -97,6 +97,15 @@ def test_a_stale_picture_is_dimmed_and_a_lost_one_is_gone(window: MainWindow, co
     assert view.frame is None
     assert pixel(view, 0.5, 0.2) == window.theme.color("video_ground")
     assert panel.fact[0].startswith("no picture for 3")
+
+
+def test_a_lost_robot_is_not_waited_for_in_silence(window: MainWindow, console: FakeConsole) -> None:
+    _, view = video(window)
+    console.state.clear_robot_streams()
+    waiting = view.grab().toImage()
+    console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
+    assert view.out_of_reach
+    assert view.grab().toImage() != waiting
 
 
 def test_a_fresh_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
@@ -335,6 +344,10 @@ def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None
     empty = find(window, "people_empty")
     assert isinstance(empty, QLabel)
     assert empty.text().startswith("Nobody in view.")
+    show_flat(console, (0, 0, 0), age_s=3.0)
+    console.state.check_freshness()
+    console.state.persons.set(())
+    assert empty.text() == "No picture, so nobody can be seen."
     console.state.perception.set(PerceptionStatus("failed", "", "No model file was found."))
     assert "No model file was found." in empty.text()
 
@@ -452,6 +465,22 @@ def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> No
     assert panel.log_lines() == ["Robot: “Hello”"]
     panel.show_category("")
     assert panel.log_lines() == ["Robot: “Hello”", "Marked"]
+
+
+def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    log = session(window).findChild(QListView, "event_log")
+    assert isinstance(log, QListView)
+    bar = log.verticalScrollBar()
+    for number in range(60):
+        console.state.take(Marked(clock.now_ns(), str(number)))
+    qtbot.waitUntil(lambda: bar.maximum() > 0 and bar.value() == bar.maximum())
+    log.resize(log.width() - 60, log.height() - 20)
+    QApplication.processEvents()
+    assert bar.value() == bar.maximum(), "also when there is less room"
+    bar.setValue(10)
+    console.state.take(Marked(clock.now_ns(), "later"))
+    QApplication.processEvents()
+    assert bar.value() == 10, "the wizard is reading"
 
 
 def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:

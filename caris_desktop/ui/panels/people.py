@@ -50,6 +50,7 @@ class PeoplePanel(Panel):
         layout.addWidget(holder)
         self.state.persons.changed.connect(self._on_persons_changed)
         self.state.perception.changed.connect(self._on_perception_changed)
+        self.state.frame.freshness_changed.connect(self._on_freshness_changed)
         self._ages = QTimer(self, interval=1000)
         self._ages.timeout.connect(self._refresh)
         self._ages.start()
@@ -86,13 +87,19 @@ class PeoplePanel(Panel):
     def _on_perception_changed(self, _status: PerceptionStatus) -> None:
         self._refresh()
 
+    def _on_freshness_changed(self, _freshness: str) -> None:
+        self._refresh()
+
     def _refresh(self) -> None:
         persons: tuple[PersonStatus, ...] = self.state.persons.value
         here = sum(person.here for person in persons)
-        self.set_fact(f"{here} here" if here else "nobody here", "dim")
+        blind = self.state.frame.freshness == "lost"
+        self.set_fact("no picture" if blind else f"{here} here" if here else "nobody here", "dim")
         self._stack.setCurrentIndex(1 if persons else 0)
         perception: PerceptionStatus = self.state.perception.value
         match perception.state:
+            case "ready" if blind:
+                text = "No picture, so nobody can be seen."
             case "ready":
                 text = "Nobody in view.\nPeople appear here as soon as the camera sees them."
             case "loading":

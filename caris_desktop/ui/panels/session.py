@@ -139,12 +139,8 @@ class SessionPanel(Panel):
         entry = words.event_sentence(event, self._name_of)
         if entry is None:
             return
-        bar = self._log.verticalScrollBar()
-        at_end = bar.value() >= bar.maximum() - 8
         stamp_ns: int = getattr(event, "stamp_ns", clock.now_ns())
         self._model.append(stamp_ns, *entry)
-        if at_end:
-            QTimer.singleShot(0, self._log, self._log.scrollToBottom)
 
     def show_category(self, category: str) -> None:
         """Show only events of one of ``words.CATEGORIES``; all of them for an empty string."""
@@ -296,8 +292,24 @@ class EventDelegate(QStyledItemDelegate):
 
 
 class EventLogView(QListView):
-    """Lays its rows out again when its width changes."""
+    """Stays at its newest row until the wizard scrolls up; lays its rows out again when its width changes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._at_end = True
+        bar = self.verticalScrollBar()
+        bar.valueChanged.connect(self._on_scrolled)
+        bar.rangeChanged.connect(self._on_range_changed)
+
+    def _on_scrolled(self, value: int) -> None:
+        self._at_end = value >= self.verticalScrollBar().maximum() - 8
+
+    def _on_range_changed(self, _minimum: int, maximum: int) -> None:
+        if self._at_end:
+            self.verticalScrollBar().setValue(maximum)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
+        at_end = self._at_end
         super().resizeEvent(event)
+        self._at_end = at_end
         self.scheduleDelayedItemsLayout()

@@ -14,6 +14,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
 
 _HISTORY = 50
+_CHIP_SIZES = ((40, tokens.BODY_PX + 1, 8), (32, tokens.BODY_PX, 6), (28, tokens.BODY_PX - 1, 5))
 
 
 class SpeakPanel(Panel):
@@ -32,7 +33,6 @@ class SpeakPanel(Panel):
         self._silence.bind(self.table, "silence")
         self._row = FlowRow(gap_px=6)
         self._chips: list[ActionButton] = []
-        self._roomy = True
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
             spec = self.table.spec(action_id)
             if spec is None:
@@ -70,7 +70,6 @@ class SpeakPanel(Panel):
         column.setSpacing(10)
         column.addWidget(self._row)
         column.addWidget(self._queue)
-        column.addWidget(self._hints)
         column.addStretch(1)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
@@ -82,6 +81,7 @@ class SpeakPanel(Panel):
         layout.setSpacing(8)
         layout.addWidget(self.field)
         layout.addWidget(scroll, 1)
+        layout.addWidget(self._hints)
         self.state.speech.changed.connect(self._on_speech_changed)
         self.theme.changed.connect(self._style)
         self._style()
@@ -101,18 +101,16 @@ class SpeakPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Every phrase in view is worth more than air: what does not fit is drawn smaller before it must be scrolled.
-        self._set_roomy(self.height() >= 220)
-        if self._roomy and self._row.heightForWidth(self.width() - 36) > self.height() - 90:
-            self._set_roomy(False)
-
-    def _set_roomy(self, roomy: bool) -> None:
-        self._roomy = roomy
-        self.field.setMinimumHeight(48 if roomy else 42)
-        self._row.set_gap(6 if roomy else 5)
-        self._hints.setVisible(roomy)
-        for chip in self._chips:
-            chip.set_size(height_px=32 if roomy else 28, text_px=tokens.BODY_PX if roomy else tokens.BODY_PX - 1)
+        # Every phrase in view is worth more than air: the largest size at which none must be scrolled for.
+        for chip_px, text_px, gap_px in _CHIP_SIZES:
+            smallest = chip_px == _CHIP_SIZES[-1][0]
+            self._row.set_gap(gap_px)
+            for chip in self._chips:
+                chip.set_size(height_px=chip_px, text_px=text_px)
+            self.field.setMinimumHeight(42 if smallest else 48)
+            self._hints.setVisible(not smallest)
+            if self._row.heightForWidth(self.width() - 36) <= self.height() - 106:
+                break
 
     def _style(self) -> None:
         for label in (self._queue, *self._hint_labels):

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
-from caris_desktop.live.status import DriveStatus, PersonStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus, PersonStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -112,6 +112,7 @@ class VideoPanel(Panel):
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
         state.drive.changed.connect(self._on_drive_changed)
+        state.link.changed.connect(self._on_link_changed)
         state.event_happened.connect(self._on_event)
         self.table.keys_changed.connect(self._refresh)
         self._facts = QTimer(self, interval=250)
@@ -199,6 +200,7 @@ class VideoPanel(Panel):
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")
         self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
+        self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_age(age_s)
 
     def _hints(self) -> list[tuple[str, str]]:
@@ -221,6 +223,9 @@ class VideoPanel(Panel):
             free = self.table.driving_focus
             hints.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
         return hints
+
+    def _on_link_changed(self, _link: LinkStatus) -> None:
+        self._refresh()
 
     def _on_drive_changed(self, _drive: DriveStatus) -> None:
         self._refresh()
@@ -252,6 +257,7 @@ class FrameView(QWidget):
         self._freshness = "none"
         self._age_s: float | None = None
         self._lost_reason = ""
+        self._out_of_reach = False
         self._chips: list[tuple[str, str]] = []
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName("Picture from the robot's camera")
@@ -290,6 +296,16 @@ class FrameView(QWidget):
     def show_lost_reason(self, reason: str) -> None:
         """What to add when the picture is lost."""
         self._lost_reason = reason
+
+    def show_out_of_reach(self, out_of_reach: bool) -> None:
+        """Whether waiting for a picture is waiting for the robot."""
+        if out_of_reach != self._out_of_reach:
+            self._out_of_reach = out_of_reach
+            self.update()
+
+    @property
+    def out_of_reach(self) -> bool:
+        return self._out_of_reach
 
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
         if chips != self._chips:
@@ -348,6 +364,8 @@ class FrameView(QWidget):
         if self._freshness == "lost":
             silent = words.age(self._age_s or 0.0)
             head, sub = "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
+        elif self._out_of_reach:
+            head, sub = "No picture", "The robot is out of reach. The console keeps trying."
         else:
             head, sub = "Waiting for the camera", "The picture appears here as soon as the robot sends it."
         draw_icon(
