@@ -1,7 +1,8 @@
 """The real console in a process of its own, told by lines on stdin what keys to press; for tests that stop or kill it.
 
 ``python -m tests.app.console_child ADDRESS STUDY_DIR``. Lines: ``press KEY``, ``release KEY``, ``record``,
-``end_recording``, ``quit``. Prints a JSON line whenever something that a wizard would see has changed.
+``end_recording``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``quit``.
+Prints a JSON line whenever something that a wizard would see has changed.
 """
 
 import json
@@ -16,6 +17,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.domain.events import Problem
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -28,6 +30,10 @@ class Driver(QObject):
         super().__init__()
         self._run = run
         self._shown: dict[str, object] = {}
+        self._problems: list[str] = []
+        self._exports: list[str] = []
+        run.console.state.event_happened.connect(self._on_event)
+        run.console.session_exported.connect(lambda folder: self._exports.append(str(folder)))
         self.line_read.connect(self._on_line)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._report)
@@ -51,8 +57,18 @@ class Driver(QObject):
             self._run.console.start_session(TrialDetails(participant="P1"))
         elif word == "end_recording":
             self._run.console.stop_session()
+        elif word == "open":
+            self._run.console.open_scenario(Path(rest))
+        elif word == "photo":
+            self._run.console.take_photo()
+        elif word == "export":
+            self._run.console.export_session()
         elif word == "quit":
             QApplication.closeAllWindows()
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, Problem):
+            self._problems.append(f"{event.what} {event.meaning} {event.advice}")
 
     def _report(self) -> None:
         console, state = self._run.console, self._run.console.state
@@ -67,6 +83,10 @@ class Driver(QObject):
             "people_here": len(state.persons.value),
             "session": str(console.session_folder or ""),
             "children": console.child_pids,
+            "scenario": console.scenario.title,
+            "assistant": state.assistant.value.state,
+            "problems": list(self._problems),
+            "exports": list(self._exports),
         }
         if shown != self._shown:
             self._shown = shown

@@ -1,0 +1,336 @@
+"""What goes wrong around a session: each gets a clear message, the console goes on, and nothing recorded is lost."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from mcap.reader import make_reader
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+
+from caris_desktop.recording.session_reader import open_session
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+from tests.support.twist_listener import TwistListener
+
+LAYOUTS = Path(__file__).parents[2] / "layouts"
+HIDE_OFFLINE_DETECTOR = """
+import importlib.metadata
+found = importlib.metadata.distribution
+def distribution(name):
+    if "fall" in name:
+        raise importlib.metadata.PackageNotFoundError(name)
+    return found(name)
+importlib.metadata.distribution = distribution
+"""
+
+
+@pytest.fixture
+def robot() -> Iterator[SimulatedRobot]:
+    with SimulatedRobot() as robot:
+        yield robot
+
+
+def _console(address: str, tmp_path: Path, **environment: str) -> ConsoleProcess:
+    return ConsoleProcess(address, tmp_path / "study", **environment)
+
+
+def _command(*words: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "caris_desktop", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **(environment or {})},
+    )
+
+
+def _problem(console: ConsoleProcess, words: str, *, timeout_s: float = 30.0) -> str:
+    def found() -> str:
+        return next((text for text in console.shown.get("problems", []) if words in text), "")
+
+    return str(wait_for(found, f"a problem with '{words}'", timeout_s=timeout_s))
+
+
+def _topics(folder: Path) -> list[str]:
+    with (folder / "events.mcap").open("rb") as stream:
+        return [channel.topic for _schema, channel, _message in make_reader(stream).iter_messages()]
+
+
+def _ended_because(folder: Path) -> str:
+    with (folder / "events.mcap").open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages(topics=["/event/session_ended"]))
+    return str(json.loads(messages[-1][2].data)["reason"])
+
+
+def _alive(pids: list[int]) -> list[int]:
+    return [pid for pid in pids if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
+
+
+def _scenario_with_typo(folder: Path) -> Path:
+    path = folder / "typo.yaml"
+    text = (LAYOUTS / "tour-guide.yaml").read_text("utf-8")
+    path.write_text(text.replace("\npermissions:", "\npermisions:"), "utf-8")
+    return path
+
+
+def test_a_command_line_that_cannot_be_followed_gets_one_clear_message(tmp_path: Path) -> None:
+    typo = _scenario_with_typo(tmp_path)
+    (tmp_path / "file").touch()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for words, expected in (
+            (["--scenario", str(typo)], ["typo.yaml, line", "permisions", "Allowed", "'permissions'"]),
+            (["--scenario", "nowhere"], ["nowhere", "tour-guide"]),
+            (["--study", str(tmp_path / "file" / "study")], ["cannot be used", "Choose"]),
+            (["fly"], ["no command 'fly'", "simulate"]),
+            (["simulate", "--port", port], [port, "--port 0"]),
+        ):
+            result = _command(*words)
+            assert result.returncode == 2, (words, result)
+            assert "Traceback" not in result.stderr
+            for part in expected:
+                assert part in result.stderr, (words, result.stderr)
+
+
+def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
+    """A robot profile with a fault and a camera that is not there: the window opens and says so."""
+    profile = tmp_path / "robot.yaml"
+    profile.write_text("version: 1\ntitel: Robot\n", "utf-8")
+    console = _console(str(profile), tmp_path, CARIS_TEST_CAMERA=str(tmp_path / "no.mp4"))
+    try:
+        assert "titel" in _problem(console, "robot.yaml")
+        assert "no.mp4" in _problem(console, "no.mp4")
+        assert console.shown["drive_allowed"] is False
+        assert console.close() == 0
+    finally:
+        console.kill()
+
+
+def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_path: Path) -> None:
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
+    environment = {
+        "PYTHONPATH": f"{tmp_path / 'hidden'}{os.pathsep}{Path(__file__).parents[2]}",
+        "CARIS_MODELS_DIR": str(tmp_path / "models"),
+        "XDG_DATA_HOME": str(tmp_path / "data"),
+        "YOLO_OFFLINE": "1",
+        "HTTPS_PROXY": "http://127.0.0.1:9",
+    }
+    console = _console(robot.address, tmp_path, **environment)
+    try:
+        checked = _command(
+            "check", "--robot", robot.address, "--study", str(tmp_path / "study"), environment=environment
+        )
+        assert "FIX  Person detector" in checked.stdout
+        assert checked.returncode == 1
+        console.wait_until_shown(perception="failed")
+        _problem(console, "No person detector")
+        console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
+        console.say("record")
+        console.wait_until_shown(recording="recording")
+    finally:
+        console.close()
+
+
+def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    console = _console(f"ws://127.0.0.1:{port}", tmp_path)
+    try:
+        console.wait_until_shown(recording="idle", drive_allowed=False)
+        wait_for(lambda: console.shown["children"].get("control"), "the link process runs")
+        said = [report["link"] for report in console.history]
+        assert "connected" not in said
+        with SimulatedRobot(port=port):
+            console.wait_until_shown(link="connected", drive_allowed=True)
+            about_the_robot = [text for text in console.shown["problems"] if str(port) in text]
+            assert len(about_the_robot) <= 1, "said once, not at each attempt"
+            assert console.close() == 0
+    finally:
+        console.kill()
+
+
+def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
+    connections = []
+
+    def nonsense(connection: ServerConnection) -> None:
+        connections.append(connection)
+        try:
+            for message in ("not json", "[1, 2", '{"op": "publish"}', b"\xff\x00\x01", "[]", '{"op": 7}'):
+                connection.send(message)
+            connection.send('{"op": "publish", "topic": "/scan", "msg": {"ranges": "many"}}')
+            connection.send('{"op": "publish", "topic": "/scan", "msg": {"ranges": [' + "1.0," * 5_000_000 + "1.0]}}")
+            for _message in connection:
+                connection.send('{"op": "service_response", "id": 4}')
+        except ConnectionClosed:
+            pass
+
+    with serve(nonsense, "127.0.0.1", 0, max_size=None) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        port = server.socket.getsockname()[1]
+        console = _console(f"ws://127.0.0.1:{port}", tmp_path)
+        try:
+            console.wait_until_shown(recording="idle")
+            console.say("record")
+            console.wait_until_shown(recording="recording")
+            wait_for(lambda: connections, "the console has connected")
+            wait_for(lambda: console.shown["problems"], "it is said")
+            children = console.shown["children"]
+            console.say("end_recording")
+            folder = Path(console.wait_until_shown(recording="idle")["session"])
+            assert console.shown["children"]["control"] == children["control"], "the link process lives"
+            assert console.shown["scan"] == "none", "nothing of it is taken for a scan"
+            assert "/event/problem" in _topics(folder)
+            assert console.close() == 0
+        finally:
+            console.kill()
+            server.shutdown()
+
+
+def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
+    robot: SimulatedRobot, tmp_path: Path
+) -> None:
+    console = _console(robot.address, tmp_path)
+    try:
+        console.wait_until_shown(link="connected", video="fresh")
+        console.say("record")
+        recording = console.wait_until_shown(recording="recording")
+        folder, children = Path(recording["session"]), recording["children"]
+        console.say("photo")
+        wait_for(lambda: list(folder.glob("photos/*.png")), "a photo is kept")
+
+        console.say(f"open {_scenario_with_typo(tmp_path)}")
+        assert "typo.yaml, line" in _problem(console, "The scenario was not opened.")
+        assert console.shown["scenario"] == "Tour guide"
+        assert console.shown["recording"] == "recording"
+
+        console.say(f"open {LAYOUTS / 'mental-health-check.yaml'}")
+        console.wait_until_shown(scenario="Mental health check")
+        console.say("photo")
+
+        def video_bytes() -> int:
+            return sum(path.stat().st_size for path in folder.glob("video-*.mp4"))
+
+        def has_settled() -> bool:
+            # Each of the recorder's reports comes after whatever it took before; video grows several times between.
+            before, sizes = len(_topics_so_far(folder)), video_bytes()
+            wait_for(lambda: len(_topics_so_far(folder)) > before + 200, "events go on being recorded")
+            return video_bytes() == sizes
+
+        wait_for(has_settled, "the video has ended", timeout_s=20)
+        assert len(list(folder.glob("photos/*.png"))) == 1, "no photo where the scenario takes none"
+        assert console.shown["link"] == "connected"
+        assert console.shown["children"]["control"] == children["control"]
+        assert "connecting" not in [report["link"] for report in console.history[console.history.index(recording) :]]
+
+        ended_bytes = video_bytes()
+        console.say(f"open {LAYOUTS / 'tour-guide.yaml'}")
+        console.wait_until_shown(scenario="Tour guide")
+        wait_for(lambda: video_bytes() > ended_bytes, "there is video again")
+        console.close()
+        assert _ended_because(folder) == "console_closed"
+    finally:
+        console.kill()
+
+
+def _topics_so_far(folder: Path) -> range:
+    """As long as the file is in tens of bytes: it grows with each event, and reading it all each time is slow."""
+    return range((folder / "events.mcap").stat().st_size // 100)
+
+
+def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Path) -> None:
+    console = _console(robot.address, tmp_path)
+    listener = TwistListener(robot.address)
+
+    def kill(name: str) -> None:
+        pid = wait_for(lambda: console.shown["children"].get(name), f"{name} runs")
+        os.kill(pid, signal.SIGKILL)
+        wait_for(
+            lambda: console.shown["children"].get(name) not in (None, pid), f"{name} is started again", timeout_s=20
+        )
+
+    try:
+        console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
+        console.say("record")
+        first = Path(console.wait_until_shown(recording="recording")["session"])
+        control = console.shown["children"]["control"]
+        kill("media")
+        console.wait_until_shown(video="fresh")
+        assert console.shown["children"]["control"] == control, "the pictures do not take driving along"
+        kill("speech")
+        kill("language-model")
+        kill("inference")
+        assert console.shown["recording"] == "recording"
+
+        console.say("press A")
+        wait_for(lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
+        kill("control")
+        wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands")
+        seen = len(listener.seen)
+        console.wait_until_shown(link="connected", drive_allowed=True)
+        assert not [twist for twist in listener.seen[seen:] if twist.moving], "a key held from before does not drive"
+        console.say("release A")
+        console.say("press D")
+        wait_for(lambda: [twist for twist in listener.seen[seen:] if twist.moving], "a new press drives")
+        console.say("release D")
+
+        kill("recorder")
+        console.wait_until_shown(recording="failed")
+        _problem(console, "The recorder stopped unexpectedly.")
+        assert open_session(first), "what is on disk opens, torn end and all"
+        console.say("record")
+        second = Path(console.wait_until_shown(recording="recording")["session"])
+        assert second != first
+        pids = list(console.shown["children"].values())
+        assert console.close() == 0
+        assert _ended_because(second) == "console_closed"
+        assert not _alive(pids)
+    finally:
+        listener.close()
+        console.kill()
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-m", "caris_desktop", "--demo", "--study", str(tmp_path / "study")],
+        env={
+            **os.environ,
+            "QT_QPA_PLATFORM": "offscreen",
+            "XDG_CONFIG_HOME": str(tmp_path),
+            "XDG_STATE_HOME": str(tmp_path),
+        },
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    children: list[psutil.Process] = []
+
+    def has_all() -> bool:
+        children[:] = psutil.Process(program.pid).children(recursive=True)
+        return len(children) >= 6
+
+    try:
+        wait_for(has_all, "the children run", timeout_s=60)
+        program.send_signal(how)
+        _out, errors = program.communicate(timeout=30)
+        assert program.returncode == (-9 if how is signal.SIGKILL else 0)
+        wait_for(lambda: not _alive([child.pid for child in children]), "all children have ended", timeout_s=20)
+        if how is not signal.SIGKILL:
+            assert "Traceback" not in errors
+    finally:
+        program.kill()
