@@ -111,7 +111,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ("title: Tour guide\n", "", "version", "'title' is missing."),
         ("version: 1", "version: 2", "version", "has version 2, this program reads up to version 1. Update"),
         ("version: 1", "version: one", "version", "the version must be a whole number, found 'one'"),
-        ("weights: [70, 30]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
+        ("weights: [67, 33]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
         ("panel: speak", "panel: video", "panel: video", "the panel 'video' is placed twice."),
         (
             "current: people",
