@@ -14,10 +14,12 @@ from caris_desktop.conversation.prompts import build_messages
 from caris_desktop.conversation.speech import run_speech
 from caris_desktop.conversation.speech_messages import SpeechSettings
 from caris_desktop.domain import clock
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.console import IntentError, Parts, RobotConnection
+from caris_desktop.live.console import Parts, RobotConnection
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
@@ -61,7 +63,7 @@ def find_scenario(name_or_path: str) -> Scenario:
 def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
     """Keep the wizard's panel arrangement: in the user's own copy of the scenario, never in a shipped file.
 
-    Raises IntentError.
+    Raises ToldFailure.
     """
     name = scenario.path.name if scenario.path is not None else "scenario.yaml"
     path = user_scenarios_dir() / name
@@ -69,7 +71,7 @@ def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_scenario(replace(scenario, layout=layout), path)
     except (OSError, ScenarioError) as error:
-        raise IntentError(
+        raise ToldFailure(
             "The panel layout was not saved.", f"{path} cannot be written ({error}).", "It lasts until you close."
         ) from error
     return path
@@ -115,14 +117,14 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
     settings = LinkSettings(profile, address or profile.address)
     return RobotConnection(
         name=profile.title,
-        address=settings.address,
+        address=without_credentials(settings.address),
         control=ProcessBody("control", run_control_link, (settings,)),
         media=ProcessBody("media", run_media_link, (settings,)),
     )
 
 
 def export_session(folder: Path) -> Path:
-    """Export as CSV beside the session's files; gives the folder of the tables. Raises IntentError."""
+    """Export as CSV beside the session's files; gives the folder of the tables. Raises ToldFailure."""
     from caris_desktop.recording.export import export_session as export
 
     out = folder / "export-csv"
@@ -133,7 +135,7 @@ def export_session(folder: Path) -> Path:
     try:
         export(folder, "csv", out)
     except ExportError as error:
-        raise IntentError("The session was not exported.", str(error), "The session itself is unharmed.") from error
+        raise ToldFailure("The session was not exported.", str(error), "The session itself is unharmed.") from error
     return out
 
 
@@ -167,7 +169,7 @@ def _load_scenario(path: Path) -> Scenario:
     try:
         return load_scenario(path)
     except ScenarioError as error:
-        raise IntentError(
+        raise ToldFailure(
             "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
         ) from error
 
@@ -175,12 +177,9 @@ def _load_scenario(path: Path) -> Scenario:
 def _new_session(
     study: StudyFolder, details: TrialDetails, scenario: Scenario, robot: RobotConnection | None
 ) -> tuple[Path, SessionHeader]:
-    try:
-        folder = new_session_folder(study, details)
-        if details != TrialDetails():
-            save_last_details(study, details)
-    except StudyFolderError as error:
-        raise IntentError(error.what, error.meaning, error.advice) from error
+    folder = new_session_folder(study, details)
+    if details != TrialDetails():
+        save_last_details(study, details)
     return folder, SessionHeader(
         anchor=ClockAnchor.take(),
         program_version=__version__,

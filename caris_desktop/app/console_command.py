@@ -13,7 +13,8 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
-from caris_desktop.live.console import Console, IntentError
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
@@ -106,7 +107,7 @@ class ConsoleRun:
     def _on_layout_save_requested(self, layout: LayoutNode) -> None:
         try:
             path = composition.save_layout(self.console.scenario, layout)
-        except IntentError as error:
+        except ToldFailure as error:
             self.console.problem("error", error.what, error.meaning, error.advice)
             return
         self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")

@@ -185,7 +185,7 @@ class Rehearsal(QObject):
         if not isinstance(field, QLineEdit):
             raise RehearsalError("there is no field to ask the assistant")
         self._click("assistant_field")
-        yield from self._type(field, "What could I say to make a visitor feel welcome?")
+        yield from self._type(field, "Hello, I am here for the first time.")
         self._press(Qt.Key.Key_Return, target=field)
         yield Until("the assistant answers", lambda: bool(state.assistant.value.answer), 40.0)
         yield Until("the answer is complete", lambda: state.assistant.value.state != "answering", 60.0)

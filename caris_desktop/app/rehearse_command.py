@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
     from caris_desktop.app.demo_robot import DemoRobot
     from caris_desktop.app.rehearsal import Rehearsal
-    from caris_desktop.live.console import IntentError
+    from caris_desktop.domain.failure import ToldFailure
 
     try:
         console_run = ConsoleRun(
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not failure and rehearsal.session_folder is not None:
         try:
             exported = composition.export_session(rehearsal.session_folder)
-        except IntentError as refusal:
+        except ToldFailure as refusal:
             failure = str(refusal)
     print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
     print(f"Exports:     {exported or 'none'}")

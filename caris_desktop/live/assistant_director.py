@@ -29,6 +29,7 @@ StreamChat = Callable[..., AsyncIterator[str]]
 class _Asked:
     exchange_id: str
     endpoint: ModelEndpoint
+    model: str
     messages: tuple[ChatMessage, ...]
     max_tokens: int
     temperature: float
@@ -78,7 +79,13 @@ class AssistantDirector(QObject):
             return False
         self.cancel()
         asked = _Asked(
-            f"x-{secrets.token_hex(4)}", self._endpoint, tuple(messages), max_tokens, temperature, clock.now_ns()
+            f"x-{secrets.token_hex(4)}",
+            self._endpoint,
+            self._shown_as,
+            tuple(messages),
+            max_tokens,
+            temperature,
+            clock.now_ns(),
         )
         self._state.assistant.set(
             AssistantStatus(state="answering", model=self._shown_as, exchange_id=asked.exchange_id, question=question)
@@ -126,7 +133,7 @@ class AssistantDirector(QObject):
                 stamp_ns=clock.now_ns(),
                 exchange_id=asked.exchange_id,
                 provider=asked.endpoint.provider,
-                model=asked.endpoint.model,
+                model=asked.model,
                 messages=asked.messages,
                 answer="".join(pieces).strip(),
                 outcome=outcome,

@@ -35,6 +35,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceOrigin,
 )
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
@@ -95,14 +96,6 @@ class Parts:
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     export_session: Callable[[Path], Path]
-
-
-class IntentError(Exception):
-    """An adapter refused what the wizard asked; the three parts of a message to the wizard."""
-
-    def __init__(self, what: str, meaning: str, advice: str) -> None:
-        super().__init__(f"{what} {meaning} {advice}")
-        self.what, self.meaning, self.advice = what, meaning, advice
 
 
 class Console(QObject):
@@ -607,7 +600,7 @@ class Console(QObject):
             return
         try:
             folder, header = self._parts.new_session(details, self._scenario, self._connection)
-        except IntentError as refusal:
+        except ToldFailure as refusal:
             self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return
@@ -663,7 +656,7 @@ class Console(QObject):
     async def _export(self, folder: Path) -> None:
         try:
             out = await asyncio.to_thread(self._parts.export_session, folder)
-        except IntentError as refusal:
+        except ToldFailure as refusal:
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return
         self.session_exported.emit(out)
@@ -688,7 +681,7 @@ class Console(QObject):
     def open_scenario(self, path: Path) -> bool:
         try:
             scenario = self._parts.load_scenario(path)
-        except IntentError as refusal:
+        except ToldFailure as refusal:
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return False
         self._scenario = scenario

@@ -83,7 +83,7 @@ class LiveState(QObject):
 
     ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people`` and ``frame`` are LiveStreams; ``link``,
     ``drive``, ``recording``, ``speech``, ``assistant``, ``perception``, ``goal`` (GoalChanged or None) and
-    ``persons`` (tuple of PersonStatus) are LiveValues. ``event_happened(event)`` carries each discrete event once.
+    ``persons`` (tuple of PersonRow) are LiveValues. ``event_happened(event)`` carries each discrete event once.
     """
 
     event_happened = Signal(object)

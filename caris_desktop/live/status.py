@@ -76,15 +76,3 @@ class PerceptionStatus:
     model: str = ""
     detail: str = ""
     inference_ms: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PersonStatus:
-    """One row of the People panel."""
-
-    person_id: str
-    track: int
-    name: str
-    here: bool
-    since_ns: int
-    last_seen_ns: int

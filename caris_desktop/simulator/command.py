@@ -51,6 +51,9 @@ def run(args: argparse.Namespace) -> int:
         level=logging.INFO if args.verbose else logging.WARNING,
         format="%(asctime)s %(levelname)s %(name)s: %(message)s",
     )
+    if not 0 <= args.port <= 65535:
+        sys.stderr.write(f"--port {args.port} is not a port: it must be between 0 (any free one) and 65535.\n")
+        return 2
     if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2

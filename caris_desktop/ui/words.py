@@ -6,7 +6,8 @@ from collections.abc import Callable
 from datetime import datetime
 
 from caris_desktop.domain import clock, events
-from caris_desktop.live.status import DriveStatus, PersonStatus
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.people.presence import PersonRow
 
 _ANCHOR = clock.ClockAnchor.take()
 
@@ -85,12 +86,12 @@ def drive_line(drive: DriveStatus) -> str:
 _NUMBERED = re.compile(r"Person \d+")
 
 
-def has_given_name(person: PersonStatus) -> bool:
+def has_given_name(person: PersonRow) -> bool:
     """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
     return bool(person.name) and _NUMBERED.fullmatch(person.name) is None
 
 
-def person_name(person: PersonStatus) -> str:
+def person_name(person: PersonRow) -> str:
     return person.name or f"Person {person.track}"
 
 

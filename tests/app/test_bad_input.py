@@ -304,6 +304,36 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         console.kill()
 
 
+def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, tmp_path: Path) -> None:
+    if (
+        os.name != "posix"
+        or subprocess.run(
+            ["unshare", "--mount", "sh", "-c", "mount -t tmpfs none /mnt"], capture_output=True, check=False
+        ).returncode
+    ):
+        pytest.skip("needs the right to mount a small disk of its own (root)")
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    result = subprocess.run(
+        [
+            *("unshare", "--mount", "--propagation", "private", "sh", "-ec"),
+            'mount -t tmpfs -o size=300m none "$1"; exec "$2" -m tests.app.fill_disk "$1" "$3"',
+            *("sh", str(disk), sys.executable, robot.address),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=90,
+    )
+    assert result.returncode == 0, result.stderr
+    seen = json.loads(result.stdout.splitlines()[-1])
+    assert any("disk is full" in text for text in seen["problems"])
+    assert seen["link"] == "connected"
+    assert seen["reason"] == "disk_full"
+    assert seen["exported"]
+    assert seen["closed_with"] == 0
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
     program = subprocess.Popen(

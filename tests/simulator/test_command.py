@@ -34,6 +34,7 @@ def test_a_port_in_use_is_explained() -> None:
 def test_bad_arguments_are_explained() -> None:
     assert "--fault-latency-ms" in refused("--fault-latency-ms", "-5")
     assert "--ros" in refused("--ros", "3")
+    assert "65535" in refused("--port", "99999")
 
 
 def test_it_ends_when_asked_and_takes_its_camera_along() -> None:

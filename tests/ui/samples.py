@@ -35,10 +35,10 @@ from caris_desktop.live.status import (
     DriveStatus,
     LinkStatus,
     PerceptionStatus,
-    PersonStatus,
     RecordingStatus,
     SpeechStatus,
 )
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.model import (
     AssistantSettings,
     DrivingLimits,
@@ -205,10 +205,10 @@ def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
     state.perception.set(PerceptionStatus("ready", "yolov8n", "", 31.0))
     state.persons.set(
         (
-            PersonStatus("p1", 1, "Luis", True, now_ns - 190_000_000_000, now_ns),
-            PersonStatus("p2", 2, "Ana Torres", True, now_ns - 64_000_000_000, now_ns),
-            PersonStatus("p3", 4, "Person 3", True, now_ns - 12_000_000_000, now_ns),
-            PersonStatus("p4", 3, "Person 4", False, now_ns - 300_000_000_000, now_ns - 41_000_000_000),
+            PersonRow("p1", 1, "Luis", True, now_ns - 190_000_000_000, now_ns),
+            PersonRow("p2", 2, "Ana Torres", True, now_ns - 64_000_000_000, now_ns),
+            PersonRow("p3", 4, "Person 3", True, now_ns - 12_000_000_000, now_ns),
+            PersonRow("p4", 3, "Person 4", False, now_ns - 300_000_000_000, now_ns - 41_000_000_000),
         )
     )
     if console.scenario.places:

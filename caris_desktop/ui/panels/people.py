@@ -6,7 +6,8 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QStac
 
 from caris_desktop.domain import clock
 from caris_desktop.live.intents import WizardIntents
-from caris_desktop.live.status import PerceptionStatus, PersonStatus
+from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
@@ -23,7 +24,7 @@ class PeoplePanel(Panel):
         super().__init__(context)
         self.setObjectName("people_panel")
         self._can_name = self.console.scenario.permissions.naming_people
-        self._rows: dict[str, PersonRow] = {}
+        self._rows: dict[str, PersonEntry] = {}
         self._empty = QLabel()
         self._empty.setObjectName("people_empty")
         self._empty.setWordWrap(True)
@@ -62,10 +63,10 @@ class PeoplePanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(220, 60)
 
-    def row(self, person_id: str) -> "PersonRow | None":
+    def row(self, person_id: str) -> "PersonEntry | None":
         return self._rows.get(person_id)
 
-    def _on_persons_changed(self, persons: tuple[PersonStatus, ...]) -> None:
+    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         wanted = {person.person_id for person in persons}
         for person_id in [known for known in self._rows if known not in wanted]:
             row = self._rows.pop(person_id)
@@ -75,7 +76,7 @@ class PeoplePanel(Panel):
         for place, person in enumerate(sorted(persons, key=lambda person: (not person.here, person.since_ns))):
             known_row = self._rows.get(person.person_id)
             if known_row is None:
-                known_row = PersonRow(self.theme, self.console, person, can_name=self._can_name)
+                known_row = PersonEntry(self.theme, self.console, person, can_name=self._can_name)
                 self._rows[person.person_id] = known_row
                 self._list.insertWidget(place, known_row)
             elif self._list.indexOf(known_row) != place:
@@ -91,7 +92,7 @@ class PeoplePanel(Panel):
         self._refresh()
 
     def _refresh(self) -> None:
-        persons: tuple[PersonStatus, ...] = self.state.persons.value
+        persons: tuple[PersonRow, ...] = self.state.persons.value
         here = sum(person.here for person in persons)
         blind = self.state.frame.freshness == "lost"
         self.set_fact("no picture" if blind else f"{here} here" if here else "nobody here", "dim")
@@ -116,10 +117,10 @@ class PeoplePanel(Panel):
             row.refresh_age()
 
 
-class PersonRow(QWidget):
+class PersonEntry(QWidget):
     """A person: mark, name, since when; and a field to name them in place."""
 
-    def __init__(self, theme: Theme, console: WizardIntents, person: PersonStatus, *, can_name: bool) -> None:
+    def __init__(self, theme: Theme, console: WizardIntents, person: PersonRow, *, can_name: bool) -> None:
         super().__init__()
         self._theme = theme
         self._console = console
@@ -157,7 +158,7 @@ class PersonRow(QWidget):
     def name_text(self) -> str:
         return self._name.text()
 
-    def show_person(self, person: PersonStatus) -> None:
+    def show_person(self, person: PersonRow) -> None:
         self._person = person
         self._name.setText(words.person_name(person))
         known = words.has_given_name(person)

@@ -30,7 +30,8 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain import clock
-from caris_desktop.live.status import PersonStatus, RecordingStatus
+from caris_desktop.live.status import RecordingStatus
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -131,7 +132,7 @@ class SessionPanel(Panel):
         return self._model.entries()
 
     def _name_of(self, person_id: str) -> str:
-        persons: tuple[PersonStatus, ...] = self.state.persons.value
+        persons: tuple[PersonRow, ...] = self.state.persons.value
         person = next((person for person in persons if person.person_id == person_id), None)
         return "Somebody" if person is None else words.person_name(person)
 

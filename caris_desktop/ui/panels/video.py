@@ -11,7 +11,8 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
-from caris_desktop.live.status import DriveStatus, LinkStatus, PersonStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -154,7 +155,7 @@ class VideoPanel(Panel):
     def _on_people_changed(self, people: People) -> None:
         self.view.show_people(people)
 
-    def _on_persons_changed(self, persons: tuple[PersonStatus, ...]) -> None:
+    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         self.view.show_names(
             {person.person_id: (words.person_name(person), words.has_given_name(person)) for person in persons}
         )

@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# Takes the pictures of README.md anew: rehearses both scenarios on a virtual screen and keeps one picture of each.
+set -euo pipefail
+
+repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
+cd -- "$repository"
+bash packaging/setup.sh
+
+# shellcheck source=packaging/virtual_screen.sh
+source packaging/virtual_screen.sh
+start_virtual_screen
+output=$(mktemp -d -t caris-screenshots.XXXXXX)
+mkdir -p resources/screenshots
+
+# keep SCENARIO THEME STEP: rehearse, and keep the picture of that step as SCENARIO-THEME.png.
+keep() {
+  .venv/bin/caris-desktop rehearse "layouts/$1.yaml" --theme "$2" --out "$output/$1"
+  cp -- "$output/$1/screenshots/"*"-$3.png" "resources/screenshots/$1-$2.png"
+  printf 'resources/screenshots/%s-%s.png\n' "$1" "$2"
+}
+
+keep tour-guide dark going-to-a-place
+keep mental-health-check light assistant
+rm -rf -- "$output"
