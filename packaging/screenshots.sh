@@ -19,6 +19,6 @@ keep() {
   printf 'resources/screenshots/%s-%s.png\n' "$1" "$2"
 }
 
-keep tour-guide dark going-to-a-place
+keep tour-guide dark assistant
 keep mental-health-check light assistant
 rm -rf -- "$output"
