@@ -3,6 +3,7 @@
 import argparse
 import gc
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -37,14 +38,15 @@ class ConsoleRun:
         settings: QSettings | None = None,
         robot: Callable[[Console], DemoRobot] | None = None,
     ) -> None:
-        existing = QApplication.instance()
-        self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
-        self.application.setApplicationName("CARIS Desktop")
-        self.application.setApplicationVersion(__version__)
         self.settings = settings or QSettings("CARIS", "CARIS Desktop")
         self._arguments = arguments
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
+        _check_screen()
+        existing = QApplication.instance()
+        self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
+        self.application.setApplicationName("CARIS Desktop")
+        self.application.setApplicationVersion(__version__)
         self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=_scenario_choices)
@@ -138,6 +140,16 @@ def run(arguments: argparse.Namespace) -> int:
         return console_run.application.exec()
     finally:
         console_run.close()
+
+
+def _check_screen() -> None:
+    """Without a screen Qt would end the program with words that help nobody. Raises StartError."""
+    places = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in places):
+        raise composition.StartError(
+            "There is no screen to open the window on. Start the console from a desktop session; without one, "
+            "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' makes a virtual screen for it."
+        )
 
 
 def _scenario_choices() -> list[ScenarioChoice]:

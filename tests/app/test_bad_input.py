@@ -105,6 +105,15 @@ def test_a_command_line_that_cannot_be_followed_gets_one_clear_message(tmp_path:
                 assert part in result.stderr, (words, result.stderr)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems always have a screen")
+def test_without_a_screen_the_console_says_what_to_do() -> None:
+    nothing = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "QT_QPA_PLATFORM": ""}
+    result = _command("--scenario", "tour-guide", environment=nothing)
+    assert result.returncode == 2
+    assert "no screen" in result.stderr and "rehearse" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
 def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
     """A robot profile with a fault and a camera that is not there: the window opens and says so."""
     profile = tmp_path / "robot.yaml"
