@@ -311,7 +311,8 @@ class Console(QObject):
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media":
             if event.state != "connected":
-                self._state.frame.clear()
+                if self._parts.camera is None:  # a camera of this computer does not come over the link
+                    self._state.frame.clear()
                 self._state.map.clear()
             return
         self._state.link.set(
@@ -605,6 +606,7 @@ class Console(QObject):
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return
         self._session_folder = folder
+        self._conversation.clear()  # what was said with one participant is not told to the model about the next
         self._recording_video = self._scenario.permissions.video_recording
         now_ns = clock.now_ns()
         self._state.recording.set(
