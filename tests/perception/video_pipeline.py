@@ -127,5 +127,6 @@ def score(truth: Path, result: Path, scorer: Path) -> dict[str, float] | None:
     if "No module named 'trackeval'" in finished.stderr:
         return None
     assert finished.returncode == 0, finished.stderr
-    scores: dict[str, float] = json.loads(finished.stdout)
+    # Its package prints a line about what it could not import before the scores.
+    scores: dict[str, float] = json.loads(finished.stdout.splitlines()[-1])
     return scores
