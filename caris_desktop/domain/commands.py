@@ -5,7 +5,8 @@ None of these is ever queued while the link is down: what cannot be sent now is 
 
 from dataclasses import dataclass
 
-from caris_desktop.domain.events import CommandSource
+from caris_desktop.domain.controls import ControlValue, RobotControl
+from caris_desktop.domain.events import CommandSource, MapOperation
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 
@@ -66,6 +67,61 @@ class CancelGoal:
 
 
 @dataclass(frozen=True, slots=True)
+class SetGuard:
+    """Switch the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
+
+    stamp_ns: int
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetInitialPose:
+    """Tell the localization where the robot is, with one standard deviation of position and heading."""
+
+    stamp_ns: int
+    pose_in_map: Pose2D
+    spread_m: float = 0.5
+    spread_rad: float = 0.26
+
+
+@dataclass(frozen=True, slots=True)
+class RequestMap:
+    """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then not used)."""
+
+    stamp_ns: int
+    request_id: str
+    operation: MapOperation
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveHead:
+    """Turn the head to these angles: pan left positive, tilt down positive. Newer ones replace older ones."""
+
+    stamp_ns: int
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class OfferControls:
+    """The controls that the scenario adds to the profile's own, so that their readings are listened to."""
+
+    stamp_ns: int
+    controls: tuple[RobotControl, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class UseControl:
+    """Use a control of the profile or the scenario; a button's ``value`` is True."""
+
+    stamp_ns: int
+    request_id: str
+    control: str
+    value: ControlValue
+
+
+@dataclass(frozen=True, slots=True)
 class Say:
     """Speak through the robot's own voice."""
 
@@ -89,5 +145,20 @@ class CloseLink:
 
 
 RobotCommand = (
-    Drive | RenewLease | Release | StopMotion | SetEmergencyStop | GoTo | CancelGoal | Say | Silence | CloseLink
+    Drive
+    | RenewLease
+    | Release
+    | StopMotion
+    | SetEmergencyStop
+    | SetGuard
+    | GoTo
+    | CancelGoal
+    | SetInitialPose
+    | RequestMap
+    | MoveHead
+    | OfferControls
+    | UseControl
+    | Say
+    | Silence
+    | CloseLink
 )

@@ -6,6 +6,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
@@ -16,6 +17,9 @@ UtteranceOrigin = Literal["typed", "phrase", "filler", "assistant", "suggestion"
 UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
 LlmOutcome = Literal["answered", "cancelled", "failed"]
 Severity = Literal["info", "warning", "error"]
+GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
+MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
+RequestState = Literal["requested", "succeeded", "failed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +88,113 @@ class GoalChanged:
     place: str | None = None
     distance_left_m: float | None = None
     detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardChanged:
+    """The obstacle guard limits motion differently from now on.
+
+    ``absent``: the profile names no LIDAR; ``blind``: no fresh scan, so the speed is capped; ``overridden``: the
+    wizard switched it off. ``distance_m`` is the free way between footprint and obstacle in the direction of motion.
+    """
+
+    stamp_ns: int
+    state: GuardState
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class InitialPoseSet:
+    """The wizard told the localization where the robot is."""
+
+    stamp_ns: int
+    pose_in_map: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class MapRequestChanged:
+    """A map was to be saved or loaded, or mapping to be switched. The same ``request_id`` returns with each state."""
+
+    stamp_ns: int
+    request_id: str
+    operation: MapOperation
+    name: str
+    state: RequestState
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MappingChanged:
+    """Whether the robot builds its map (True) or only finds its place in it; None: it does not tell."""
+
+    stamp_ns: int
+    mapping: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class PlacesChanged:
+    """A named place was added to the scenario, moved, or removed (``pose_in_map`` None)."""
+
+    stamp_ns: int
+    name: str
+    pose_in_map: Pose2D | None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadMoved:
+    """The wizard turned the head: where it was asked to look, pan left and tilt down positive."""
+
+    stamp_ns: int
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class ControlUsed:
+    """A control of the Robot panel was used. The same ``request_id`` returns with each state."""
+
+    stamp_ns: int
+    request_id: str
+    control: str
+    value: ControlValue
+    state: RequestState
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicTraffic:
+    """How one topic fared in the last second. ``age_ms`` is how old its newest message was on arrival by the robot's
+    own stamp and the estimated clock offset; None where it carries no stamp.
+    """
+
+    topic: str
+    type: str
+    rate_hz: float
+    bytes_per_s: float
+    last_heard_s: float | None
+    age_ms: float | None
+    refused: int
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficMeasured:
+    """The topics of one link, once a second. ``refused`` counts all messages that could not be used so far."""
+
+    stamp_ns: int
+    link: str
+    encoding: Literal["cbor", "json"]
+    refused: int
+    topics: tuple[TopicTraffic, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GamepadChanged:
+    """A gamepad was plugged in or out; ``device`` is its hardware id."""
+
+    stamp_ns: int
+    device: str
+    name: str
+    connected: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +347,15 @@ Event = (
     | StopRequested
     | EmergencyStopChanged
     | GoalChanged
+    | GuardChanged
+    | InitialPoseSet
+    | MapRequestChanged
+    | MappingChanged
+    | PlacesChanged
+    | HeadMoved
+    | ControlUsed
+    | TrafficMeasured
+    | GamepadChanged
     | UtteranceChanged
     | LlmExchange
     | AnswerUsed

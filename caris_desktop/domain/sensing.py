@@ -5,10 +5,12 @@ robot's own stamp (nanoseconds of its clock), where it sent one.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 
@@ -55,6 +57,33 @@ class OccupancyGrid:
     resolution_m: float
     origin_in_map: Pose2D
     cells: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedPath:
+    """Where the navigation means to drive. ``points_in_map`` is float32, shape (points, 2), metres; may be empty."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    points_in_map: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class HeadState:
+    """How the head is turned: pan left positive, tilt down positive, both from straight ahead."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class ControlReadings:
+    """What the robot tells of the controls in the Robot panel, by control id: the newest value of each."""
+
+    stamp_ns: int
+    values: dict[str, ControlValue]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,3 +136,22 @@ class People:
     frame_height_px: int
     boxes: tuple[PersonBox, ...]
     inference_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class PersonPlace:
+    """Where one person stands. ``source`` says what measured the distance; ``spread_m`` is one standard deviation."""
+
+    person_id: str
+    x_m: float
+    y_m: float
+    spread_m: float
+    source: Literal["lidar", "depth"]
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleInMap:
+    """Everybody whose place in the map could be measured; ``stamp_ns`` is the stamp of the camera frame."""
+
+    stamp_ns: int
+    people: tuple[PersonPlace, ...]

@@ -53,6 +53,10 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST),
     StreamSpec("battery", sensing.BatteryState, Delivery.LATEST),
     StreamSpec("people", sensing.People, Delivery.LATEST, 0.3),
+    StreamSpec("people_in_map", sensing.PeopleInMap, Delivery.LATEST, 0.3),
+    StreamSpec("path", sensing.PlannedPath, Delivery.LATEST),
+    StreamSpec("head", sensing.HeadState, Delivery.LATEST, 0.2),
+    StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1),
 )
 

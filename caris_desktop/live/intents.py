@@ -1,13 +1,26 @@
 """What a wizard can ask of the running console. Panels call these and nothing else."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
+from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import CommandSource, UtteranceOrigin
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.trial import TrialDetails
+
+
+@dataclass(frozen=True, slots=True)
+class RobotChoice:
+    """One robot of the list. ``name`` is what ``use_robot`` takes."""
+
+    name: str
+    title: str
+    address: str
 
 
 class WizardIntents(Protocol):
@@ -43,10 +56,46 @@ class WizardIntents(Protocol):
     def clear_emergency_stop(self) -> None:
         """Release the latched emergency stop."""
 
+    def set_guard(self, *, on: bool) -> None:
+        """Switch the obstacle guard; off lasts until the link is lost, the scenario changes, or it is switched on."""
+
+    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+        """Turn the head there: pan left positive, tilt down positive."""
+
+    def turn_head(self, *, pan: float, tilt: float) -> None:
+        """Turn the head while something is held: each argument -1..1 of its speed, zero stops. On each change only."""
+
     def go_to_place(self, name: str) -> None:
         """Navigate to a place of the scenario."""
 
+    def go_to(self, target_in_map: Pose2D) -> None:
+        """Navigate to a point with a heading."""
+
     def cancel_goal(self) -> None: ...
+
+    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
+        """Tell the localization where the robot is."""
+
+    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
+        """Add a place, or move the one of that name, in the wizard's copy of the scenario."""
+
+    def remove_place(self, name: str) -> None: ...
+
+    def save_map(self, name: str) -> None: ...
+
+    def load_map(self, name: str) -> None: ...
+
+    def set_mapping(self, *, mapping: bool) -> None:
+        """Build the map on (True), or only find the place in it (False)."""
+
+    def use_control(self, control_id: str, value: ControlValue) -> None:
+        """A control of the Robot panel; a button's value is True."""
+
+    def robots(self) -> Sequence[RobotChoice]:
+        """The robots that can be connected to: shipped profiles and the wizard's own."""
+
+    def use_robot(self, name: str) -> bool:
+        """Connect to another robot instead of the present one. False when its profile was refused."""
 
     def say(self, text: str, origin: UtteranceOrigin) -> None:
         """Speak after whatever is waiting."""

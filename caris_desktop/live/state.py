@@ -10,7 +10,10 @@ from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
     Freshness,
+    GamepadStatus,
+    HeadStatus,
     LinkStatus,
+    MapStatus,
     PerceptionStatus,
     RecordingStatus,
     SpeechStatus,
@@ -81,9 +84,12 @@ class LiveValue(QObject):
 class LiveState(QObject):
     """Everything that panels may show.
 
-    ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people`` and ``frame`` are LiveStreams; ``link``,
-    ``drive``, ``recording``, ``speech``, ``assistant``, ``perception``, ``goal`` (GoalChanged or None) and
-    ``persons`` (tuple of PersonRow) are LiveValues. ``event_happened(event)`` carries each discrete event once.
+    ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
+    ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
+    ``assistant``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
+    (RobotProfile or None), ``places`` (tuple of Place), ``look`` (HeadStatus), ``mapping`` (MapStatus), ``controls``
+    (tuple of RobotControl), ``control_states`` (dict of control id to ControlStatus), ``traffic`` (dict of link name
+    to TrafficMeasured) and ``gamepad`` (GamepadStatus). ``event_happened(event)`` carries each discrete event once.
     """
 
     event_happened = Signal(object)
@@ -97,6 +103,10 @@ class LiveState(QObject):
         self.map = self._streams["map"]
         self.battery = self._streams["battery"]
         self.people = self._streams["people"]
+        self.people_in_map = self._streams["people_in_map"]
+        self.path = self._streams["path"]
+        self.head = self._streams["head"]
+        self.readings = self._streams["readings"]
         self.frame = self._streams["frame"]
         self.link = LiveValue(LinkStatus(), self)
         self.drive = LiveValue(DriveStatus(), self)
@@ -106,6 +116,14 @@ class LiveState(QObject):
         self.perception = LiveValue(PerceptionStatus(), self)
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)
+        self.robot = LiveValue(None, self)
+        self.places = LiveValue((), self)
+        self.look = LiveValue(HeadStatus(), self)
+        self.mapping = LiveValue(MapStatus(), self)
+        self.controls = LiveValue((), self)
+        self.control_states = LiveValue({}, self)
+        self.traffic = LiveValue({}, self)
+        self.gamepad = LiveValue(GamepadStatus(), self)
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)
@@ -124,5 +142,5 @@ class LiveState(QObject):
 
     def clear_robot_streams(self) -> None:
         """The link is gone: latched values follow it, nothing old stays on show as live."""
-        for name in ("scan", "odometry", "pose", "map", "battery"):
+        for name in ("scan", "odometry", "pose", "map", "battery", "people_in_map", "path", "head", "readings"):
             self._streams[name].clear()

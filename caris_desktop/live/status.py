@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from caris_desktop.domain.events import LinkState, UtteranceChanged
+from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.events import GuardState, LinkState, RequestState, UtteranceChanged
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
 
@@ -16,13 +17,16 @@ class LinkStatus:
     address: str = ""
     detail: str = ""
     round_trip_ms: float | None = None
+    clock_offset_ms: float | None = None
+    clock_uncertainty_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class DriveStatus:
     """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is.
 
-    ``target_*`` is what is asked for now (after caps), zero when nothing is held.
+    ``target_*`` is what is asked for now (after caps), zero when nothing is held. ``max_left_mps`` is 0 on a base that
+    cannot move sideways. ``guard_distance_m`` is the free way ahead of the footprint, where the guard measures it.
     """
 
     allowed: bool = False
@@ -31,10 +35,52 @@ class DriveStatus:
     cap_reason: str = ""
     speed_fraction: float = 0.6
     target_forward_mps: float = 0.0
+    target_left_mps: float = 0.0
     target_turn_radps: float = 0.0
     max_forward_mps: float = 0.5
+    max_left_mps: float = 0.0
     max_turn_radps: float = 1.0
     emergency_stop: bool = False
+    guard: GuardState = "absent"
+    guard_distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadStatus:
+    """Where the head was asked to look; ``present`` is False where the robot has no head to turn."""
+
+    present: bool = False
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MapStatus:
+    """``mapping`` is None where the robot does not tell; the operations are those that it offers."""
+
+    can_save: bool = False
+    can_load: bool = False
+    can_switch: bool = False
+    mapping: bool | None = None
+    busy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlStatus:
+    """How the last use of one control went."""
+
+    state: RequestState
+    value: ControlValue
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GamepadStatus:
+    """``name`` is empty while no gamepad is there; ``device`` is the hardware id that its mapping is kept under."""
+
+    device: str = ""
+    name: str = ""
+    detail: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,8 +85,9 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         goal_topic = _absolute(f"{navigation.name}/goal")
         if goal_topic not in inventory.topics:
             sentences.append(f"Navigation: nothing on the robot listens to {goal_topic}.")
-    if profile.speech is not None and _absolute(profile.speech.topic) not in inventory.topics:
-        sentences.append(f"Speech: nothing on the robot listens to {profile.speech.topic}.")
+    speech = profile.speech
+    if speech is not None and speech.topic is not None and _absolute(speech.topic) not in inventory.topics:
+        sentences.append(f"Speech: nothing on the robot listens to {speech.topic}.")
     stop = profile.emergency_stop
     if stop is not None and stop.service is not None and not inventory.has_service(stop.service):
         sentences.append(f"Emergency stop: the robot has no service {stop.service}.")

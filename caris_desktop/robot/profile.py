@@ -1,8 +1,9 @@
 """Robot profiles: which robot it is, how its topics are called, how fast it may go. Plain YAML, never code."""
 
 import json
+import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,8 @@ import jsonschema
 import yaml
 
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import resources_dir
 
@@ -30,15 +33,22 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class TopicSource:
-    """A topic to listen to, at most once every ``throttle_ms`` (0: as often as it comes)."""
+    """A topic to listen to, at most once every ``throttle_ms`` (0: as often as it comes).
+
+    ``latched``: its last message is kept for late listeners (latch in ROS 1, transient local in ROS 2).
+    """
 
     topic: str
     throttle_ms: int = 0
+    latched: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class VelocityTopic:
-    """Where velocity commands go. ``frame_id`` is used in the header of a TwistStamped."""
+    """Where velocity commands go: the base itself, or the wizard's input of a velocity multiplexer.
+
+    ``frame_id`` is used in the header of a TwistStamped.
+    """
 
     topic: str = "/cmd_vel"
     type: VelocityType = "Twist"
@@ -56,11 +66,15 @@ class TransformFrames:
 
 @dataclass(frozen=True, slots=True)
 class CameraTopic:
-    """One camera: a topic of sensor_msgs/CompressedImage."""
+    """One camera: a topic of sensor_msgs/CompressedImage. ``model`` tells where it looks; ``info`` is a topic of
+    sensor_msgs/CameraInfo whose focal lengths replace those of the model.
+    """
 
     name: str
     topic: str
     throttle_ms: int = 60
+    model: CameraModel | None = None
+    info: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +86,83 @@ class NavigationServer:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeechTopics:
-    """The robot's own voice: std_msgs/String to say, std_msgs/Bool while it speaks, std_msgs/Empty to stop it."""
+class SpeechAction:
+    """A speech action (actionlib in ROS 1). ``$value`` in ``goal`` stands for the text; its result is the end."""
 
-    topic: str
+    name: str
+    type: str
+    goal: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class SpeechInterface:
+    """The robot's own voice: an action, or a topic of std_msgs/String.
+
+    With a topic: ``speaking`` is std_msgs/Bool while it speaks, ``stop`` std_msgs/Empty to stop it.
+    """
+
+    topic: str | None = None
     speaking: str | None = None
     stop: str | None = None
+    action: SpeechAction | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class EmergencyStopInterface:
-    """The robot's own emergency stop: std_msgs/Bool with its state, and a std_srvs/SetBool service that sets it."""
+    """The robot's own emergency stop.
+
+    ``topic`` tells its state (std_msgs/Bool, True while stopped; the other way round with ``inverted``). It is set by
+    ``service`` (std_srvs/SetBool), or by ``set_service`` and ``clear_service`` (std_srvs/Trigger or Empty as
+    ``service_type`` says), or by publishing std_msgs/Bool on ``command_topic``.
+    """
 
     topic: str | None = None
+    inverted: bool = False
     service: str | None = None
+    set_service: str | None = None
+    clear_service: str | None = None
+    service_type: Literal["std_srvs/Trigger", "std_srvs/Empty"] = "std_srvs/Trigger"
+    command_topic: str | None = None
+
+    @property
+    def commands_robot(self) -> bool:
+        """Whether the robot can be told to stop, rather than only telling that it has."""
+        return bool(self.service or self.set_service or self.command_topic)
+
+
+@dataclass(frozen=True, slots=True)
+class HeadInterface:
+    """A head that pans (left positive) and tilts (down positive).
+
+    ``joint_trajectory`` publishes trajectory_msgs/JointTrajectory, ``joint_angles`` naoqi_bridge_msgs'
+    JointAnglesWithSpeed. ``joint_states`` tells how the head is turned. A sign of -1 turns a joint's direction.
+    """
+
+    kind: Literal["joint_trajectory", "joint_angles"]
+    topic: str
+    pan_joint: str
+    tilt_joint: str
+    joint_states: str = "/joint_states"
+    pan_range_rad: tuple[float, float] = (-1.2, 1.2)
+    tilt_range_rad: tuple[float, float] = (-0.5, 0.7)
+    speed_radps: float = 0.8
+    pan_sign: Literal[1, -1] = 1
+    tilt_sign: Literal[1, -1] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class MapServices:
+    """What saves and loads maps and switches between mapping and localization; None where the robot has no such node.
+
+    ``slam_toolbox`` is the node's name (serialize_map, deserialize_map, pause_new_measurements);
+    ``map_server`` (nav2_msgs/LoadMap, ROS 2) and ``map_saver`` (nav2_msgs/SaveMap) likewise. Saved maps lie in
+    ``folder`` on the robot.
+    """
+
+    slam_toolbox: str | None = None
+    map_server: str | None = None
+    map_saver: str | None = None
+    folder: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,16 +180,45 @@ class MotionLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class GuardSettings:
+    """How the obstacle guard keeps the footprint from touching what the LIDAR sees.
+
+    The robot stops with ``stop_distance_m`` left in the direction of motion and never drives faster than it can stop
+    from after ``reaction_s`` (sensor period, network, base).
+    """
+
+    on: bool = True
+    stop_distance_m: float = 0.12
+    reaction_s: float = 0.35
+
+
+@dataclass(frozen=True, slots=True)
+class SecuritySettings:
+    """How the link is secured: a file with certificates to trust besides the system's (``wss://``), and the name of the
+    environment variable that holds the rosauth secret. The secret itself is never in a file.
+    """
+
+    ca_file: str | None = None
+    rosauth_secret_env: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class RobotProfile:
-    """Everything the link needs to know of a robot. None means that the robot has no such thing."""
+    """Everything the link needs to know of a robot. None means that the robot has no such thing.
+
+    All names are absolute: a ``namespace`` of the file has been put before its relative names already.
+    """
 
     name: str
     title: str
     ros: RosVersion = 1
     address: str = DEFAULT_ADDRESS
+    security: SecuritySettings = field(default_factory=SecuritySettings)
+    simulation_time: bool = False
     velocity: VelocityTopic = field(default_factory=VelocityTopic)
     command_rate_hz: float = 20.0
     limits: MotionLimits = field(default_factory=MotionLimits)
+    guard: GuardSettings = field(default_factory=GuardSettings)
     scan: TopicSource | None = None
     odometry: TopicSource | None = None
     pose: TopicSource | None = None
@@ -120,13 +226,33 @@ class RobotProfile:
     tf_static: TopicSource | None = None
     frames: TransformFrames = field(default_factory=TransformFrames)
     map: TopicSource | None = None
+    map_updates: TopicSource | None = None
+    path: TopicSource | None = None
     battery: TopicSource | None = None
     cameras: tuple[CameraTopic, ...] = ()
     navigation: NavigationServer | None = None
-    speech: SpeechTopics | None = None
+    initial_pose: str | None = None
+    maps: MapServices | None = None
+    speech: SpeechInterface | None = None
     emergency_stop: EmergencyStopInterface | None = None
+    head: HeadInterface | None = None
+    controls: tuple[RobotControl, ...] = ()
     robot_from_laser: Pose2D = field(default_factory=lambda: Pose2D(0.0, 0.0, 0.0))
     footprint_radius_m: float = 0.25
+    footprint_m: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def holonomic(self) -> bool:
+        """Whether the base can move sideways."""
+        return self.limits.left_mps > 0.0
+
+    @property
+    def footprint_outline_m(self) -> tuple[tuple[float, float], ...]:
+        """The outline on the floor, (x, y) in the robot frame, counter-clockwise; a circle becomes 24 corners."""
+        if self.footprint_m:
+            return self.footprint_m
+        steps = (2.0 * math.pi * step / 24 for step in range(24))
+        return tuple((self.footprint_radius_m * math.cos(a), self.footprint_radius_m * math.sin(a)) for a in steps)
 
 
 def shipped_profiles() -> tuple[str, ...]:
@@ -263,7 +389,7 @@ def _build(data: dict[str, Any], name: str) -> RobotProfile:
         battery=source("battery"),
         cameras=tuple(CameraTopic(**camera) for camera in data.get("cameras", ())),
         navigation=NavigationServer(**data["navigation"]) if data.get("navigation") else None,
-        speech=SpeechTopics(**data["speech"]) if data.get("speech") else None,
+        speech=SpeechInterface(**data["speech"]) if data.get("speech") else None,
         emergency_stop=EmergencyStopInterface(**data["emergency_stop"]) if data.get("emergency_stop") else None,
         robot_from_laser=Pose2D(
             float(laser.get("x_m", 0.0)), float(laser.get("y_m", 0.0)), float(laser.get("heading_rad", 0.0))

@@ -8,7 +8,7 @@ from typing import Any
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
-from caris_desktop.robot.profile import SpeechTopics
+from caris_desktop.robot.profile import SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import decode_bool, encode_string
@@ -37,7 +37,12 @@ class RobotVoice:
     """
 
     def __init__(
-        self, ros: SafeRos, dialect: Dialect, speech: SpeechTopics | None, *, emit: Callable[[UtteranceChanged], None]
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        speech: SpeechInterface | None,
+        *,
+        emit: Callable[[UtteranceChanged], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._emit = emit
@@ -46,7 +51,7 @@ class RobotVoice:
         self._say: SafeTopic | None = None
         self._stop: SafeTopic | None = None
         self._follows_topic = False
-        if speech is None:
+        if speech is None or speech.topic is None:
             return
         self._say = SafeTopic(ros, speech.topic, type_name(dialect, "std_msgs", "String"))
         self._say.advertise()

@@ -4,11 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.geometry import Pose2D
 
 SCENARIO_VERSION = 1
 
-PanelName = Literal["video", "map", "drive", "people", "speak", "assistant", "session"]
+PanelName = Literal[
+    "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics"
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ class DrivingLimits:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One scenario file. ``phrases`` sit on F1..F8 in order, ``filler`` on F9."""
+    """One scenario file. ``phrases`` sit on F1..F8 in order, ``filler`` on F9, ``controls`` come after the robot's."""
 
     title: str
     layout: LayoutNode
@@ -86,6 +89,7 @@ class Scenario:
     phrases: tuple[str, ...] = ()
     filler: str = ""
     places: tuple[Place, ...] = ()
+    controls: tuple[RobotControl, ...] = ()
     permissions: Permissions = field(default_factory=Permissions)
     assistant: AssistantSettings = field(default_factory=AssistantSettings)
     driving: DrivingLimits = field(default_factory=DrivingLimits)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
     CommandSource,
     EmergencyStopChanged,
@@ -18,10 +19,12 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceOrigin,
 )
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, RecordingStatus
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.live.status import AssistantStatus, ControlStatus, HeadStatus, RecordingStatus
+from caris_desktop.scenario.model import Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -55,6 +58,8 @@ class FakeConsole:
 
     def __init__(self, scenario: Scenario, other_scenarios: dict[Path, Scenario] | None = None) -> None:
         self.state = LiveState()
+        self.state.places.set(scenario.places)
+        self.state.controls.set(scenario.controls)
         self.scenario = scenario
         self.frames = FakeFrames()
         self.suggested = TrialDetails()
@@ -93,6 +98,59 @@ class FakeConsole:
         place = next(place for place in self.scenario.places if place.name == name)
         goal = GoalChanged(clock.now_ns(), "goal-1", "active", place.pose_in_map, place=name, distance_left_m=3.2)
         self.state.goal.set(goal)
+
+    def go_to(self, target_in_map: Pose2D) -> None:
+        self.calls.append(("go_to", target_in_map))
+        self.state.goal.set(GoalChanged(clock.now_ns(), "goal-1", "active", target_in_map, distance_left_m=3.2))
+
+    def set_guard(self, *, on: bool) -> None:
+        self.calls.append(("set_guard", on))
+        self._set_drive(guard="clear" if on else "overridden")
+
+    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+        self.calls.append(("look_at", (pan_rad, tilt_rad)))
+        self.state.look.set(HeadStatus(True, pan_rad, tilt_rad))
+
+    def turn_head(self, *, pan: float, tilt: float) -> None:
+        self.calls.append(("turn_head", (pan, tilt)))
+
+    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
+        self.calls.append(("set_initial_pose", pose_in_map))
+
+    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
+        self.calls.append(("save_place", (name, pose_in_map)))
+        others = tuple(place for place in self.state.places.value if place.name != name)
+        self.state.places.set((*others, Place(name, pose_in_map)))
+
+    def remove_place(self, name: str) -> None:
+        self.calls.append(("remove_place", name))
+        self.state.places.set(tuple(place for place in self.state.places.value if place.name != name))
+
+    def save_map(self, name: str) -> None:
+        self.calls.append(("save_map", name))
+
+    def load_map(self, name: str) -> None:
+        self.calls.append(("load_map", name))
+
+    def set_mapping(self, *, mapping: bool) -> None:
+        self.calls.append(("set_mapping", mapping))
+        self.state.mapping.set(dataclasses.replace(self.state.mapping.value, mapping=mapping))
+
+    def use_control(self, control_id: str, value: ControlValue) -> None:
+        self.calls.append(("use_control", (control_id, value)))
+        states = dict(self.state.control_states.value)
+        states[control_id] = ControlStatus("requested", value)
+        self.state.control_states.set(states)
+
+    def robots(self) -> list[RobotChoice]:
+        return [
+            RobotChoice("simulated", "Simulated robot", "ws://127.0.0.1:9090"),
+            RobotChoice("tiago", "TIAGo", "ws://tiago:9090"),
+        ]
+
+    def use_robot(self, name: str) -> bool:
+        self.calls.append(("use_robot", name))
+        return any(robot.name == name for robot in self.robots())
 
     def cancel_goal(self) -> None:
         self.calls.append(("cancel_goal", None))
@@ -155,6 +213,8 @@ class FakeConsole:
         if path not in self._others:
             return False
         self.scenario = self._others[path]
+        self.state.places.set(self.scenario.places)
+        self.state.controls.set(self.scenario.controls)
         return True
 
     def _set_drive(self, **changes: Any) -> None:

@@ -1,0 +1,84 @@
+"""Where a camera looks: from pixels to the floor and back, by the pinhole model."""
+
+import math
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """A pinhole camera on the robot, without lens distortion.
+
+    ``width_px`` and ``height_px`` are those of the picture that the focal lengths ``fx_px``, ``fy_px`` and the
+    principal point ``cx_px``, ``cy_px`` belong to. The optical centre lies at (x_m, y_m, z_m) in the robot frame
+    (REP 103: x forward, y left, z up from the floor), looking along ``heading_rad`` (left positive) and
+    ``tilt_rad`` (down positive). ``on_head``: pan and tilt of the robot's head are added to these two.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 1.0
+    heading_rad: float = 0.0
+    tilt_rad: float = 0.0
+    on_head: bool = False
+
+    @classmethod
+    def from_field_of_view(cls, *, width_px: int, height_px: int, horizontal_rad: float) -> "CameraModel":
+        """Square pixels and the principal point in the middle, as a data sheet describes a camera."""
+        focal_px = width_px / 2.0 / math.tan(horizontal_rad / 2.0)
+        return cls(width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
+
+    def scaled_to(self, width_px: int, height_px: int) -> "CameraModel":
+        """The same camera for a picture of another size."""
+        across, down = width_px / self.width_px, height_px / self.height_px
+        return replace(
+            self, width_px=width_px, height_px=height_px,
+            fx_px=self.fx_px * across, cx_px=self.cx_px * across, fy_px=self.fy_px * down, cy_px=self.cy_px * down,
+        )  # fmt: skip
+
+    def with_head_at(self, *, pan_rad: float, tilt_rad: float) -> "CameraModel":
+        """The camera while the head is turned; itself where it is not on the head."""
+        if not self.on_head:
+            return self
+        return replace(self, heading_rad=self.heading_rad + pan_rad, tilt_rad=self.tilt_rad + tilt_rad)
+
+    def ray(self, u_px: float, v_px: float) -> tuple[float, float, float]:
+        """Direction, not of unit length, in the robot frame, in which the pixel looks."""
+        right, down = (u_px - self.cx_px) / self.fx_px, (v_px - self.cy_px) / self.fy_px
+        cos_tilt, sin_tilt = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        forward, up = cos_tilt - down * sin_tilt, -sin_tilt - down * cos_tilt
+        cos_heading, sin_heading = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        return (
+            cos_heading * forward + sin_heading * right,
+            sin_heading * forward - cos_heading * right,
+            up,
+        )
+
+    def floor_point(self, u_px: float, v_px: float) -> tuple[float, float] | None:
+        """(x_m, y_m) in the robot frame where the pixel meets the floor; None at or above the horizon."""
+        forward, left, up = self.ray(u_px, v_px)
+        if up >= -1e-6:
+            return None
+        reach = self.z_m / -up
+        return self.x_m + reach * forward, self.y_m + reach * left
+
+    def bearing_rad(self, u_px: float, v_px: float | None = None) -> float:
+        """Direction of a pixel on the floor plane, left positive from the robot's forward direction."""
+        forward, left, _up = self.ray(u_px, self.cy_px if v_px is None else v_px)
+        return math.atan2(left, forward)
+
+    def pixel_of(self, x_m: float, y_m: float, z_m: float) -> tuple[float, float] | None:
+        """(u_px, v_px) of a point of the robot frame; None when it is not in front of the camera."""
+        dx, dy, dz = x_m - self.x_m, y_m - self.y_m, z_m - self.z_m
+        cos_heading, sin_heading = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        forward, right = cos_heading * dx + sin_heading * dy, sin_heading * dx - cos_heading * dy
+        cos_tilt, sin_tilt = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        depth, down = forward * cos_tilt - dz * sin_tilt, -forward * sin_tilt - dz * cos_tilt
+        if depth <= 1e-6:
+            return None
+        return self.cx_px + self.fx_px * right / depth, self.cy_px + self.fy_px * down / depth
