@@ -18,8 +18,11 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.console import Parts, RobotConnection
+from caris_desktop.live.console import Parts
+from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.robot_director import RobotConnection
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
@@ -28,8 +31,8 @@ from caris_desktop.recording.export import ExportError
 from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
-from caris_desktop.robot.profile import ProfileError, load_profile
-from caris_desktop.scenario.file import ScenarioError, load_scenario, save_scenario
+from caris_desktop.robot.profile import ProfileError, load_profile, shipped_profiles
+from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
@@ -61,12 +64,11 @@ def find_scenario(name_or_path: str) -> Scenario:
 
 
 def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
-    """Keep the wizard's panel arrangement: in the user's own copy of the scenario, never in a shipped file.
+    """Keep the wizard's panel arrangement: in the scenario's own file, or in the user's copy of a shipped one.
 
     Raises ToldFailure.
     """
-    name = scenario.path.name if scenario.path is not None else "scenario.yaml"
-    path = user_scenarios_dir() / name
+    path = _own_file(scenario)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_scenario(replace(scenario, layout=layout), path)
@@ -100,6 +102,9 @@ def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, percept
         resolve_endpoint=_resolve_endpoint,
         build_prompt=_build_prompt,
         load_scenario=_load_scenario,
+        save_places=_save_places,
+        robots=_robots,
+        connect_to=functools.partial(_connect_to, own_camera=camera is not None),
         suggested_details=lambda: following(load_last_details(study)),
         new_session=functools.partial(_new_session, study),
         export_session=export_session,
@@ -118,6 +123,7 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
     return RobotConnection(
         name=profile.title,
         address=without_credentials(settings.address),
+        profile=profile,
         control=ProcessBody("control", run_control_link, (settings,)),
         media=ProcessBody("media", run_media_link, (settings,)),
     )
@@ -172,6 +178,42 @@ def _load_scenario(path: Path) -> Scenario:
         raise ToldFailure(
             "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
         ) from error
+
+
+def _save_places(scenario: Scenario) -> Scenario:
+    """Keep the places: in the scenario's own file where it is the user's, else in the user's copy of a shipped one."""
+    path = _own_file(scenario)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return save_places(scenario, path)
+    except (OSError, ScenarioError) as error:
+        raise ToldFailure(
+            "The place was not saved.", str(error), "Make that file writable, or copy the scenario and open the copy."
+        ) from error
+
+
+def _own_file(scenario: Scenario) -> Path:
+    path = scenario.path
+    if path is not None and not path.is_relative_to(layouts_dir().resolve()):
+        return path
+    return user_scenarios_dir() / (path.name if path is not None else "scenario.yaml")
+
+
+def _robots() -> tuple[RobotChoice, ...]:
+    choices = []
+    for name in shipped_profiles():
+        profile = load_profile(name)
+        choices.append(RobotChoice(name, profile.title, without_credentials(profile.address)))
+    return tuple(choices)
+
+
+def _connect_to(name: str, *, own_camera: bool) -> RobotConnection:
+    try:
+        return robot_connection(name, own_camera=own_camera)
+    except StartError as refusal:
+        raise ToldFailure(
+            "The robot was not connected.", str(refusal), "The present robot stays. Correct the profile and try again."
+        ) from refusal
 
 
 def _new_session(

@@ -3,7 +3,7 @@
 Plain data: ``$value`` in a template stands for what the wizard chose, and nothing is ever evaluated.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -155,3 +155,18 @@ def control_data(control: RobotControl) -> dict[str, Any]:
         if reading.throttle_ms != 200:
             data["shows"]["throttle_ms"] = reading.throttle_ms
     return data
+
+
+def control_problems(controls: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, str]]:
+    """What the schema cannot say of a list of controls: (its number, a sentence) for each mistake."""
+    seen: set[str] = set()
+    for index, control in enumerate(controls):
+        if control["id"] in seen:
+            yield index, f"the control '{control['id']}' is listed twice."
+        seen.add(control["id"])
+        lowest, highest = control.get("range", (0.0, 1.0))
+        if not lowest < highest:
+            yield (
+                index,
+                f"the range of '{control['id']}' is from {lowest} to {highest}. Allowed: the lower number first.",
+            )

@@ -2,32 +2,32 @@
 intents to the adapters. GUI thread, except where a method says otherwise.
 """
 
-import asyncio
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, QThread, Signal
 
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
 from caris_desktop.domain import clock
-from caris_desktop.domain.commands import CancelGoal, GoTo, RobotCommand, Say, Silence
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.commands import RobotCommand, Say, Silence
+from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
     ChatMessage,
     CommandSource,
     DriveEnded,
     EmergencyStopChanged,
     Event,
-    GoalChanged,
+    GuardChanged,
     LinkChanged,
-    LinkQuality,
     Marked,
+    PlacesChanged,
     Problem,
     ScenarioOpened,
     Severity,
@@ -36,52 +36,40 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.drive_controller import DriveController
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.perception_worker import PerceptionWorker
-from caris_desktop.live.recorder_feed import RecorderFeed
+from caris_desktop.live.recording_director import RecordingDirector
+from caris_desktop.live.robot_director import RobotConnection, RobotDirector
 from caris_desktop.live.speech_director import SpeechDirector
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, LinkStatus, PerceptionStatus
+from caris_desktop.live.status import AssistantStatus, PerceptionStatus
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
-from caris_desktop.recording.messages import (
-    RecorderReport,
-    SessionHeader,
-    SetRecordingPermissions,
-    StartRecording,
-    StopRecording,
-    TakePhoto,
-)
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.recording.messages import RecorderReport, SessionHeader
+from caris_desktop.scenario.model import Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
-_RESTART_AFTER_MS = 1000
 _RESTARTS_AT_MOST = 3
 _UTTERANCES_KEPT = 200
 _EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
 
 
 @dataclass(frozen=True, slots=True)
-class RobotConnection:
-    """One robot to connect to; the bodies are what runs in the link processes."""
-
-    name: str
-    address: str
-    control: ProcessBody
-    media: ProcessBody | None
-
-
-@dataclass(frozen=True, slots=True)
 class Parts:
-    """The concrete adapters of a run, chosen in ``app``. A ``None`` part is not there in this run."""
+    """The concrete adapters of a run, chosen in ``app``. A ``None`` part is not there in this run.
+
+    ``load_scenario``, ``save_places``, ``connect_to``, ``new_session`` and ``export_session`` raise ToldFailure.
+    """
 
     inference: ProcessBody | None
     recorder: ProcessBody
@@ -93,6 +81,9 @@ class Parts:
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
     build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
     load_scenario: Callable[[Path], Scenario]
+    save_places: Callable[[Scenario], Scenario]
+    robots: Callable[[], Sequence[RobotChoice]]
+    connect_to: Callable[[str], RobotConnection]
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     export_session: Callable[[Path], Path]
@@ -102,6 +93,7 @@ class Console(QObject):
     """Implements WizardIntents. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
 
     scenario_changed = Signal(object)
+    places_saved = Signal(object)
     session_exported = Signal(object)
     _woken = Signal()
     _child_spoke = Signal(object)
@@ -112,14 +104,10 @@ class Console(QObject):
         self._parts = parts
         self._scenario = scenario
         self._state = LiveState(self)
-        self._connection: RobotConnection | None = None
-        self._session_folder: Path | None = None
         self._embedded_url: str | None = None
         self._children: dict[str, ChildProcess] = {}
         self._restarts: Counter[str] = Counter()
-        self._exports: list[Future[None]] = []
         self._shut_down = False
-        self._recording_video = False
         self._held_voice_problem: Problem | None = None
         self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
 
@@ -134,9 +122,26 @@ class Console(QObject):
         self._child_spoke.connect(self._on_child_message, Qt.ConnectionType.QueuedConnection)
         self._child_ended.connect(self._on_child_ended, Qt.ConnectionType.QueuedConnection)
 
-        self._recorder = self._new_recorder()
-        self._feed = RecorderFeed(self._recorder)
         self._asyncio = AsyncioThread()
+        self._recording = RecordingDirector(
+            self._state,
+            self._asyncio,
+            new_recorder=self._new_recorder,
+            export_session=parts.export_session,
+            problem=self.problem,
+            parent=self,
+        )
+        self._recording.session_exported.connect(self.session_exported)
+        self._robot = RobotDirector(
+            self._state,
+            self._media_ring,
+            new_child=self._new_link,
+            publish=self.publish,
+            problem=self.problem,
+            before_goal=lambda: self._drive.release("A goal was set"),
+            own_camera=parts.camera is not None,
+            parent=self,
+        )
         self._drive = DriveController(self._state, self, scenario, self)
         self._speech = SpeechDirector(
             self._state, {"robot": _RobotVoice(self), "computer": _ComputerVoice(self)}, self.publish, self
@@ -163,12 +168,12 @@ class Console(QObject):
     @property
     def session_folder(self) -> Path | None:
         """The current session's folder, or the last one's."""
-        return self._session_folder
+        return self._recording.session_folder
 
     @property
     def child_pids(self) -> dict[str, int]:
         """Process ids of the children, by body name."""
-        children = {**self._children, "recorder": self._recorder}
+        children = {**self._children, **self._robot.links, "recorder": self._recording.recorder}
         pids = {name: child.pid for name, child in children.items()}
         if self._perception is not None:
             pids["inference"] = self._perception.child_pid
@@ -180,7 +185,7 @@ class Console(QObject):
         """Start what the window does not need to be usable: all child processes and the perception thread."""
         if self._shut_down:
             return
-        self._recorder.start()
+        self._recording.start()
         if self._parts.camera is not None and self._camera_ring is not None:
             body = self._parts.camera
             self._start_child(
@@ -199,22 +204,25 @@ class Console(QObject):
             worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
             self._perception_thread.started.connect(worker.run)
             self._perception = worker
+            if self._robot.connection is not None:
+                worker.use_cameras(_camera_models(self._robot.connection))
             self._perception_thread.setObjectName("perception")
             self._perception_thread.start(QThread.Priority.LowPriority)
         self._start_language_model()
+
+    @property
+    def asyncio_thread(self) -> AsyncioThread:
+        """The one thread for what waits on sockets."""
+        return self._asyncio
 
     def connect_robot(self, connection: RobotConnection) -> None:
         """Connect, or connect to another robot instead."""
         if self._shut_down:
             return
-        for name in ("control", "media"):
-            child = self._children.pop(name, None)
-            if child is not None:
-                child.stop(grace_s=1.0)
-        self._connection = connection
-        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
-        self._start_link("control")
-        self._start_link("media")
+        self._drive.release("Another robot is connected")
+        self._robot.connect_robot(connection)
+        if self._perception is not None:
+            self._perception.use_cameras(_camera_models(connection))
 
     def shutdown(self) -> None:
         """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
@@ -223,11 +231,8 @@ class Console(QObject):
         self._shut_down = True
         self._drive.release("The console closes")
         self._assistant.cancel()
-        control = self._children.pop("control", None)
-        if control is not None:
-            control.stop(grace_s=2.0)
-        if self._state.recording.value.state in ("starting", "recording"):
-            self.stop_session()
+        self._robot.shutdown()
+        self.stop_session()
         for child in self._children.values():
             child.ask_to_end()
         for child in self._children.values():
@@ -236,24 +241,21 @@ class Console(QObject):
             self._perception.stop()
             if not self._perception_thread.wait(5000):
                 _log.error("the perception thread did not end")
-        for export in self._exports:
-            export.cancel()
+        self._recording.cancel_exports()
         self._asyncio.stop()
-        self._feed.close()
-        self._recorder.stop(grace_s=5.0)
+        self._recording.shutdown()
         self._frames.close()
 
     # Values on their way
 
     def publish(self, value: Any, raw: bytes | None = None) -> None:
         """Take a domain value from any thread to the recorder, the panels and, for frames, to perception."""
-        if isinstance(value, FrameRef):
-            if self._recording_video:
-                self._feed.put(value, raw)
-            if self._perception is not None:
+        self._recording.put(value, raw)
+        if self._perception is not None:
+            if isinstance(value, FrameRef):
                 self._perception.offer(value)
-        else:
-            self._feed.put(value, raw)
+            elif isinstance(value, (LaserScan, RobotPose, HeadState)):
+                self._perception.offer_evidence(value)
         self._mailbox.put(value)
 
     def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
@@ -263,8 +265,7 @@ class Console(QObject):
 
     def send(self, command: RobotCommand) -> bool:
         """RobotPort: to the control link, now or not at all."""
-        control = self._children.get("control")
-        return control is not None and control.send(command)
+        return self._robot.send(command)
 
     def send_to_speech(self, message: Speak | SilenceSpeech) -> bool:
         speech = self._children.get(self._parts.speech.name)
@@ -297,42 +298,19 @@ class Console(QObject):
             self._state.take(value)
 
     def _before_panels(self, event: Any) -> None:
-        if isinstance(event, LinkChanged):
-            self._on_link_changed(event)
-        elif isinstance(event, LinkQuality):
-            self._state.link.set(replace(self._state.link.value, round_trip_ms=event.round_trip_ms))
-        elif isinstance(event, (DriveEnded, EmergencyStopChanged)):
+        self._robot.on_event(event)
+        if isinstance(event, (DriveEnded, EmergencyStopChanged, GuardChanged)):
             self._drive.on_robot_event(event)
-        elif isinstance(event, GoalChanged):
-            self._state.goal.set(event)
+        elif isinstance(event, LinkChanged) and event.link == "control" and event.state != "connected":
+            self._speech.on_voice_lost("robot", "the link was lost")
         elif isinstance(event, UtteranceChanged):
             self._conversation.append(event)
-
-    def _on_link_changed(self, event: LinkChanged) -> None:
-        if event.link == "media":
-            if event.state != "connected":
-                if self._parts.camera is None:  # a camera of this computer does not come over the link
-                    self._state.frame.clear()
-                self._state.map.clear()
-            return
-        self._state.link.set(
-            replace(
-                self._state.link.value,
-                state=event.state,
-                address=event.address,
-                detail=event.detail,
-                round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
-            )
-        )
-        if event.state != "connected":
-            self._state.clear_robot_streams()
-            self._speech.on_voice_lost("robot", "the link was lost")
 
     def _on_child_message(self, message: Any) -> None:
         if isinstance(message, UtteranceChanged):
             self._speech.on_utterance(message)
         elif isinstance(message, RecorderReport):
-            self._on_recorder_report(message)
+            self._recording.on_report(message)
         elif isinstance(message, Problem):
             self._on_voice_problem(message)
         elif isinstance(message, SpeechReady):
@@ -368,34 +346,13 @@ class Console(QObject):
     def _on_child_ended(self, child: ChildProcess) -> None:
         if self._shut_down:
             return
-        if child is self._recorder:
-            self._on_recorder_ended()
+        if self._recording.on_recorder_ended(child) or self._robot.on_child_ended(child):
             return
         name = child.body.name
         if self._children.get(name) is not child:
             return  # it was replaced while the news of its end was on its way
         del self._children[name]
-        if name in ("control", "media"):
-            address = self._connection.address if self._connection is not None else ""
-            self.publish(
-                LinkChanged(
-                    clock.now_ns(),
-                    "control" if name == "control" else "media",
-                    "lost",
-                    address,
-                    "the link process stopped",
-                )
-            )
-            self.problem(
-                "warning",
-                "The connection to the robot broke inside the console."
-                if name == "control"
-                else "The connection for the robot's pictures and map broke inside the console.",
-                "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
-                "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
-            )
-            QTimer.singleShot(_RESTART_AFTER_MS, lambda: self._restart_link(name))
-        elif self._parts.camera is not None and name == self._parts.camera.name:
+        if self._parts.camera is not None and name == self._parts.camera.name:
             self.problem(
                 "warning",
                 "The camera's pictures have ended.",
@@ -420,30 +377,6 @@ class Console(QObject):
         elif name == self._parts.language_model_server.name:
             self._on_language_model_ended()
 
-    def _on_recorder_ended(self) -> None:
-        interrupted = self._state.recording.value.state in ("starting", "recording", "stopping")
-        again = self._may_restart("recorder")
-        if again:
-            self._recorder = self._new_recorder()
-            self._recorder.start()
-        self._feed.use_recorder(self._recorder)
-        self._recording_video = False
-        self._state.recording.set(
-            replace(
-                self._state.recording.value,
-                state="failed" if interrupted or not again else "idle",
-                detail="the recorder stopped",
-            )
-        )
-        self.problem(
-            "error",
-            "The recorder stopped unexpectedly.",
-            "The session up to now is on disk; nothing after this moment is recorded."
-            if interrupted
-            else "No session was being recorded.",
-            "Start recording again: that makes a new session." if again else "Restart the program to record again.",
-        )
-
     def _on_language_model_ended(self) -> None:
         self._embedded_url = None
         self._assistant.cancel()
@@ -464,24 +397,6 @@ class Console(QObject):
         self._restarts[name] += 1
         return self._restarts[name] <= _RESTARTS_AT_MOST
 
-    def _start_link(self, name: str) -> None:
-        connection = self._connection
-        if connection is None:
-            return
-        if name == "control":
-            self._start_child(connection.control, self._on_robot_message)
-        elif connection.media is not None:
-            media = connection.media
-            self._start_child(
-                replace(media, arguments=(*media.arguments, RingToWrite(self._media_ring.name))),
-                self._on_robot_message,
-            )
-
-    def _restart_link(self, name: str) -> None:
-        """The other link goes on: neither may take the other along."""
-        if not self._shut_down and name not in self._children:
-            self._start_link(name)
-
     def _new_recorder(self) -> ChildProcess:
         body = self._parts.recorder
         recorder = ChildProcess(
@@ -490,6 +405,13 @@ class Console(QObject):
             on_exit=lambda _code: self._child_ended.emit(recorder),
         )
         return recorder
+
+    def _new_link(self, body: ProcessBody) -> ChildProcess:
+        child = ChildProcess(
+            body, on_message=self._on_robot_message, on_exit=lambda _code: self._child_ended.emit(child)
+        )
+        child.start()
+        return child
 
     def _start_child(self, body: ProcessBody, on_message: Callable[[Any, bytes], None]) -> None:
         child = ChildProcess(body, on_message=on_message, on_exit=lambda _code: self._child_ended.emit(child))
@@ -526,26 +448,72 @@ class Console(QObject):
         self._drive.set_emergency_stop(latched=False)
         self.publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
 
+    def set_guard(self, *, on: bool) -> None:
+        self._drive.set_guard(on=on)
+
+    # Where to
+
     def go_to_place(self, name: str) -> None:
-        place = next((place for place in self._scenario.places if place.name == name), None)
-        status = self._state.drive.value
-        if place is None or not status.allowed:
-            self.problem(
-                "warning",
-                f"The robot cannot go to {name}.",
-                "It stays where it is.",
-                "This scenario has no such place." if place is None else f"{status.reason}.",
-            )
-            return
-        self._drive.release("A goal was set")
-        now_ns = clock.now_ns()
-        if not self.send(GoTo(now_ns, f"g-{now_ns:x}", place.pose_in_map, place.name)):
-            self.problem(
-                "warning", f"The robot could not be sent to {name}.", "It stays where it is.", "Check the link."
-            )
+        self._robot.go_to_place(name)
+
+    def go_to(self, target_in_map: Pose2D) -> None:
+        self._robot.go_to(target_in_map)
 
     def cancel_goal(self) -> None:
-        self.send(CancelGoal(clock.now_ns()))
+        self._robot.cancel_goal()
+
+    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
+        if self._scenario.permissions.driving:
+            self._robot.set_initial_pose(pose_in_map)
+
+    def save_map(self, name: str) -> None:
+        self._robot.request_map("save", name)
+
+    def load_map(self, name: str) -> None:
+        self._robot.request_map("load", name)
+
+    def set_mapping(self, *, mapping: bool) -> None:
+        self._robot.request_map("start_mapping" if mapping else "start_localization")
+
+    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
+        name = " ".join(name.split())
+        places = list(self._scenario.places)
+        at = next((index for index, place in enumerate(places) if place.name == name), len(places))
+        places[at : at + 1] = [Place(name, pose_in_map)]
+        self._keep_places(tuple(places), PlacesChanged(clock.now_ns(), name, pose_in_map))
+
+    def remove_place(self, name: str) -> None:
+        places = tuple(place for place in self._scenario.places if place.name != name)
+        if len(places) < len(self._scenario.places):
+            self._keep_places(places, PlacesChanged(clock.now_ns(), name, None))
+
+    def _keep_places(self, places: tuple[Place, ...], event: PlacesChanged) -> None:
+        try:
+            self._scenario = self._parts.save_places(replace(self._scenario, places=places))
+        except ToldFailure as refusal:
+            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return
+        self._state.places.set(places)
+        self.publish(event)
+        self.publish(self._scenario_event())
+        self.places_saved.emit(self._scenario)
+
+    # The robot
+
+    def use_control(self, control_id: str, value: ControlValue) -> None:
+        self._robot.use_control(control_id, value)
+
+    def robots(self) -> Sequence[RobotChoice]:
+        return self._parts.robots()
+
+    def use_robot(self, name: str) -> bool:
+        try:
+            connection = self._parts.connect_to(name)
+        except ToldFailure as refusal:
+            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return False
+        self.connect_robot(connection)
+        return True
 
     # Speaking
 
@@ -594,89 +562,26 @@ class Console(QObject):
         return self._parts.suggested_details()
 
     def start_session(self, details: TrialDetails) -> None:
-        if self._state.recording.value.state in ("starting", "recording", "stopping"):
-            return
-        if self._restarts["recorder"] > _RESTARTS_AT_MOST:
-            self.problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
-            return
-        try:
-            folder, header = self._parts.new_session(details, self._scenario, self._connection)
-        except ToldFailure as refusal:
-            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
-            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return
-        self._session_folder = folder
-        self._conversation.clear()  # what was said with one participant is not told to the model about the next
-        self._recording_video = self._scenario.permissions.video_recording
-        now_ns = clock.now_ns()
-        self._state.recording.set(
-            replace(self._state.recording.value, state="starting", folder=folder, started_ns=now_ns, detail="")
+        connection = self._robot.connection
+        started = self._recording.start_session(
+            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, self._scenario_event()
         )
-        link = self._state.link.value
-        permissions = self._scenario.permissions
-        self._feed.start(
-            StartRecording(folder, header, video=permissions.video_recording, photos=permissions.photos),
-            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
-            self._scenario_event(),
-        )
+        if started:
+            # What was said with one participant is not told to the model about the next.
+            self._conversation.clear()
 
     def stop_session(self) -> None:
-        if self._state.recording.value.state not in ("starting", "recording") or self._session_folder is None:
-            return
-        self._recording_video = False
-        self._state.recording.set(replace(self._state.recording.value, state="stopping"))
-        self._feed.stop(StopRecording("console_closed" if self._shut_down else "wizard"))
+        self._recording.stop_session("console_closed" if self._shut_down else "wizard")
 
     def take_photo(self) -> None:
-        if not self._scenario.permissions.photos:
-            return
-        ref = self._state.frame.value
-        if self._state.recording.value.state != "recording" or ref is None:
-            self.problem(
-                "warning",
-                "No photo was taken.",
-                "Photos are kept in the session's folder.",
-                "Start recording first." if ref is not None else "There is no picture from the camera.",
-            )
-            return
-        self._feed.request(TakePhoto(ref))
+        if self._scenario.permissions.photos:
+            self._recording.take_photo()
 
     def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None:
         self.publish(Marked(clock.now_ns(), label, kind))
 
     def export_session(self) -> None:
-        """Export the last session as CSV beside its folder; tells the wizard where."""
-        folder = self._session_folder
-        if folder is None or self._state.recording.value.state in ("starting", "recording", "stopping"):
-            self.problem(
-                "warning", "There is nothing to export yet.", "A session is exported as a whole.", "Stop it first."
-            )
-            return
-        self._exports = [export for export in self._exports if not export.done()]
-        self._exports.append(self._asyncio.submit(self._export(folder)))
-
-    async def _export(self, folder: Path) -> None:
-        try:
-            out = await asyncio.to_thread(self._parts.export_session, folder)
-        except ToldFailure as refusal:
-            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return
-        self.session_exported.emit(out)
-        self.problem("info", "The session was exported.", f"The tables are in {out}.", "Open the folder to see them.")
-
-    def _on_recorder_report(self, report: RecorderReport) -> None:
-        self._state.recording.set(
-            replace(
-                self._state.recording.value,
-                state=report.state,
-                written_bytes=report.written_bytes,
-                free_bytes=report.free_bytes,
-                detail=report.detail,
-            )
-        )
-        if report.state in ("idle", "failed"):
-            self._recording_video = False
-            self._feed.end()
+        self._recording.export()
 
     # Scenario
 
@@ -687,12 +592,7 @@ class Console(QObject):
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return False
         self._scenario = scenario
-        recording = self._state.recording.value.state in ("starting", "recording")
-        self._recording_video = recording and scenario.permissions.video_recording
-        if recording:
-            self._feed.request(
-                SetRecordingPermissions(video=scenario.permissions.video_recording, photos=scenario.permissions.photos)
-            )
+        self._recording.use_scenario(scenario)
         self._apply_scenario()
         self._start_language_model()
         self.scenario_changed.emit(scenario)
@@ -700,6 +600,8 @@ class Console(QObject):
 
     def _apply_scenario(self) -> None:
         self._drive.use_scenario(self._scenario)
+        self._state.places.set(self._scenario.places)
+        self._robot.offer_controls(self._scenario.controls)
         self._speech.use_voice(self._scenario.voice)
         if self._scenario.voice == "computer" and self._held_voice_problem is not None:
             self.publish(replace(self._held_voice_problem, stamp_ns=clock.now_ns()))
@@ -731,6 +633,10 @@ class Console(QObject):
             )
         except LanguageModelError as error:
             self._assistant.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
+
+
+def _camera_models(connection: RobotConnection) -> dict[str, CameraModel]:
+    return {camera.name: camera.model for camera in connection.profile.cameras if camera.model is not None}
 
 
 class _RobotVoice:

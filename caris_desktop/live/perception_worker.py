@@ -7,18 +7,20 @@ goes on.
 import logging
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, Presence
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
 
@@ -29,7 +31,7 @@ _ANSWER_WITHIN_NS = 5_000_000_000
 
 
 class PerceptionWorker(QObject):
-    """``offer``, ``rename`` and ``stop`` may be called from any thread; ``run`` is the thread's whole life."""
+    """Everything but ``run``, which is the thread's whole life, may be called from any thread."""
 
     status_changed = Signal(object)  # PerceptionStatus
     persons_changed = Signal(object)  # tuple[PersonRow, ...]
@@ -48,6 +50,8 @@ class PerceptionWorker(QObject):
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
         self._shown_persons: tuple[PersonRow, ...] = ()
+        self._locator = PeopleLocator()
+        self._cameras: dict[str, CameraModel] = {}
 
     @property
     def child_pid(self) -> int | None:
@@ -60,6 +64,14 @@ class PerceptionWorker(QObject):
             was_empty, self._newest = self._newest is None, ref
         if was_empty:
             self._inputs.put(_FRAME_WAITS)
+
+    def offer_evidence(self, value: LaserScan | RobotPose | HeadState) -> None:
+        """What tells where the people of a picture stand."""
+        self._locator.take(value)
+
+    def use_cameras(self, models: dict[str, CameraModel]) -> None:
+        """Where the robot's cameras look, by name; people before others get no place in the map."""
+        self._cameras = models
 
     def rename(self, person_id: str, name: str) -> None:
         self._inputs.put(_Rename(person_id, name))
@@ -109,6 +121,7 @@ class PerceptionWorker(QObject):
                 people, events = presence.update(item)
                 self._publish(people)
                 self._publish_all(events)
+                self._locate(people)
                 self._set_status(replace(self._status, inference_ms=item.inference_ms))
             elif isinstance(item, FrameSkipped):
                 busy = False
@@ -154,7 +167,13 @@ class PerceptionWorker(QObject):
         self._child = child
         return child
 
-    def _publish_all(self, events: list[Event]) -> None:
+    def _locate(self, people: People) -> None:
+        camera = self._cameras.get(people.camera)
+        places = self._locator.locate(people, camera) if camera is not None else None
+        if places is not None:
+            self._publish(places)
+
+    def _publish_all(self, events: Iterable[Event]) -> None:
         for event in events:
             self._publish(event)
 

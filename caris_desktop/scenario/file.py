@@ -1,21 +1,20 @@
 """Reads and writes scenario files; whatever is wrong is told with file, line and what is allowed."""
 
 import difflib
-import functools
 import hashlib
-import json
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from caris_desktop.domain.controls import control_data, control_from_data, control_problems
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.shipped import layouts_dir, resources_dir, schema_validator
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import (
     SCENARIO_VERSION,
@@ -100,6 +99,57 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
         ) from error
 
 
+def save_places(scenario: Scenario, path: Path) -> Scenario:
+    """Write the places of ``scenario`` into the file ``path``, leaving every other line as its author wrote it.
+
+    A file that does not exist yet is written whole. Gives the scenario as it loads from ``path`` now.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be written or would not load again; it is then as it was before.
+    """
+    if not path.is_file():
+        save_scenario(scenario, path)
+        return load_scenario(path)
+    before = _read(path).decode("utf-8")
+    text = with_places(before, scenario.places)
+    try:
+        _write_atomically(path, text)
+    except OSError as error:
+        raise ScenarioError(
+            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
+        ) from error
+    try:
+        return load_scenario(path)
+    except ScenarioError:
+        _write_atomically(path, before)
+        raise
+
+
+def with_places(text: str, places: Sequence[Place]) -> str:
+    """The text of a scenario file with other places and nothing else changed."""
+    lines = [f"  - {_on_one_line(_place_data(place))}\n" for place in places]
+    block = "places:\n" + "".join(lines) if lines else "places: []\n"
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    entries = node.value if isinstance(node, yaml.MappingNode) else []
+    at = next((index for index, (key, _value) in enumerate(entries) if key.value == "places"), None)
+    if at is None:
+        return text + ("" if text.endswith("\n") or not text else "\n") + block
+    key, value = entries[at]
+    end = value.end_mark.index
+    # A block ends where the next token begins; comments before that belong to what follows.
+    kept = text[:end].rstrip()
+    while kept.rsplit("\n", 1)[-1].lstrip().startswith("#"):
+        kept = kept.rsplit("\n", 1)[0].rstrip()
+    return text[: key.start_mark.index] + block + text[len(kept) :].lstrip("\n")
+
+
+def _on_one_line(data: dict[str, Any]) -> str:
+    text: str = yaml.safe_dump(data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=1000)
+    return text.strip()
+
+
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """The content of a scenario file for ``scenario``, in the order in which it is written."""
     return {
@@ -111,6 +161,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         "phrases": list(scenario.phrases),
         "filler": scenario.filler,
         "places": [_place_data(place) for place in scenario.places],
+        **({"controls": [control_data(control) for control in scenario.controls]} if scenario.controls else {}),
         "permissions": asdict(scenario.permissions),
         "driving": asdict(scenario.driving),
         "assistant": asdict(scenario.assistant),
@@ -153,15 +204,8 @@ def _problem_text(path: Path, source: LocatedData, problems: list[Problem]) -> s
     return "\n".join(lines)
 
 
-@functools.cache
-def _validator() -> Any:
-    import jsonschema
-
-    return jsonschema.Draft202012Validator(json.loads(schema_path().read_text(encoding="utf-8")))
-
-
 def _schema_problems(data: dict[str, Any]) -> Iterator[Problem]:
-    for error in _validator().iter_errors(data):
+    for error in schema_validator("scenario.schema.json").iter_errors(data):
         path: KeyPath = tuple(error.absolute_path)
         if error.validator == "additionalProperties":
             allowed = sorted(error.schema.get("properties", {}))
@@ -225,6 +269,8 @@ def _meaning_problems(data: dict[str, Any]) -> Iterator[Problem]:
         if name in seen_places:
             yield ("places", index), f"the place '{place['name']}' is listed twice."
         seen_places.add(name)
+    for index, problem in control_problems(data.get("controls", [])):
+        yield ("controls", index), problem
     yield from _layout_problems(data["layout"], ("layout",), set())
 
 
@@ -297,6 +343,7 @@ def _scenario(data: dict[str, Any], *, path: Path, sha256: str) -> Scenario:
             )
             for place in data.get("places", ())
         ),
+        controls=tuple(control_from_data(control) for control in data.get("controls", ())),
         permissions=Permissions(**data.get("permissions", {})),
         assistant=AssistantSettings(**data.get("assistant", {})),
         driving=DrivingLimits(**{key: float(value) for key, value in data.get("driving", {}).items()}),

@@ -12,10 +12,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from caris_desktop.domain.controls import CallService
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario import model
-from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, load_scenario, save_scenario, schema_path
+from caris_desktop.scenario.file import (
+    MAX_FILE_BYTES,
+    ScenarioError,
+    load_scenario,
+    save_places,
+    save_scenario,
+    schema_path,
+)
 from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
 
 TOUR = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
@@ -246,3 +254,58 @@ def test_saving_that_fails_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch
         save_scenario(dataclasses.replace(scenario, title=""), path)
     assert path.read_text() == SMALL
     assert [entry.name for entry in tmp_path.iterdir()] == ["s.yaml"]
+
+
+def test_saving_places_leaves_every_other_line_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    text = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
+    path.write_text("# my own notes\n" + text, encoding="utf-8")
+    scenario = load_scenario(path)
+    places = (*scenario.places[:2], Place("It's: here", Pose2D(1.25, -2.0, math.pi / 2)))
+    saved = save_places(dataclasses.replace(scenario, places=places), path)
+    assert saved.places[2].name == "It's: here"
+    assert saved.places[2].pose_in_map.heading_rad == pytest.approx(math.pi / 2)
+    assert dataclasses.replace(saved, places=(), sha256="") == dataclasses.replace(scenario, places=(), sha256="")
+    before, after = text.splitlines(), path.read_text(encoding="utf-8").splitlines()
+    assert after[0] == "# my own notes"
+    assert [line for line in before if not line.startswith("  - {name")] == [
+        line for line in after[1:] if not line.startswith("  - {name")
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "version: 1\ntitle: A\nplaces: [{name: a, x_m: 1, y_m: 2}]  # mine\n# layout\nlayout: {panel: video}\n",
+        "version: 1\ntitle: A\nlayout: {panel: video}",
+        "version: 1\nplaces:\n- name: a\n  x_m: 1\n  y_m: 2\n\n# next\ntitle: A\nlayout: {panel: video}\n",
+    ],
+)
+def test_places_are_saved_whatever_the_file_is_written_like(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    scenario = load_scenario(path)
+    for places in ((Place("Kitchen", Pose2D(1.0, 2.0, 0.0)),), ()):
+        assert save_places(dataclasses.replace(scenario, places=places), path).places == places
+    assert ("#" in path.read_text(encoding="utf-8")) == ("#" in text)
+
+
+def test_a_shipped_scenario_without_a_copy_is_written_whole(tmp_path: Path) -> None:
+    scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
+    saved = save_places(scenario, tmp_path / "tour-guide.yaml")
+    assert saved.places == scenario.places
+    assert saved.layout == scenario.layout
+
+
+def test_controls_of_a_scenario_are_read_and_checked(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    good = "version: 1\ntitle: A\nlayout: {panel: robot}\ncontrols:\n"
+    control = "  - {id: wave, title: Wave, kind: button, call: {service: /wave, type: std_srvs/Trigger}}\n"
+    path.write_text(good + control, encoding="utf-8")
+    assert load_scenario(path).controls[0].effect == CallService("/wave", "std_srvs/Trigger", {})
+    path.write_text(good + control + control, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"line 6.*'wave' is listed twice"):
+        load_scenario(path)
+    path.write_text(good + control.replace("button", "buton"), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"line 5.*button"):
+        load_scenario(path)

@@ -1,0 +1,218 @@
+"""The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import LinkChanged, ScenarioOpened, Severity
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.child_process import ChildProcess
+from caris_desktop.live.recorder_feed import RecorderFeed
+from caris_desktop.live.state import LiveState
+from caris_desktop.recording.messages import (
+    RecorderReport,
+    SessionHeader,
+    SetRecordingPermissions,
+    StartRecording,
+    StopRecording,
+    TakePhoto,
+)
+from caris_desktop.scenario.model import Scenario
+
+RESTARTS_AT_MOST = 3
+
+
+class RecordingDirector(QObject):
+    """Starts and ends sessions, hands everything to the recorder, and keeps ``state.recording``."""
+
+    session_exported = Signal(object)
+
+    def __init__(
+        self,
+        state: LiveState,
+        asyncio_thread: AsyncioThread,
+        *,
+        new_recorder: Callable[[], ChildProcess],
+        export_session: Callable[[Path], Path],
+        problem: Callable[[Severity, str, str, str], None],
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._asyncio = asyncio_thread
+        self._new_recorder = new_recorder
+        self._export_session = export_session
+        self._problem = problem
+        self._recorder = new_recorder()
+        self._feed = RecorderFeed(self._recorder)
+        self._folder: Path | None = None
+        self._video = False
+        self._restarts = 0
+        self._exports: list[Future[None]] = []
+
+    @property
+    def recorder(self) -> ChildProcess:
+        return self._recorder
+
+    @property
+    def session_folder(self) -> Path | None:
+        """The current session's folder, or the last one's."""
+        return self._folder
+
+    @property
+    def idle(self) -> bool:
+        return self._state.recording.value.state not in ("starting", "recording", "stopping")
+
+    def start(self) -> None:
+        self._recorder.start()
+
+    def put(self, value: Any, raw: bytes | None = None) -> None:
+        """Record a domain value; ``raw`` is the value pickled, where the caller has it. Any thread."""
+        if not isinstance(value, FrameRef) or self._video:
+            self._feed.put(value, raw)
+
+    # Sessions
+
+    def start_session(
+        self, new_session: Callable[[], tuple[Path, SessionHeader]], scenario: Scenario, opened: ScenarioOpened
+    ) -> bool:
+        """False when it was refused; the wizard knows why then."""
+        if not self.idle:
+            return False
+        if self._restarts > RESTARTS_AT_MOST:
+            self._problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
+            return False
+        try:
+            folder, header = new_session()
+        except ToldFailure as refusal:
+            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
+            self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return False
+        self._folder = folder
+        permissions = scenario.permissions
+        self._video = permissions.video_recording
+        now_ns = clock.now_ns()
+        self._state.recording.set(
+            replace(self._state.recording.value, state="starting", folder=folder, started_ns=now_ns, detail="")
+        )
+        link = self._state.link.value
+        self._feed.start(
+            StartRecording(folder, header, video=permissions.video_recording, photos=permissions.photos),
+            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
+            opened,
+        )
+        return True
+
+    def stop_session(self, reason: str = "wizard") -> None:
+        if self._state.recording.value.state not in ("starting", "recording") or self._folder is None:
+            return
+        self._video = False
+        self._state.recording.set(replace(self._state.recording.value, state="stopping"))
+        self._feed.stop(StopRecording(reason))
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """What it permits holds from now on, in a running session too."""
+        recording = self._state.recording.value.state in ("starting", "recording")
+        permissions = scenario.permissions
+        self._video = recording and permissions.video_recording
+        if recording:
+            self._feed.request(SetRecordingPermissions(video=permissions.video_recording, photos=permissions.photos))
+
+    def take_photo(self) -> None:
+        ref = self._state.frame.value
+        if self._state.recording.value.state != "recording" or ref is None:
+            self._problem(
+                "warning",
+                "No photo was taken.",
+                "Photos are kept in the session's folder.",
+                "Start recording first." if ref is not None else "There is no picture from the camera.",
+            )
+            return
+        self._feed.request(TakePhoto(ref))
+
+    # What the recorder says
+
+    def on_report(self, report: RecorderReport) -> None:
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state=report.state,
+                written_bytes=report.written_bytes,
+                free_bytes=report.free_bytes,
+                detail=report.detail,
+            )
+        )
+        if report.state in ("idle", "failed"):
+            self._video = False
+            self._feed.end()
+
+    def on_recorder_ended(self, child: ChildProcess) -> bool:
+        """True when it was the recorder: another one takes its place, unless that was tried too often."""
+        if child is not self._recorder:
+            return False
+        interrupted = not self.idle
+        # Whatever crashes again and again is left alone, instead of keeping the computer busy.
+        self._restarts += 1
+        again = self._restarts <= RESTARTS_AT_MOST
+        if again:
+            self._recorder = self._new_recorder()
+            self._recorder.start()
+        self._feed.use_recorder(self._recorder)
+        self._video = False
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state="failed" if interrupted or not again else "idle",
+                detail="the recorder stopped",
+            )
+        )
+        self._problem(
+            "error",
+            "The recorder stopped unexpectedly.",
+            "The session up to now is on disk; nothing after this moment is recorded."
+            if interrupted
+            else "No session was being recorded.",
+            "Start recording again: that makes a new session." if again else "Restart the program to record again.",
+        )
+        return True
+
+    # Export
+
+    def export(self) -> None:
+        """Export the last session as tables beside its files; an info ``Problem`` says where."""
+        folder = self._folder
+        if folder is None or not self.idle:
+            self._problem(
+                "warning", "There is nothing to export yet.", "A session is exported as a whole.", "Stop it first."
+            )
+            return
+        self._exports = [export for export in self._exports if not export.done()]
+        self._exports.append(self._asyncio.submit(self._export(folder)))
+
+    async def _export(self, folder: Path) -> None:
+        try:
+            out = await asyncio.to_thread(self._export_session, folder)
+        except ToldFailure as refusal:
+            self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return
+        self.session_exported.emit(out)
+        self._problem("info", "The session was exported.", f"The tables are in {out}.", "Open the folder to see them.")
+
+    # End
+
+    def cancel_exports(self) -> None:
+        for export in self._exports:
+            export.cancel()
+
+    def shutdown(self) -> None:
+        """Write out what is queued and end the recorder; blocks a few seconds at most."""
+        self._feed.close()
+        self._recorder.stop(grace_s=5.0)

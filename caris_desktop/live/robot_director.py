@@ -1,0 +1,309 @@
+"""The robot as the wizard uses it: its two link processes, goals, maps, head, and the controls of the Robot panel.
+GUI thread. Driving is the drive controller's.
+"""
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import (
+    CancelGoal,
+    GoTo,
+    OfferControls,
+    RequestMap,
+    RobotCommand,
+    SetInitialPose,
+    UseControl,
+)
+from caris_desktop.domain.controls import ControlValue, RobotControl
+from caris_desktop.domain.events import (
+    ControlUsed,
+    GoalChanged,
+    LinkChanged,
+    LinkQuality,
+    MapOperation,
+    MappingChanged,
+    MapRequestChanged,
+    Severity,
+    TrafficMeasured,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.model import Place
+
+_RESTART_AFTER_MS = 1000
+_MAP_WORDS: dict[MapOperation, str] = {
+    "save": "The map was not saved.",
+    "load": "The map was not loaded.",
+    "start_mapping": "The robot does not build its map.",
+    "start_localization": "The robot did not stop building its map.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConnection:
+    """One robot to connect to; the bodies are what runs in the link processes."""
+
+    name: str
+    address: str
+    profile: RobotProfile
+    control: ProcessBody
+    media: ProcessBody | None
+
+
+class RobotDirector(QObject):
+    """Keeps the links running and ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        ring: FrameRing,
+        *,
+        new_child: Callable[[ProcessBody], ChildProcess],
+        publish: Callable[[Any], None],
+        problem: Callable[[Severity, str, str, str], None],
+        before_goal: Callable[[], None],
+        own_camera: bool,
+        parent: QObject | None = None,
+    ) -> None:
+        """``before_goal`` ends direct driving. ``own_camera``: the frames do not come from the robot."""
+        super().__init__(parent)
+        self._state = state
+        self._ring = ring
+        self._new_child = new_child
+        self._publish = publish
+        self._problem = problem
+        self._before_goal = before_goal
+        self._own_camera = own_camera
+        self._connection: RobotConnection | None = None
+        self._links: dict[str, ChildProcess] = {}
+        self._scenario_controls: tuple[RobotControl, ...] = ()
+        self._closed = False
+
+    @property
+    def connection(self) -> RobotConnection | None:
+        return self._connection
+
+    @property
+    def links(self) -> dict[str, ChildProcess]:
+        """The running link processes by name, ``control`` and ``media``."""
+        return dict(self._links)
+
+    # The links
+
+    def connect_robot(self, connection: RobotConnection) -> None:
+        """Connect, or connect to another robot instead of the present one, which is left stopped."""
+        if self._closed:
+            return
+        for name in ("control", "media"):
+            child = self._links.pop(name, None)
+            if child is not None:
+                child.stop(grace_s=1.0)
+        self._connection = connection
+        self._forget_robot()
+        self._state.robot.set(connection.profile)
+        self._show_controls()
+        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
+        self._start_link("control")
+        self._start_link("media")
+
+    def shutdown(self) -> None:
+        """Stop the robot first; blocks two seconds at most."""
+        self._closed = True
+        control = self._links.pop("control", None)
+        if control is not None:
+            control.stop(grace_s=2.0)
+        media = self._links.pop("media", None)
+        if media is not None:
+            media.stop(grace_s=1.5)
+
+    def send(self, command: RobotCommand) -> bool:
+        """RobotPort: to the control link, now or not at all."""
+        control = self._links.get("control")
+        return control is not None and control.send(command)
+
+    def on_child_ended(self, child: ChildProcess) -> bool:
+        """True when it was a link: it is started again, and the other one goes on."""
+        name = child.body.name
+        if name not in ("control", "media"):
+            return False
+        if self._closed or self._links.get(name) is not child:
+            return True  # it was replaced while the news of its end was on its way
+        del self._links[name]
+        address = self._connection.address if self._connection is not None else ""
+        self._publish(LinkChanged(clock.now_ns(), name, "lost", address, "the link process stopped"))
+        self._problem(
+            "warning",
+            "The connection to the robot broke inside the console."
+            if name == "control"
+            else "The connection for the robot's pictures and map broke inside the console.",
+            "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
+            "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
+        )
+        QTimer.singleShot(_RESTART_AFTER_MS, self, lambda: self._restart_link(name))
+        return True
+
+    def _start_link(self, name: str) -> None:
+        connection = self._connection
+        if connection is None:
+            return
+        if name == "control":
+            body = connection.control
+        elif connection.media is not None:
+            body = replace(connection.media, arguments=(*connection.media.arguments, RingToWrite(self._ring.name)))
+        else:
+            return
+        self._links[name] = self._new_child(body)
+
+    def _restart_link(self, name: str) -> None:
+        if not self._closed and name not in self._links:
+            self._start_link(name)
+
+    # What the robot tells
+
+    def on_event(self, event: Any) -> None:
+        """An event on its way to the panels."""
+        if isinstance(event, LinkChanged):
+            self._on_link_changed(event)
+        elif isinstance(event, LinkQuality):
+            self._state.link.set(
+                replace(
+                    self._state.link.value,
+                    round_trip_ms=event.round_trip_ms,
+                    clock_offset_ms=event.clock_offset_ms,
+                    clock_uncertainty_ms=event.clock_uncertainty_ms,
+                )
+            )
+        elif isinstance(event, GoalChanged):
+            self._state.goal.set(event)
+        elif isinstance(event, TrafficMeasured):
+            self._state.traffic.set({**self._state.traffic.value, event.link: event})
+        elif isinstance(event, MappingChanged):
+            self._state.mapping.set(replace(self._state.mapping.value, mapping=event.mapping))
+        elif isinstance(event, MapRequestChanged):
+            self._on_map_request_changed(event)
+        elif isinstance(event, ControlUsed):
+            states = dict(self._state.control_states.value)
+            states[event.control] = ControlStatus(event.state, event.value, event.detail)
+            self._state.control_states.set(states)
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        if event.link == "media":
+            if event.state != "connected":
+                if not self._own_camera:  # a camera of this computer does not come over the link
+                    self._state.frame.clear()
+                self._state.map.clear()
+            return
+        was_connected = self._state.link.value.state == "connected"
+        self._state.link.set(
+            replace(
+                self._state.link.value,
+                state=event.state,
+                address=event.address,
+                detail=event.detail,
+                round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
+            )
+        )
+        if event.state != "connected":
+            self._state.clear_robot_streams()
+            self._state.control_states.set({})
+            self._state.mapping.set(MapStatus())
+        elif not was_connected:
+            self.send(OfferControls(clock.now_ns(), self._scenario_controls))
+
+    def _on_map_request_changed(self, event: MapRequestChanged) -> None:
+        busy = event.operation if event.state == "requested" else ""
+        self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
+        if event.state == "failed":
+            self._problem("warning", _MAP_WORDS[event.operation], f"{event.detail}.", "The robot's map is as it was.")
+        elif event.state == "succeeded" and event.operation in ("save", "load"):
+            done = "saved" if event.operation == "save" else "loaded"
+            self._problem("info", f"The map {event.name} was {done}.", event.detail, "")
+
+    def _forget_robot(self) -> None:
+        self._state.clear_robot_streams()
+        self._state.map.clear()
+        if not self._own_camera:
+            self._state.frame.clear()
+        self._state.goal.set(None)
+        self._state.mapping.set(MapStatus())
+        self._state.control_states.set({})
+        self._state.traffic.set({})
+
+    # Goals
+
+    def go_to_place(self, name: str) -> None:
+        places: tuple[Place, ...] = self._state.places.value
+        place = next((place for place in places if place.name == name), None)
+        if place is None:
+            self._problem(
+                "warning",
+                f"The robot cannot go to {name}.",
+                "It stays where it is.",
+                "This scenario has no such place.",
+            )
+        else:
+            self._go(place.pose_in_map, place.name)
+
+    def go_to(self, target_in_map: Pose2D) -> None:
+        self._go(target_in_map, None)
+
+    def cancel_goal(self) -> None:
+        self.send(CancelGoal(clock.now_ns()))
+
+    def _go(self, target_in_map: Pose2D, place: str | None) -> None:
+        where = place or "that point"
+        status = self._state.drive.value
+        if not status.allowed:
+            self._problem("warning", f"The robot cannot go to {where}.", "It stays where it is.", f"{status.reason}.")
+            return
+        self._before_goal()
+        now_ns = clock.now_ns()
+        if not self.send(GoTo(now_ns, f"g-{now_ns:x}", target_in_map, place)):
+            self._problem(
+                "warning", f"The robot could not be sent to {where}.", "It stays where it is.", "Check the link."
+            )
+
+    # Map
+
+    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
+        self._send_or_tell(SetInitialPose(clock.now_ns(), pose_in_map), "The robot was not told where it is.")
+
+    def request_map(self, operation: MapOperation, name: str = "") -> None:
+        request_id = f"m-{secrets.token_hex(4)}"
+        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name), _MAP_WORDS[operation])
+
+    # Controls
+
+    def offer_controls(self, controls: tuple[RobotControl, ...]) -> None:
+        """Those of the scenario, from now on; the profile's own stay."""
+        self._scenario_controls = controls
+        self._show_controls()
+        self.send(OfferControls(clock.now_ns(), controls))
+
+    def use_control(self, control_id: str, value: ControlValue) -> None:
+        control = next((one for one in self._state.controls.value if one.id == control_id), None)
+        if control is None:
+            return
+        request_id = f"c-{secrets.token_hex(4)}"
+        self._send_or_tell(
+            UseControl(clock.now_ns(), request_id, control_id, value), f"{control.title}: the robot was not asked."
+        )
+
+    def _show_controls(self) -> None:
+        own = self._connection.profile.controls if self._connection is not None else ()
+        names = {control.id for control in self._scenario_controls}
+        # A scenario may say a control of the profile anew.
+        self._state.controls.set((*(control for control in own if control.id not in names), *self._scenario_controls))
+
+    def _send_or_tell(self, command: RobotCommand, what: str) -> None:
+        if self._state.link.value.state != "connected" or not self.send(command):
+            self._problem("warning", what, "It is not connected.", "Try again when the link is back.")

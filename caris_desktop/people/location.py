@@ -1,0 +1,136 @@
+"""Where people stand: the direction from the camera, the distance from the LIDAR."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import HeadState, LaserScan, People, PeopleInMap, PersonBox, PersonPlace, RobotPose
+
+WIDEST_PERSON_M = 1.0
+FARTHEST_M = 10.0
+EVIDENCE_AGE_NS = 400_000_000
+_GAP_M = 0.35  # two returns that are farther apart belong to different things
+_BEARING_ERROR_RAD = 0.03
+_HALF_A_BODY_M = 0.12  # the LIDAR sees the front of the legs
+_EDGE_PX = 4.0
+
+
+def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
+    """A place in the map for each person in whose direction the LIDAR saw something person-sized.
+
+    Of several things in that direction the one that agrees best with where the feet stand in the picture is taken,
+    and the nearest where the feet are not to be seen. ``camera`` is the camera as it looked when the picture was taken.
+    """
+    camera = camera.scaled_to(people.frame_width_px, people.frame_height_px)
+    points = _points_in_robot(scan)
+    if not len(points):
+        return ()
+    seen_from_camera = points - (camera.x_m, camera.y_m)
+    bearings = np.arctan2(seen_from_camera[:, 1], seen_from_camera[:, 0])
+    distances = np.hypot(seen_from_camera[:, 0], seen_from_camera[:, 1])
+    places = []
+    for box in people.boxes:
+        left = camera.bearing_rad(box.left_px + 0.15 * box.width_px)
+        right = camera.bearing_rad(box.left_px + 0.85 * box.width_px)
+        middle, half = (left + right) / 2.0, max(abs(left - right) / 2.0, 0.01)
+        off = np.abs(np.remainder(bearings - middle + math.pi, 2.0 * math.pi) - math.pi)
+        inside = np.flatnonzero((off <= half) & (distances <= FARTHEST_M))
+        distance_m = _distance_of(box, distances[inside], people, camera)
+        if distance_m is None:
+            continue
+        distance_m += _HALF_A_BODY_M
+        in_map = map_from_robot @ Pose2D(
+            camera.x_m + distance_m * math.cos(middle), camera.y_m + distance_m * math.sin(middle), 0.0
+        )
+        spread_m = math.hypot(0.1, distance_m * _BEARING_ERROR_RAD)
+        places.append(PersonPlace(box.person_id, in_map.x_m, in_map.y_m, spread_m, "lidar"))
+    return tuple(places)
+
+
+def _distance_of(box: PersonBox, distances: NDArray[np.float64], people: People, camera: CameraModel) -> float | None:
+    things = _things(distances)
+    if not things:
+        return None
+    feet_px = min(box.top_px + box.height_px, people.frame_height_px - 1.0)
+    feet = camera.floor_point(box.left_px + box.width_px / 2.0, feet_px)
+    if feet is None:
+        return things[0]
+    expected_m = math.hypot(feet[0] - camera.x_m, feet[1] - camera.y_m)
+    if feet_px >= people.frame_height_px - _EDGE_PX:
+        # The feet are below the picture, so the person is nearer than the floor at its lower edge.
+        return things[0] if things[0] < 1.3 * expected_m else None
+    best = min(things, key=lambda thing: abs(math.log(thing / expected_m)))
+    # Something far before or behind the feet is not this person: better no place than a wrong one.
+    return best if 0.5 < best / expected_m < 2.0 else None
+
+
+def _things(distances: NDArray[np.float64]) -> list[float]:
+    """The distance to each group of neighbouring returns, nearest first; single returns are noise."""
+    ordered = np.sort(distances[distances > 0.05])
+    if not len(ordered):
+        return []
+    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > _GAP_M) + 1)
+    return [float(np.median(group[group <= group[0] + WIDEST_PERSON_M / 2.0])) for group in groups if len(group) >= 2]
+
+
+def _points_in_robot(scan: LaserScan) -> NDArray[np.float64]:
+    ranges = scan.ranges_m
+    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + scan.robot_from_laser.heading_rad
+    distances = ranges[valid].astype(np.float64)
+    return np.column_stack(
+        (
+            scan.robot_from_laser.x_m + distances * np.cos(angles),
+            scan.robot_from_laser.y_m + distances * np.sin(angles),
+        )
+    )
+
+
+class _Stamped(Protocol):
+    @property
+    def stamp_ns(self) -> int: ...
+
+
+_S = TypeVar("_S", bound=_Stamped)
+
+
+class PeopleLocator:
+    """Keeps the last second of scans, poses and head angles, so that each picture meets those of its own moment.
+
+    ``take`` may be called from any thread, ``locate`` from one.
+    """
+
+    def __init__(self) -> None:
+        self._scans: deque[LaserScan] = deque(maxlen=20)
+        self._poses: deque[RobotPose] = deque(maxlen=40)
+        self._heads: deque[HeadState] = deque(maxlen=40)
+
+    def take(self, value: LaserScan | RobotPose | HeadState) -> None:
+        if isinstance(value, LaserScan):
+            self._scans.append(value)
+        elif isinstance(value, RobotPose):
+            self._poses.append(value)
+        else:
+            self._heads.append(value)
+
+    def locate(self, people: People, camera: CameraModel) -> PeopleInMap | None:
+        """None where there is no scan or pose of that moment."""
+        scan = _nearest(tuple(self._scans), people.stamp_ns)
+        pose = _nearest(tuple(self._poses), people.stamp_ns)
+        if scan is None or pose is None:
+            return None
+        head = _nearest(tuple(self._heads), people.stamp_ns)
+        if head is not None:
+            camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
+        return PeopleInMap(people.stamp_ns, located(people, scan, camera, pose.pose_in_map))
+
+
+def _nearest(values: Sequence[_S], stamp_ns: int) -> _S | None:
+    best = min(values, key=lambda value: abs(value.stamp_ns - stamp_ns), default=None)
+    return best if best is not None and abs(best.stamp_ns - stamp_ns) <= EVIDENCE_AGE_NS else None
