@@ -5,8 +5,7 @@ import logging
 import statistics
 from collections import deque
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 from caris_desktop.domain import commands
 from caris_desktop.domain.clock import now_ns
@@ -14,24 +13,23 @@ from caris_desktop.domain.events import (
     CommandSent,
     CommandSource,
     DriveEnded,
-    EmergencyStopChanged,
     LinkQuality,
     Problem,
 )
 from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.preflight import missing_from, take_inventory
-from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource
+from caris_desktop.robot.profile import RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.voice import RobotVoice
 from caris_desktop.ros.dialect import Dialect, decode_time, type_name
 from caris_desktop.ros.messages import (
     decode_battery_state,
-    decode_bool,
     decode_laser_scan,
     decode_odometry,
     decode_pose_with_covariance_stamped,
@@ -63,8 +61,6 @@ class ControlLink:
         self._silent = False
         self._drives_count_from_ns = 0
         self._stop_when_heard = False
-        self._wizard_latched = False
-        self._robot_latched = False
         self._round_trips_s: deque[float] = deque(maxlen=10)
         self._clock_offset_ms: float | None = None
         self._clock_uncertainty_ms: float | None = None
@@ -79,6 +75,9 @@ class ControlLink:
         )
         self._voice = RobotVoice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._poses = PoseTracker(profile.frames)
+        self._emergency_stop = EmergencyStop(
+            self._ros, self._dialect, profile.emergency_stop, self, emit=self._put, in_background=self._in_background
+        )
         self._subscribe()
 
     def start(self) -> None:
@@ -132,7 +131,7 @@ class ControlLink:
                 self._send_zero_first()
                 self._navigator.cancel_all("stopped by the wizard")
             case commands.SetEmergencyStop(latched=latched):
-                self._set_emergency_stop(latched)
+                self._emergency_stop.set(latched)
             case commands.GoTo():
                 self._go_to(command)
             case commands.CancelGoal():
@@ -239,90 +238,15 @@ class ControlLink:
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), reason))
 
-    # Emergency stop
+    # What the emergency stop acts on
 
-    def _set_emergency_stop(self, latched: bool) -> None:
-        interface = self._profile.emergency_stop
-        service = interface.service if interface else None
-        if latched:
-            self._latch(wizard=True, by="wizard")
-            self._navigator.cancel_all("emergency stop")
-            # Said again on every request: the wizard must see that it is set.
-            if service and self._connected:
-                self._in_background(self._tell_emergency_stop(service, True))
-            elif not self._connected:
-                self._put(
-                    Problem(
-                        now_ns(),
-                        "error",
-                        "The emergency stop did not reach the robot: it is not connected.",
-                        "It is set here and will be told to the robot when it is back; until then the robot decides.",
-                        "Use the robot's own emergency stop.",
-                    )
-                )
-            return
-        if service and not self._connected:
-            self._put(
-                Problem(
-                    now_ns(),
-                    "warning",
-                    "The emergency stop was not cleared: the robot is not connected.",
-                    "It stays set.",
-                    "Clear it when the robot is connected again.",
-                )
-            )
-            self._put(EmergencyStopChanged(now_ns(), self._lease.latched, "robot"))
-        elif service:
-            self._in_background(self._tell_emergency_stop(service, False))
-        else:
-            self._latch(wizard=False, by="wizard")
-
-    def _latch(self, *, by: Literal["wizard", "robot"], wizard: bool | None = None, robot: bool | None = None) -> None:
-        """Set one of the two latches; the emergency stop is set while either is."""
-        self._wizard_latched = self._wizard_latched if wizard is None else wizard
-        self._robot_latched = self._robot_latched if robot is None else robot
-        latched = self._wizard_latched or self._robot_latched
-        changed = latched != self._lease.latched
-        if latched:
-            self._lease.emergency(True, self._loop.time())
+    def hold_still(self, held: bool) -> None:
+        self._lease.emergency(held, self._loop.time())
+        if held:
             self._send_zero_first()
-        elif changed:
-            self._lease.emergency(False, self._loop.time())
-        if changed:
-            self._put(EmergencyStopChanged(now_ns(), latched, by))
 
-    async def _tell_emergency_stop(self, service: str, latched: bool) -> None:
-        try:
-            answer = await self._ros.ask(service, "std_srvs/SetBool", {"data": latched})
-            reason = "" if answer.get("success", True) else str(answer.get("message") or "it refused")
-        except ServiceCallError as error:
-            reason = str(error)
-        if reason:
-            logger.warning("Emergency stop: %s", reason)
-            verb, state = ("set", "set in this console only") if latched else ("clear", "still set")
-            self._put(
-                Problem(
-                    now_ns(),
-                    "error",
-                    f"The robot did not {verb} its emergency stop ({reason}).",
-                    f"It is {state}; the console sends no motion.",
-                    "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
-                )
-            )
-            # Who asked may show it as cleared already.
-            self._put(EmergencyStopChanged(now_ns(), True, "robot"))
-            return
-        if not latched:
-            # Its topic will say the same a moment later; the wizard need not wait for it.
-            self._latch(wizard=False, robot=False, by="wizard")
-
-    def _take_emergency_stop(self, message: Any) -> None:
-        latched = decode_bool(message)
-        if latched == self._robot_latched:
-            return
-        self._latch(robot=latched, by="robot")
-        if latched:
-            self._navigator.cancel_all("the robot's emergency stop")
+    def cancel_goals(self, reason: str) -> None:
+        self._navigator.cancel_all(reason)
 
     # The connection
 
@@ -332,9 +256,7 @@ class ControlLink:
         self._drives_count_from_ns = now_ns()
         self._report.changed("connected")
         self._navigator.link_connected()
-        interface = self._profile.emergency_stop
-        if self._wizard_latched and interface and interface.service:
-            self._in_background(self._tell_emergency_stop(interface.service, True))
+        self._emergency_stop.link_connected()
         self._in_background(self._look_around())
 
     def link_silent(self) -> None:
@@ -413,9 +335,6 @@ class ControlLink:
         # Several nodes share this topic, each with its own transforms: none may replace another.
         self._listen(profile.tf, "tf2_msgs", "TFMessage", transforms, every=True)
         self._listen(profile.battery, "sensor_msgs", "BatteryState", battery)
-        stop = profile.emergency_stop
-        if stop is not None and stop.topic is not None:
-            self._listen(TopicSource(stop.topic), "std_msgs", "Bool", self._take_emergency_stop, every=True)
 
     def _listen(
         self,
@@ -480,10 +399,7 @@ class ControlLink:
             return
         self._told_missing = True
         missing = missing_from(self._profile, inventory)
-        stop = self._profile.emergency_stop
-        if stop is not None and stop.service is not None and not inventory.has_service(stop.service):
-            # Then the emergency stop is the console's alone, and nothing has to be asked of the robot.
-            self._profile = replace(self._profile, emergency_stop=EmergencyStopInterface(topic=stop.topic))
+        self._emergency_stop.learn(inventory)
         if missing:
             self._put(
                 Problem(

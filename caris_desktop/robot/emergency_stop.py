@@ -1,0 +1,195 @@
+"""The latched emergency stop: the console's own, and the robot's where it has one."""
+
+import logging
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from typing import Any, Literal, Protocol
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import EmergencyStopChanged, Problem
+from caris_desktop.robot.preflight import RobotInventory
+from caris_desktop.robot.profile import EmergencyStopInterface
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.messages import decode_bool, encode_bool
+
+logger = logging.getLogger(__name__)
+
+
+class StoppedByIt(Protocol):
+    """What the emergency stop acts on. Called on the loop."""
+
+    def hold_still(self, held: bool) -> None:
+        """Nothing may move from now on, or it may again. Comes again with every latch, also when held already."""
+
+    def cancel_goals(self, reason: str) -> None:
+        """Cancel whatever the robot does by itself."""
+
+
+class EmergencyStop:
+    """Two latches, the wizard's and the robot's; the stop is set while either is.
+
+    ``emit`` gets an EmergencyStopChanged for each change, and a Problem where the robot does not follow.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        interface: EmergencyStopInterface | None,
+        stopped: StoppedByIt,
+        *,
+        emit: Callable[[Any], None],
+        in_background: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._interface = interface or EmergencyStopInterface()
+        self._stopped = stopped
+        self._emit = emit
+        self._in_background = in_background
+        self._wizard_latched = False
+        self._robot_latched = False
+        self._asked = 0
+        self._command: SafeTopic | None = None
+        bool_type = type_name(dialect, "std_msgs", "Bool")
+        if self._interface.topic is not None:
+            state = SafeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
+            state.subscribe(self._take_state)
+        if self._interface.command_topic is not None:
+            # Latched: who subscribes a moment later must learn of it too.
+            self._command = SafeTopic(ros, self._interface.command_topic, bool_type, latch=True, queue_size=1)
+            self._command.advertise()
+
+    @property
+    def latched(self) -> bool:
+        return self._wizard_latched or self._robot_latched
+
+    def set(self, latched: bool) -> None:
+        """The wizard latches or clears it."""
+        self._asked += 1
+        if latched:
+            self._latch(wizard=True, by="wizard")
+            self._stopped.cancel_goals("emergency stop")
+            # Said again on every request: the wizard must see that it is set.
+            if self._ros.is_connected:
+                self._tell_robot(latched=True)
+            else:
+                self._emit(
+                    Problem(
+                        now_ns(),
+                        "error",
+                        "The emergency stop did not reach the robot: it is not connected.",
+                        "It is set here and will be told to the robot when it is back; until then the robot decides.",
+                        "Use the robot's own emergency stop.",
+                    )
+                )
+        elif not self._interface.commands_robot:
+            self._clear_here()
+        elif not self._ros.is_connected:
+            self._emit(
+                Problem(
+                    now_ns(),
+                    "warning",
+                    "The emergency stop was not cleared: the robot is not connected.",
+                    "It stays set.",
+                    "Clear it when the robot is connected again.",
+                )
+            )
+            self._emit(EmergencyStopChanged(now_ns(), self.latched, "robot"))
+        else:
+            self._tell_robot(latched=False)
+
+    def link_connected(self) -> None:
+        """A robot that comes back is told again what the wizard wants."""
+        if self._wizard_latched:
+            self._tell_robot(latched=True)
+
+    def learn(self, inventory: RobotInventory) -> None:
+        """Services that the robot does not have are not asked for: the stop is the console's alone then."""
+        interface = self._interface
+        lacking = {
+            name: None
+            for name in ("service", "set_service", "clear_service")
+            if (service := getattr(interface, name)) is not None and not inventory.has_service(service)
+        }
+        self._interface = replace(interface, **lacking)
+
+    def _latch(self, *, by: Literal["wizard", "robot"], wizard: bool | None = None, robot: bool | None = None) -> None:
+        before = self.latched
+        self._wizard_latched = self._wizard_latched if wizard is None else wizard
+        self._robot_latched = self._robot_latched if robot is None else robot
+        if self.latched or before:
+            self._stopped.hold_still(self.latched)
+        if self.latched != before:
+            self._emit(EmergencyStopChanged(now_ns(), self.latched, by))
+
+    def _clear_here(self) -> None:
+        self._latch(wizard=False, by="wizard")
+        if self.latched:
+            self._emit(
+                Problem(
+                    now_ns(),
+                    "warning",
+                    "The robot's own emergency stop is still set.",
+                    "It does not move.",
+                    "Release it at the robot.",
+                )
+            )
+            # Who asked may show it as cleared already.
+            self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
+
+    def _tell_robot(self, *, latched: bool) -> None:
+        interface = self._interface
+        if self._command is not None:
+            if self._command.publish(encode_bool(latched)):
+                self._told(latched=latched, reason="")
+            else:
+                self._told(latched=latched, reason="it is not connected")
+        elif interface.service is not None:
+            kind = service_type_name(self._dialect, "std_srvs", "SetBool")
+            self._in_background(self._call(interface.service, kind, {"data": latched}, latched=latched))
+        elif (service := interface.set_service if latched else interface.clear_service) is not None:
+            package, _, name = interface.service_type.partition("/")
+            kind = service_type_name(self._dialect, package, name)
+            self._in_background(self._call(service, kind, {}, latched=latched))
+        elif not latched:
+            self._clear_here()
+
+    async def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
+        asked = self._asked
+        try:
+            answer = await self._ros.ask(service, kind, request)
+            reason = "" if answer.get("success", True) else str(answer.get("message") or "it refused")
+        except ServiceCallError as error:
+            reason = str(error)
+        # The wizard may have changed her mind while the robot thought about it; the last word counts.
+        if asked == self._asked:
+            self._told(latched=latched, reason=reason)
+
+    def _told(self, *, latched: bool, reason: str) -> None:
+        if reason:
+            logger.warning("Emergency stop: %s", reason)
+            verb, state = ("set", "set in this console only") if latched else ("clear", "still set")
+            self._emit(
+                Problem(
+                    now_ns(),
+                    "error",
+                    f"The robot did not {verb} its emergency stop ({reason}).",
+                    f"It is {state}; the console sends no motion.",
+                    "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
+                )
+            )
+            # Who asked may show it as cleared already.
+            self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
+        elif not latched:
+            # Its topic will say the same a moment later; the wizard need not wait for it.
+            self._latch(wizard=False, robot=False, by="wizard")
+
+    def _take_state(self, message: Any) -> None:
+        latched = decode_bool(message) is not self._interface.inverted
+        if latched == self._robot_latched:
+            return
+        self._latch(robot=latched, by="robot")
+        if latched:
+            self._stopped.cancel_goals("the robot's emergency stop")
