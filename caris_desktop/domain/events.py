@@ -125,10 +125,16 @@ class MapRequestChanged:
 
 @dataclass(frozen=True, slots=True)
 class MappingChanged:
-    """Whether the robot builds its map (True) or only finds its place in it; None: it does not tell."""
+    """Whether the robot builds its map (True) or only finds its place in it; None: it does not tell.
+
+    Comes with each connection too, and says which operations the robot offers.
+    """
 
     stamp_ns: int
     mapping: bool | None
+    can_save: bool = False
+    can_load: bool = False
+    can_switch: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,11 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
-    """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid."""
+    """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid.
+
+    ``map_from_laser`` is where the laser was in the map when it measured, which a turning robot has left meanwhile;
+    None where that is not known.
+    """
 
     stamp_ns: int
     robot_stamp_ns: int | None
@@ -27,6 +31,7 @@ class LaserScan:
     range_max_m: float
     ranges_m: NDArray[np.float32]
     robot_from_laser: Pose2D
+    map_from_laser: Pose2D | None = None
 
 
 @dataclass(frozen=True, slots=True)
