@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import ChatMessage, LlmExchange
+from caris_desktop.domain.events import ChatMessage, LlmExchange, PlacesChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, People, PersonBox
-from caris_desktop.domain.streams import STREAMS
+from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, People, PersonBox, PlannedPath
+from caris_desktop.domain.streams import BY_TYPE, STREAMS
 from caris_desktop.recording import command as export_command
 from caris_desktop.recording.export import ExportError, export_session
+from caris_desktop.recording.exporters.csv import tables_of
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.driving import command, mark, pose, scan
 from tests.recording.test_session_reader import record
@@ -139,3 +140,16 @@ def test_the_command_says_what_it_did(session: Path, tmp_path: Path, capsys: pyt
     assert f"to {tmp_path / 'out'}" in capsys.readouterr().out
     assert export_command.run(parser.parse_args([str(tmp_path), str(tmp_path / "out2")])) == 1
     assert "is no session" in capsys.readouterr().err
+
+
+def test_paths_are_points_and_what_is_missing_is_empty() -> None:
+    (path,) = tables_of(BY_TYPE[PlannedPath])
+    points = np.array([[1.0, 2.5], [3.0, -4.0]], np.float32)
+    names = [column.name for column in path.columns]
+    row = dict(zip(names, next(path.rows(PlannedPath(1, None, points))), strict=True))
+    assert row["points_in_map"] == "1.0 2.5;3.0 -4.0"
+    (places,) = tables_of(BY_TYPE[PlacesChanged])
+    names = [column.name for column in places.columns]
+    assert names == ["name", "pose_in_map_x_m", "pose_in_map_y_m", "pose_in_map_heading_rad"]
+    assert next(places.rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))) == ["Kitchen", 1.0, 2.0, 3.0]
+    assert next(places.rows(PlacesChanged(1, "Kitchen", None))) == ["Kitchen", None, None, None]

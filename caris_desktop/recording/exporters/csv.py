@@ -130,6 +130,7 @@ def _columns(value_type: type[Any], path: tuple[str, ...] = ()) -> Iterator[Colu
 def _columns_of_field(path: tuple[str, ...], hint: Any) -> Iterator[Column]:
     name = "_".join(path)
     read = _reader(path)
+    hint = _record_or_nothing(hint)
     unit = _unit(path[-1])
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         yield from _columns(hint, path)
@@ -146,7 +147,8 @@ def _columns_of_field(path: tuple[str, ...], hint: Any) -> Iterator[Column]:
             name,
             unit,
             "list",
-            "The values, separated by semicolons; inf: nothing was returned. Grids are only in events.mcap.",
+            "The values, separated by semicolons (of points: x y); inf: nothing was returned. "
+            "Grids are only in events.mcap.",
             lambda v: _joined(read(v)),
         )
     else:
@@ -177,9 +179,20 @@ def _record_list(hint: Any) -> type[Any] | None:
     return item if isinstance(item, type) and dataclasses.is_dataclass(item) else None
 
 
+def _record_or_nothing(hint: Any) -> Any:
+    """A record that may be missing has the columns of the record; they are empty then."""
+    if get_origin(hint) in (types.UnionType, typing.Union):
+        members = [member for member in get_args(hint) if member is not type(None)]
+        if len(members) == 1 and isinstance(members[0], type) and dataclasses.is_dataclass(members[0]):
+            return members[0]
+    return hint
+
+
 def _reader(path: tuple[str, ...]) -> Callable[[Any], Any]:
     def read(value: Any) -> Any:
         for name in path:
+            if value is None:
+                return None
             value = getattr(value, name)
         return value
 
@@ -237,7 +250,10 @@ def _smallest(array: Any) -> Any:
 
 
 def _joined(array: Any) -> str:
-    return ";".join(str(item) for item in array) if array.ndim == 1 else ""
+    if array.ndim == 1:
+        return ";".join(str(item) for item in array)
+    # Points: two numbers each.
+    return ";".join(f"{row[0]} {row[1]}" for row in array) if array.shape[1:] == (2,) else ""
 
 
 def _cell(value: Any) -> Any:

@@ -1,0 +1,200 @@
+"""The robot director: what it asks of the link, what it shows, and what it refuses, with children that only listen."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import commands
+from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.events import (
+    ControlUsed,
+    GoalChanged,
+    LinkChanged,
+    LinkQuality,
+    MappingChanged,
+    MapRequestChanged,
+    TrafficMeasured,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.live.robot_director import RobotConnection, RobotDirector
+from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.model import Place
+
+KITCHEN = Place("Kitchen", Pose2D(4.0, 2.0, 0.0))
+WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
+LIGHT = RobotControl("light", "Light", "toggle", CallService("/light", "std_srvs/SetBool", {"data": "$value"}))
+
+
+class Child:
+    """Stands for a link process: takes down what it is sent."""
+
+    def __init__(self, body: ProcessBody) -> None:
+        self.body = body
+        self.sent: list[Any] = []
+        self.stopped = False
+
+    def send(self, command: Any) -> bool:
+        self.sent.append(command)
+        return True
+
+    def stop(self, *, grace_s: float) -> None:
+        self.stopped = True
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.state = LiveState()
+        self.ring = FrameRing.create()
+        self.children: list[Child] = []
+        self.published: list[Any] = []
+        self.problems: list[str] = []
+        self.goals_begun = 0
+        self.robot = RobotDirector(
+            self.state,
+            self.ring,
+            new_child=self._new_child,  # type: ignore[arg-type]
+            publish=self.published.append,
+            problem=lambda _severity, *words: self.problems.append(" ".join(words)),
+            before_goal=self._before_goal,
+            own_camera=False,
+        )
+
+    def _new_child(self, body: ProcessBody) -> Child:
+        self.children.append(Child(body))
+        return self.children[-1]
+
+    def _before_goal(self) -> None:
+        self.goals_begun += 1
+
+    def connect(self, profile: RobotProfile | None = None) -> None:
+        profile = profile or RobotProfile("r", "R", controls=(WAVE,))
+        bodies = ProcessBody("control", print), ProcessBody("media", print)
+        self.robot.connect_robot(RobotConnection("R", "ws://r:9090", profile, *bodies))
+        self.robot.on_event(LinkChanged(1, "control", "connected", "ws://r:9090"))
+        self.state.drive.set(replace(self.state.drive.value, allowed=True, reason=""))
+
+    @property
+    def control(self) -> Child:
+        return [child for child in self.children if child.body.name == "control"][-1]
+
+    def asked(self, kind: type[Any]) -> list[Any]:
+        return [command for command in self.control.sent if isinstance(command, kind)]
+
+
+@pytest.fixture
+def bench(qtbot: QtBot) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.ring.close()
+
+
+def test_a_place_and_a_point_are_driven_to(bench: Bench) -> None:
+    bench.state.places.set((KITCHEN,))
+    bench.connect()
+    bench.robot.go_to_place("Kitchen")
+    bench.robot.go_to(Pose2D(1.0, 1.0, 0.5))
+    assert [(goal.target_in_map, goal.place) for goal in bench.asked(commands.GoTo)] == [
+        (KITCHEN.pose_in_map, "Kitchen"),
+        (Pose2D(1.0, 1.0, 0.5), None),
+    ]
+    assert bench.goals_begun == 2
+    assert bench.problems == []
+
+
+def test_where_the_robot_may_not_drive_it_is_not_sent_and_the_wizard_knows_why(bench: Bench) -> None:
+    bench.state.places.set((KITCHEN,))
+    bench.connect()
+    bench.state.drive.set(replace(bench.state.drive.value, allowed=False, reason="Emergency stop is on"))
+    bench.robot.go_to_place("Kitchen")
+    bench.robot.go_to_place("Cellar")
+    assert bench.asked(commands.GoTo) == []
+    assert "Emergency stop is on" in bench.problems[0]
+    assert "no such place" in bench.problems[1]
+
+
+def test_maps_and_the_initial_pose_are_asked_for(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.set_initial_pose(Pose2D(1.0, 2.0, 3.0))
+    bench.robot.request_map("save", "lab")
+    assert bench.asked(commands.SetInitialPose)[0].pose_in_map == Pose2D(1.0, 2.0, 3.0)
+    (request,) = bench.asked(commands.RequestMap)
+    assert (request.operation, request.name) == ("save", "lab")
+    bench.robot.on_event(MapRequestChanged(1, request.request_id, "save", "lab", "requested"))
+    assert bench.state.mapping.value.busy == "save"
+    bench.robot.on_event(MapRequestChanged(1, request.request_id, "save", "lab", "failed", "the disk is full"))
+    assert bench.state.mapping.value.busy == ""
+    assert "the disk is full" in bench.problems[0]
+    bench.robot.on_event(MappingChanged(1, mapping=True))
+    assert bench.state.mapping.value.mapping is True
+
+
+def test_without_a_link_nothing_is_asked_and_that_is_told(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
+    bench.robot.set_initial_pose(Pose2D(1.0, 2.0, 3.0))
+    bench.robot.request_map("load", "lab")
+    bench.robot.use_control("wave", True)
+    assert not bench.asked(commands.SetInitialPose) and not bench.asked(commands.RequestMap)
+    assert not bench.asked(commands.UseControl)
+    assert len(bench.problems) == 3
+
+
+def test_controls_of_the_scenario_join_those_of_the_profile(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.offer_controls((LIGHT,))
+    assert bench.state.controls.value == (WAVE, LIGHT)
+    assert bench.asked(commands.OfferControls)[-1].controls == (LIGHT,)
+    louder = replace(WAVE, title="Wave twice")
+    bench.robot.offer_controls((louder,))
+    assert bench.state.controls.value == (louder,)
+
+
+def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.offer_controls((LIGHT,))
+    bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
+    bench.robot.on_event(LinkChanged(2, "control", "connected", "ws://r:9090"))
+    assert [command.controls for command in bench.asked(commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]
+
+
+def test_the_use_of_a_control_and_its_outcome_are_shown(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.use_control("wave", True)
+    bench.robot.use_control("unknown", True)
+    (used,) = bench.asked(commands.UseControl)
+    bench.robot.on_event(ControlUsed(1, used.request_id, "wave", True, "failed", "the arm is folded"))
+    status = bench.state.control_states.value["wave"]
+    assert (status.state, status.detail) == ("failed", "the arm is folded")
+
+
+def test_another_robot_leaves_nothing_of_the_first_on_show(bench: Bench) -> None:
+    bench.connect()
+    first = bench.control
+    bench.robot.on_event(GoalChanged(1, "g", "active", Pose2D(1.0, 1.0, 0.0)))
+    bench.robot.on_event(TrafficMeasured(1, "control", "cbor", 0, ()))
+    bench.robot.on_event(LinkQuality(1, 3.0, 12.0, 1.0))
+    assert bench.state.link.value.clock_offset_ms == 12.0
+    bench.connect(RobotProfile("other", "Other"))
+    assert first.stopped
+    assert bench.state.robot.value.name == "other"
+    assert bench.state.goal.value is None
+    assert bench.state.traffic.value == {}
+    assert bench.state.controls.value == ()
+
+
+def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, qtbot: QtBot) -> None:
+    bench.connect()
+    control, media = bench.children
+    assert bench.robot.on_child_ended(control)  # type: ignore[arg-type]
+    assert [event.state for event in bench.published] == ["lost"]
+    qtbot.waitUntil(lambda: len(bench.children) == 3)
+    assert bench.children[2].body.name == "control"
+    assert not media.stopped
+    assert bench.robot.on_child_ended(control)  # type: ignore[arg-type]  # old news
+    assert len(bench.published) == 1
