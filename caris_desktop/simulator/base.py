@@ -1,4 +1,4 @@
-"""The differential-drive base: acceleration limits, collisions, and a command lease of its own."""
+"""The base, on two driven wheels or holonomic: acceleration limits, collisions, and a command lease of its own."""
 
 import math
 from dataclasses import dataclass, replace
@@ -22,6 +22,21 @@ _PUSHES = 3
 
 
 @dataclass(frozen=True, slots=True)
+class BaseModel:
+    """What a base is able to do. ``left_mps`` is 0 on two driven wheels."""
+
+    radius_m: float = RADIUS_M
+    forward_mps: float = MAX_FORWARD_MPS
+    reverse_mps: float = MAX_REVERSE_MPS
+    left_mps: float = 0.0
+    turn_radps: float = MAX_TURN_RADPS
+
+
+DIFFERENTIAL = BaseModel()
+HOLONOMIC = BaseModel(left_mps=0.5)
+
+
+@dataclass(frozen=True, slots=True)
 class BaseState:
     """Where the base really is, and how fast it really moves."""
 
@@ -30,39 +45,51 @@ class BaseState:
     turn_radps: float = 0.0
     touching: bool = False
     collisions: int = 0
+    left_mps: float = 0.0
 
 
-def limited(wanted: Twist2D) -> Twist2D:
-    """``wanted`` within what the base can do. It cannot move sideways."""
+def limited(wanted: Twist2D, model: BaseModel = DIFFERENTIAL) -> Twist2D:
+    """``wanted`` within what the base can do."""
     return Twist2D(
-        min(max(wanted.forward_mps, -MAX_REVERSE_MPS), MAX_FORWARD_MPS),
-        0.0,
-        min(max(wanted.turn_radps, -MAX_TURN_RADPS), MAX_TURN_RADPS),
+        min(max(wanted.forward_mps, -model.reverse_mps), model.forward_mps),
+        min(max(wanted.left_mps, -model.left_mps), model.left_mps),
+        min(max(wanted.turn_radps, -model.turn_radps), model.turn_radps),
     )
 
 
-def step(state: BaseState, wanted: Twist2D, people: NDArray[np.float64], *, dt_s: float = STEP_S) -> BaseState:
+def step(
+    state: BaseState,
+    wanted: Twist2D,
+    people: NDArray[np.float64],
+    *,
+    dt_s: float = STEP_S,
+    model: BaseModel = DIFFERENTIAL,
+) -> BaseState:
     """The state ``dt_s`` later. ``people`` are circles (x, y, radius) in the map, shape (people, 3)."""
-    wanted = limited(wanted)
+    wanted = limited(wanted, model)
     forward = _approach(state.forward_mps, wanted.forward_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
+    left = _approach(state.left_mps, wanted.left_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
     turn = _approach(state.turn_radps, wanted.turn_radps, TURN_UP_RADPS2 * dt_s, TURN_BRAKE_RADPS2 * dt_s)
     pose = state.pose_in_map
-    if forward == 0.0 and turn == 0.0:
-        return replace(state, forward_mps=0.0, turn_radps=0.0, touching=False)
+    if forward == 0.0 and left == 0.0 and turn == 0.0:
+        return replace(state, forward_mps=0.0, left_mps=0.0, turn_radps=0.0, touching=False)
     heading_between = pose.heading_rad + turn * dt_s / 2.0
-    x = pose.x_m + forward * dt_s * math.cos(heading_between)
-    y = pose.y_m + forward * dt_s * math.sin(heading_between)
-    free_x, free_y = push_out(x, y, RADIUS_M, people)
+    cos, sin = math.cos(heading_between), math.sin(heading_between)
+    x = pose.x_m + (forward * cos - left * sin) * dt_s
+    y = pose.y_m + (forward * sin + left * cos) * dt_s
+    free_x, free_y = push_out(x, y, model.radius_m, people)
     touching = (free_x, free_y) != (x, y)
     if touching:
         # what is left of the motion after sliding along the obstacle is the speed that the wheels still have
-        moved = (free_x - pose.x_m) * math.cos(heading_between) + (free_y - pose.y_m) * math.sin(heading_between)
-        forward = math.copysign(min(abs(forward), max(0.0, moved * math.copysign(1.0, forward)) / dt_s), forward)
-        if not is_free(free_x, free_y, RADIUS_M - 0.005, people):
-            free_x, free_y, forward = pose.x_m, pose.y_m, 0.0
+        moved_x, moved_y = (free_x - pose.x_m) / dt_s, (free_y - pose.y_m) / dt_s
+        forward = _at_most(forward, moved_x * cos + moved_y * sin)
+        left = _at_most(left, moved_y * cos - moved_x * sin)
+        if not is_free(free_x, free_y, model.radius_m - 0.005, people):
+            free_x, free_y, forward, left = pose.x_m, pose.y_m, 0.0, 0.0
     return BaseState(
         pose_in_map=Pose2D(free_x, free_y, wrap_angle(pose.heading_rad + turn * dt_s)),
         forward_mps=forward,
+        left_mps=left,
         turn_radps=turn,
         touching=touching,
         collisions=state.collisions + (1 if touching and not state.touching else 0),
@@ -106,6 +133,17 @@ def clearance_m(x_m: float, y_m: float) -> float:
     near_x = np.clip(x_m, _CORNERS[:, 0], _CORNERS[:, 2])
     near_y = np.clip(y_m, _CORNERS[:, 1], _CORNERS[:, 3])
     return float(np.hypot(x_m - near_x, y_m - near_y).min())
+
+
+def gap_m(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) -> float:
+    """Free distance from the edge of a body to whatever is nearest, people included; negative inside of it."""
+    gaps = [math.hypot(x_m - px, y_m - py) - pr for px, py, pr in people.tolist()]
+    return min([clearance_m(x_m, y_m), *gaps]) - radius_m
+
+
+def _at_most(speed: float, moved: float) -> float:
+    """``speed``, but no faster than what was moved in its direction."""
+    return math.copysign(min(abs(speed), max(0.0, math.copysign(1.0, speed) * moved)), speed)
 
 
 def _approach(now: float, wanted: float, speed_up: float, brake: float) -> float:

@@ -97,7 +97,7 @@ _RUNS = (
         5.8,
         0.0,
         16.0,
-        (Door(2.0, 3.0, "Counselling"), Door(6.6, 7.7, "Meeting Room"), Door(12.0, 13.1, "Exhibition")),
+        (Door(2.05, 2.95, "Counselling"), Door(6.6, 7.7, "Meeting Room"), Door(12.0, 13.1, "Exhibition")),
     ),
     WallRun("y", 6.0, 0.0, 4.2, (Door(2.6, 3.7, "Robot Lab"),)),
     WallRun("y", 12.0, 0.0, 4.2, (Door(1.4, 2.5, "Kitchen"),)),

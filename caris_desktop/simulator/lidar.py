@@ -1,6 +1,7 @@
-"""A 2D laser scanner: 720 beams all around, with noise; it sees walls, furniture and people's legs."""
+"""A 2D laser scanner with noise, 720 beams all around unless told otherwise; it sees walls, furniture and legs."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +19,60 @@ FRAME_ID = "laser"
 ANGLE_MIN_RAD = -math.pi
 ANGLE_INCREMENT_RAD = 2.0 * math.pi / BEAMS
 
-_ANGLES = ANGLE_MIN_RAD + ANGLE_INCREMENT_RAD * np.arange(BEAMS)
 _CORNERS = corners_of(SOLID)
 
 
+@dataclass(frozen=True, slots=True)
+class LidarModel:
+    """What a laser scanner measures, and where it sits.
+
+    ``blind`` are beams, first and one past the last, that never measure anything and read ``blind_m``. What is too far
+    reads ``beyond_m``.
+    """
+
+    beams: int = BEAMS
+    angle_min_rad: float = ANGLE_MIN_RAD
+    angle_increment_rad: float = ANGLE_INCREMENT_RAD
+    range_min_m: float = RANGE_MIN_M
+    range_max_m: float = RANGE_MAX_M
+    robot_from_laser: Pose2D = ROBOT_FROM_LASER
+    blind: tuple[tuple[int, int], ...] = ()
+    blind_m: float = -1.0
+    beyond_m: float = math.inf
+
+
+ALL_AROUND = LidarModel()
+
+
 def scan_from(
-    map_from_robot: Pose2D, legs: NDArray[np.float64], noise: np.random.Generator, *, stamp_ns: int
+    map_from_robot: Pose2D,
+    legs: NDArray[np.float64],
+    noise: np.random.Generator,
+    *,
+    stamp_ns: int,
+    model: LidarModel = ALL_AROUND,
+    frame_id: str = FRAME_ID,
 ) -> LaserScan:
     """One scan. ``legs`` are circles (x, y, radius) in the map, shape (legs, 3)."""
-    laser = map_from_robot @ ROBOT_FROM_LASER
-    cos, sin = np.cos(_ANGLES + laser.heading_rad), np.sin(_ANGLES + laser.heading_rad)
+    laser = map_from_robot @ model.robot_from_laser
+    angles = model.angle_min_rad + model.angle_increment_rad * np.arange(model.beams) + laser.heading_rad
+    cos, sin = np.cos(angles), np.sin(angles)
     entry, _, _ = entry_and_exit(laser.x_m, laser.y_m, cos, sin, _CORNERS)
     ranges = entry.min(axis=0)
     if len(legs):
         ranges = np.minimum(ranges, circle_hits(laser.x_m, laser.y_m, cos, sin, legs).min(axis=0))
-    ranges = ranges + noise.normal(0.0, NOISE_M, BEAMS)
-    ranges[(ranges > RANGE_MAX_M) | (ranges < RANGE_MIN_M)] = np.inf
+    ranges = ranges + noise.normal(0.0, NOISE_M, model.beams)
+    ranges[(ranges > model.range_max_m) | (ranges < model.range_min_m)] = model.beyond_m
+    for first, end in model.blind:
+        ranges[first:end] = model.blind_m
     return LaserScan(
         stamp_ns=stamp_ns,
         robot_stamp_ns=stamp_ns,
-        frame_id=FRAME_ID,
-        angle_min_rad=ANGLE_MIN_RAD,
-        angle_increment_rad=ANGLE_INCREMENT_RAD,
-        range_min_m=RANGE_MIN_M,
-        range_max_m=RANGE_MAX_M,
+        frame_id=frame_id,
+        angle_min_rad=model.angle_min_rad,
+        angle_increment_rad=model.angle_increment_rad,
+        range_min_m=model.range_min_m,
+        range_max_m=model.range_max_m,
         ranges_m=ranges.astype(np.float32),
-        robot_from_laser=ROBOT_FROM_LASER,
+        robot_from_laser=model.robot_from_laser,
     )

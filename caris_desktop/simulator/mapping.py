@@ -29,10 +29,11 @@ class Mapper:
         """Take one scan, made at ``map_from_robot``, into the map."""
         laser = map_from_robot @ scan.robot_from_laser
         ranges = scan.ranges_m.astype(np.float64)
-        hit = np.isfinite(ranges)
+        # below its range a scanner tells nothing: blind beams
+        hit = np.isfinite(ranges) & (ranges >= scan.range_min_m)
         angles = laser.heading_rad + scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges))
         # a beam that came back from nowhere frees what it passed, short of the farthest that counts
-        reach = np.where(hit, ranges - RESOLUTION_M, scan.range_max_m * 0.8)
+        reach = np.where(hit, ranges - RESOLUTION_M, np.where(np.isinf(ranges), scan.range_max_m * 0.8, 0.0))
         free = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
         outline = np.stack(
             [

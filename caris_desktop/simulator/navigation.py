@@ -53,6 +53,7 @@ class Navigator:
         self._held_since_s: float | None = None
         self._replanned_s = 0.0
         self._left_m = 0.0
+        self.plans_made = 0
 
     @property
     def goal_id(self) -> str | None:
@@ -85,6 +86,10 @@ class Navigator:
         if self._goal_id is None:
             return None
         return Progress(self._goal_id, self._left_m, now_s - self._started_s)
+
+    def way_from(self, pose: Pose2D) -> list[Point]:
+        """What is left of the way, beginning at ``pose``; empty without a goal."""
+        return [(pose.x_m, pose.y_m), *self._way] if self._way else []
 
     def step(self, pose: Pose2D, people: NDArray[np.float64], now_s: float) -> tuple[Twist2D, list[GoalEnded]]:
         """The twist wanted now, and the goal's end where it has come."""
@@ -126,6 +131,7 @@ class Navigator:
 
     def _plan(self, pose: Pose2D, target: Pose2D, people: NDArray[np.float64]) -> list[Point] | None:
         here, goal = (pose.x_m, pose.y_m), (target.x_m, target.y_m)
+        self.plans_made += 1
         around = path_planning.plan(here, goal, body_m=_KEEP_M, avoid=people + np.array([0.0, 0.0, 0.3]))
         return around or path_planning.plan(here, goal, body_m=_KEEP_M)
 

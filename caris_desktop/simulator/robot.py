@@ -5,12 +5,17 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.simulator import base, lidar
-from caris_desktop.simulator.base import STEP_S, BaseState
+from caris_desktop.simulator.base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
+from caris_desktop.simulator.camera_model import MOUNT_HEIGHT_M
 from caris_desktop.simulator.floor_plan import START
+from caris_desktop.simulator.head import MOVABLE, Head, HeadModel
+from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
+from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
 from caris_desktop.simulator.mapping import Mapper
 from caris_desktop.simulator.navigation import GoalEnded, Navigator, Progress
 from caris_desktop.simulator.people import Crowd, Seen
@@ -19,39 +24,77 @@ ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
 _FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # what the wheels' encoders believe
 _BATTERY_LASTS_S = 4.0 * 3600.0
 _LOCALISATION_NOISE_M, _LOCALISATION_NOISE_RAD = 0.008, 0.004
+_FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD = 1.0, 0.7
+_FINDS_ITSELF_IN_S = 1.5
+_SCAN_PERIOD_S = 0.1
+_MAPS_WITHIN_M, _MAPS_WITHIN_RAD = 0.05, 0.03
+_NO_ERROR = Pose2D(0.0, 0.0, 0.0)
+_NOBODY = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What the camera needs to draw one picture."""
+    """What the camera needs to draw one picture. ``tilt_rad``: down positive."""
 
     map_from_camera: Pose2D
     people: tuple[Seen, ...]
+    tilt_rad: float = 0.0
+    height_m: float = MOUNT_HEIGHT_M
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What the robot is made of: its base, scanner, head and where its camera sits."""
+
+    base: BaseModel = DIFFERENTIAL
+    lidar: LidarModel | None = ALL_AROUND
+    laser_frame: str = LASER_FRAME
+    head: HeadModel = MOVABLE
+    robot_from_camera: Pose2D = ROBOT_FROM_CAMERA
+    camera_height_m: float = MOUNT_HEIGHT_M
+
+
+DEFAULT_BODY = Body()
 
 
 class Robot:
     """The robot and its surroundings. Told commands, stepped every 20 ms, asked for what its sensors see.
 
-    The same seed and the same commands in the same steps give the same run.
+    The same seed and the same commands in the same steps give the same run. No clock but the number of steps is used.
+
+    Parameters
+    ----------
+    seed
+        Of the noise and of the people's walks.
+    body
+        What the robot is made of.
+    populated
+        Whether people walk about.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, *, body: Body = DEFAULT_BODY, populated: bool = True) -> None:
         scan_noise, drift_noise, pose_noise = np.random.SeedSequence(seed).spawn(3)
         self._scan_noise = np.random.default_rng(scan_noise)
         self._drift_noise = np.random.default_rng(drift_noise)
         self._pose_noise = np.random.default_rng(pose_noise)
-        self._crowd = Crowd(seed)
+        self.body = body
+        self._crowd = Crowd(seed) if populated else None
+        self.head = Head(body.head)
         self._navigator = Navigator()
         self._mapper = Mapper()
         self._base = BaseState(START)
         self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
         self._believed = START
+        self._pose_error = _NO_ERROR
+        self._min_gap_m = math.inf
+        self._touches_before = 0
         self._wanted = ZERO_TWIST
         self._lease_until_s = -math.inf
         self._steps = 0
         self._ended: deque[GoalEnded] = deque()
         self.battery_fraction = 0.93
         self.emergency_stopped = False
+        self.mapping_paused = False
 
     @property
     def now_s(self) -> float:
@@ -65,7 +108,7 @@ class Robot:
 
     @property
     def pose_in_map(self) -> Pose2D:
-        """Where the robot believes it is, which is right within a centimetre or two."""
+        """Where the robot believes it is: right within a centimetre or two, unless it was told something else."""
         return self._believed
 
     @property
@@ -79,7 +122,31 @@ class Robot:
 
     @property
     def people(self) -> tuple[Seen, ...]:
-        return self._crowd.seen
+        return self._crowd.seen if self._crowd is not None else ()
+
+    @property
+    def touches(self) -> int:
+        """How often it has touched something since it was last placed."""
+        return self._base.collisions - self._touches_before
+
+    @property
+    def min_gap_m(self) -> float:
+        """The smallest free distance to anything since it was last placed; ``inf`` before the first step."""
+        return self._min_gap_m
+
+    @property
+    def gap_m(self) -> float:
+        """Free distance to whatever is nearest now, people included."""
+        pose = self._base.pose_in_map
+        return base.gap_m(pose.x_m, pose.y_m, self.body.base.radius_m, self._bodies)
+
+    @property
+    def _bodies(self) -> NDArray[np.float64]:
+        return self._crowd.bodies if self._crowd is not None else _NOBODY
+
+    @property
+    def _legs(self) -> NDArray[np.float64]:
+        return self._crowd.legs if self._crowd is not None else _NOBODY
 
     @property
     def goal_id(self) -> str | None:
@@ -102,8 +169,8 @@ class Robot:
             self._navigator.start(
                 goal_id,
                 target_in_map,
-                pose=self._base.pose_in_map,
-                people=self._crowd.bodies,
+                pose=self._navigation_pose,
+                people=self._bodies,
                 now_s=self.now_s,
             )
         )
@@ -112,6 +179,47 @@ class Robot:
     def cancel_goal(self) -> None:
         """Cancel the navigation goal that is under way, if there is one."""
         self._ended.extend(self._navigator.end("cancelled", "the goal was cancelled"))
+
+    def place(self, pose_in_map: Pose2D) -> bool:
+        """Put the robot somewhere, standing and knowing where it is; touches and gap are counted anew.
+
+        False, and nothing happens, where it does not fit.
+        """
+        if not base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
+            return False
+        self._ended.extend(self._navigator.end("aborted", "the robot was carried away"))
+        self._base = BaseState(pose_in_map, collisions=self._base.collisions)
+        self._touches_before = self._base.collisions
+        self._min_gap_m = self.gap_m
+        self._wanted = ZERO_TWIST
+        self._pose_error = _NO_ERROR
+        self._believed = pose_in_map
+        return True
+
+    def assume_pose(self, pose_in_map: Pose2D) -> None:
+        """Tell the localisation where the robot is. It finds its way back from an error that is not too large."""
+        truth = self._base.pose_in_map
+        self._pose_error = Pose2D(
+            pose_in_map.x_m - truth.x_m,
+            pose_in_map.y_m - truth.y_m,
+            wrap_angle(pose_in_map.heading_rad - truth.heading_rad),
+        )
+        self._believed = pose_in_map
+
+    @property
+    def localised(self) -> bool:
+        """Whether what it believes is right, or soon will be."""
+        return _within(self._pose_error, _FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD)
+
+    @property
+    def path_in_map(self) -> list[tuple[float, float]]:
+        """What is left of the way to the goal, beginning at the robot; empty without a goal."""
+        return self._navigator.way_from(self._navigation_pose)
+
+    @property
+    def plans_made(self) -> int:
+        """Changes with each new way."""
+        return self._navigator.plans_made
 
     def set_emergency_stop(self, stopped: bool) -> None:
         """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
@@ -133,37 +241,72 @@ class Robot:
     def step(self) -> None:
         """Let 20 ms pass."""
         self._steps += 1
-        self._crowd.step(self._base.pose_in_map, STEP_S)
-        bodies = self._crowd.bodies
-        twist, ended = self._navigator.step(self._base.pose_in_map, bodies, self.now_s)
+        if self._crowd is not None:
+            self._crowd.step(self._base.pose_in_map, STEP_S)
+        self.head.step(STEP_S)
+        bodies = self._bodies
+        twist, ended = self._navigator.step(self._navigation_pose, bodies, self.now_s)
         self._ended.extend(ended)
         if self._navigator.goal_id is None:
             twist = self._wanted if self.now_s <= self._lease_until_s else ZERO_TWIST
         if self.emergency_stopped:
             twist = ZERO_TWIST
         before = self._base
-        self._base = base.step(before, twist, bodies)
+        self._base = base.step(before, twist, bodies, model=self.body.base)
         self._drift(before, self._base)
+        self._min_gap_m = min(self._min_gap_m, self.gap_m)
         self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / _BATTERY_LASTS_S)
 
-    def scan(self, *, stamp_ns: int) -> LaserScan:
-        """What the LIDAR sees now; the map learns from it."""
-        scan = lidar.scan_from(self._base.pose_in_map, self._crowd.legs, self._scan_noise, stamp_ns=stamp_ns)
+    def scan(self, *, stamp_ns: int, learn: bool = True) -> LaserScan:
+        """What the LIDAR sees now; the localisation and, with ``learn``, the map learn from it.
+
+        A robot without a LIDAR gives what its mapping sees, which is the default one.
+        """
+        scan = lidar.scan_from(
+            self._base.pose_in_map,
+            self._legs,
+            self._scan_noise,
+            stamp_ns=stamp_ns,
+            model=self.body.lidar or ALL_AROUND,
+            frame_id=self.body.laser_frame,
+        )
+        self._pose_error = self._less_wrong()
         self._believed = self._localised()
-        self._mapper.add(scan, self._believed)
+        if learn and not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
+            self._mapper.add(scan, self._believed)
         return scan
 
     def odometry(self, *, stamp_ns: int) -> Odometry:
         """What the wheels tell: a pose that drifts away, and the velocity."""
-        twist = Twist2D(self._base.forward_mps, 0.0, self._base.turn_radps)
+        twist = Twist2D(self._base.forward_mps, self._base.left_mps, self._base.turn_radps)
         return Odometry(stamp_ns, stamp_ns, self._odom_from_robot, twist)
 
     def view(self) -> View:
         """What the camera would see now."""
-        return View(self._base.pose_in_map @ ROBOT_FROM_CAMERA, self._crowd.seen)
+        camera = self._base.pose_in_map @ self.body.robot_from_camera
+        turned = replace(camera, heading_rad=wrap_angle(camera.heading_rad + self.head.pan_rad))
+        return View(turned, self.people, self.head.tilt_rad, self.body.camera_height_m)
+
+    @property
+    def _navigation_pose(self) -> Pose2D:
+        """Where navigation takes the robot to be: as wrong as the localisation, without its noise."""
+        truth, error = self._base.pose_in_map, self._pose_error
+        if error == _NO_ERROR:
+            return truth
+        return Pose2D(truth.x_m + error.x_m, truth.y_m + error.y_m, wrap_angle(truth.heading_rad + error.heading_rad))
+
+    def _less_wrong(self) -> Pose2D:
+        """The error of the localisation after one more scan."""
+        error = self._pose_error
+        if error == _NO_ERROR or not self.localised:
+            return error
+        left = math.exp(-_SCAN_PERIOD_S / _FINDS_ITSELF_IN_S)
+        if _within(error, 1e-3, 1e-3):
+            return _NO_ERROR
+        return Pose2D(error.x_m * left, error.y_m * left, error.heading_rad * left)
 
     def _localised(self) -> Pose2D:
-        pose = self._base.pose_in_map
+        pose = self._navigation_pose
         dx, dy, turn = self._pose_noise.normal(0.0, 1.0, 3).tolist()
         return Pose2D(
             pose.x_m + dx * _LOCALISATION_NOISE_M,
@@ -183,3 +326,7 @@ class Robot:
         )
         self._odom_from_robot = self._odom_from_robot @ felt
         self._believed = self._believed @ moved
+
+
+def _within(error: Pose2D, distance_m: float, angle_rad: float) -> bool:
+    return math.hypot(error.x_m, error.y_m) <= distance_m and abs(error.heading_rad) <= angle_rad
