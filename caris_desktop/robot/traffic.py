@@ -1,0 +1,110 @@
+"""What arrives on each topic of one link: how often, how much, how old. Counting only, no sockets."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.robot.clock_offset import OffsetEstimate
+from caris_desktop.ros.dialect import decode_time
+
+MOST_TOPICS = 200
+
+
+@dataclass(slots=True)
+class _Count:
+    type: str = ""
+    messages: int = 0
+    size_bytes: int = 0
+    refused: int = 0
+    heard_ns: int | None = None
+    stamp_ns: int | None = None
+
+
+class TrafficMeter:
+    """Counts what arrives. Once a second :meth:`measure` turns the counts into one event and begins anew."""
+
+    def __init__(self, link: str) -> None:
+        self._link = link
+        self._counts: dict[str, _Count] = {}
+        self._began_ns: int | None = None
+        self._binary = False
+        self._refused = 0
+
+    def listens(self, topic: str, message_type: str) -> None:
+        """A topic was subscribed: it is listed even when nothing comes."""
+        self._count(topic).type = message_type
+
+    def stops_listening(self, topic: str) -> None:
+        """The last subscription of a topic is gone."""
+        self._counts.pop(topic, None)
+
+    def arrived(self, topic: str, *, size_bytes: int, arrival_ns: int) -> None:
+        """One message, whether or not it is decoded afterwards."""
+        count = self._count(topic)
+        count.messages += 1
+        count.size_bytes += size_bytes
+        count.heard_ns = arrival_ns
+
+    def decoded(self, topic: str, message: Any, *, binary: bool) -> None:
+        """One message was decoded: note its stamp."""
+        self._binary = binary
+        if topic in self._counts:
+            self._counts[topic].stamp_ns = stamp_of(message)
+
+    def refused(self, topic: str | None) -> None:
+        """One message could not be used; ``topic`` None where it told none."""
+        self._refused += 1
+        if topic is not None and topic in self._counts:
+            self._counts[topic].refused += 1
+
+    def measure(
+        self, now_ns: int, offset_at: Callable[[int], OffsetEstimate | None] = lambda _: None
+    ) -> TrafficMeasured:
+        """What came since the last call."""
+        period_s = 1.0 if self._began_ns is None else max(1e-3, (now_ns - self._began_ns) / 1e9)
+        self._began_ns = now_ns
+        topics = []
+        for topic, count in sorted(self._counts.items()):
+            age_ms = None
+            if count.messages and count.stamp_ns and count.heard_ns is not None:
+                offset = offset_at(count.heard_ns)
+                if offset is not None:
+                    age_ms = (count.heard_ns + offset.offset_ns - count.stamp_ns) / 1e6
+            topics.append(
+                TopicTraffic(
+                    topic=topic,
+                    type=count.type,
+                    rate_hz=count.messages / period_s,
+                    bytes_per_s=count.size_bytes / period_s,
+                    last_heard_s=None if count.heard_ns is None else max(0.0, (now_ns - count.heard_ns) / 1e9),
+                    age_ms=age_ms,
+                    refused=count.refused,
+                )
+            )
+            count.messages = count.size_bytes = 0
+        return TrafficMeasured(now_ns, self._link, "cbor" if self._binary else "json", self._refused, tuple(topics))
+
+    def _count(self, topic: str) -> _Count:
+        count = self._counts.get(topic)
+        if count is None:
+            if len(self._counts) >= MOST_TOPICS:
+                # Nobody subscribed to so many: a server that invents topics must not fill the memory.
+                return _Count()
+            count = self._counts[topic] = _Count()
+        return count
+
+
+def stamp_of(message: Any) -> int | None:
+    """The robot's own stamp of a message in nanoseconds; None where it has none or a zero one."""
+    if not isinstance(message, Mapping):
+        return None
+    header = message.get("header")
+    if header is None:
+        transforms = message.get("transforms")
+        if isinstance(transforms, (list, tuple)) and transforms and isinstance(transforms[0], Mapping):
+            header = transforms[0].get("header")
+    try:
+        return decode_time(header["stamp"]) if isinstance(header, Mapping) else None
+    except (KeyError, ValueError):
+        return None
