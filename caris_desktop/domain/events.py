@@ -96,11 +96,13 @@ class GuardChanged:
 
     ``absent``: the profile names no LIDAR; ``blind``: no fresh scan, so the speed is capped; ``overridden``: the
     wizard switched it off. ``distance_m`` is the free way between footprint and obstacle in the direction of motion.
+    ``detail`` says in words why it is blind.
     """
 
     stamp_ns: int
     state: GuardState
     distance_m: float | None = None
+    detail: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,16 +9,20 @@ from dataclasses import replace
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
-from caris_desktop.domain.events import CommandSource, DriveEnded, EmergencyStopChanged
+from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
+from caris_desktop.domain.events import CommandSource, DriveEnded, EmergencyStopChanged, GuardChanged
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import RobotPort
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.state import LiveState, LiveStream
+from caris_desktop.robot.profile import MotionLimits, RobotProfile
 from caris_desktop.scenario.model import Scenario
 
 RENEW_EVERY_MS = 50
 LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
+SPEED_STEPS = (0.3, 0.6, 1.0)
+_AGE_SHOWN_EVERY_MS = 500
+_ANY_SPEED = MotionLimits(forward_mps=float("inf"), backward_mps=float("inf"), left_mps=0.0, turn_radps=float("inf"))
 
 
 class DriveController(QObject):
@@ -33,11 +37,18 @@ class DriveController(QObject):
         self._held = False
         self._sent_target = Twist2D()
         self._renewed_ns = 0
+        self._limits = _ANY_SPEED
+        self._guard_switched_off = False
+        # While the speed is capped, the age in the reason goes on.
+        self._aging = QTimer(self)
+        self._aging.setInterval(_AGE_SHOWN_EVERY_MS)
+        self._aging.timeout.connect(self._on_condition_changed)
         self._renewal = QTimer(self)
         self._renewal.setTimerType(Qt.TimerType.PreciseTimer)
         self._renewal.setInterval(RENEW_EVERY_MS)
         self._renewal.timeout.connect(self._renew)
         self.use_scenario(scenario)
+        state.robot.changed.connect(self._on_robot_changed)
         state.link.changed.connect(self._on_condition_changed)
         state.scan.freshness_changed.connect(self._on_condition_changed)
         state.frame.freshness_changed.connect(self._on_condition_changed)
@@ -45,13 +56,10 @@ class DriveController(QObject):
     def use_scenario(self, scenario: Scenario) -> None:
         self.release("The scenario changed")
         self._permitted = scenario.permissions.driving
-        self._state.drive.set(
-            replace(
-                self._state.drive.value,
-                max_forward_mps=scenario.driving.max_forward_mps,
-                max_turn_radps=scenario.driving.max_turn_radps,
-            )
-        )
+        self._scenario_limits = scenario.driving
+        if self._guard_switched_off:
+            self.set_guard(on=True)
+        self._apply_limits()
         self._on_condition_changed()
 
     def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
@@ -90,13 +98,28 @@ class DriveController(QObject):
         self._on_condition_changed()
         return heard
 
+    def set_guard(self, *, on: bool) -> None:
+        """Switch the obstacle guard of the link. Off lasts until the link is lost or the scenario changes."""
+        if self._robot.send(SetGuard(clock.now_ns(), on)):
+            self._guard_switched_off = not on
+
+    def step_speed(self, direction: int) -> None:
+        """To the next of the three speed steps above (1) or below (-1) the present setting."""
+        now = self._state.drive.value.speed_fraction
+        if direction > 0:
+            further = [step for step in SPEED_STEPS if step > now + 0.005][:1]
+        else:
+            further = [step for step in SPEED_STEPS if step < now - 0.005][-1:]
+        if further:
+            self.set_speed_fraction(further[0])
+
     def set_speed_fraction(self, fraction: float) -> None:
         fraction = min(1.0, max(0.1, fraction))
         self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))
         self._resend()
 
     def on_robot_event(self, event: object) -> None:
-        """The link ended the lease, or the robot's own emergency stop changed."""
+        """The link ended the lease, its guard limits motion differently, or the robot's emergency stop changed."""
         if isinstance(event, DriveEnded):
             self._held = False
             self._renewal.stop()
@@ -105,6 +128,32 @@ class DriveController(QObject):
         elif isinstance(event, EmergencyStopChanged):
             self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
             self._on_condition_changed()
+        elif isinstance(event, GuardChanged) and self._state.link.value.state == "connected":
+            self._state.drive.set(
+                replace(
+                    self._state.drive.value,
+                    guard=event.state,
+                    guard_distance_m=event.distance_m,
+                    guard_detail=event.detail,
+                )
+            )
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        self.release("Another robot is connected")
+        self._limits = robot.limits if robot is not None else _ANY_SPEED
+        self._apply_limits()
+        self._on_condition_changed()
+
+    def _apply_limits(self) -> None:
+        forward_mps, turn_radps = self._scenario_limits.max_forward_mps, self._scenario_limits.max_turn_radps
+        self._state.drive.set(
+            replace(
+                self._state.drive.value,
+                max_forward_mps=min(forward_mps, self._limits.forward_mps),
+                max_left_mps=min(forward_mps, self._limits.left_mps),
+                max_turn_radps=min(turn_radps, self._limits.turn_radps),
+            )
+        )
 
     def _on_condition_changed(self, _value: object = None) -> None:
         status = self._state.drive.value
@@ -114,13 +163,26 @@ class DriveController(QObject):
             reason = "This scenario does not drive"
         elif status.emergency_stop:
             reason = "Emergency stop is on"
+        elif link.state == "trouble":
+            reason = "The robot does not answer"
         elif link.state != "connected":
             reason = "Not connected to the robot"
+        robot: RobotProfile | None = self._state.robot.value
         cap_reason = ""
-        if self._state.scan.freshness != "fresh":
-            cap_reason = "no fresh LIDAR"
+        # A robot without a LIDAR has none that could be stale.
+        if self._state.scan.freshness != "fresh" and (robot is None or robot.scan is not None):
+            cap_reason = _missing("LIDAR", self._state.scan)
         elif self._state.frame.freshness != "fresh":
-            cap_reason = "no fresh video"
+            cap_reason = _missing("video", self._state.frame)
+        if cap_reason and not reason:
+            if not self._aging.isActive():
+                self._aging.start()
+        else:
+            self._aging.stop()
+        if link.state != "connected":
+            # Each connection begins with the guard as the profile has it.
+            self._guard_switched_off = False
+            status = replace(status, guard="absent", guard_distance_m=None, guard_detail="")
         self._state.drive.set(
             replace(
                 status,
@@ -138,9 +200,12 @@ class DriveController(QObject):
     def _target(self) -> Twist2D:
         status = self._state.drive.value
         scale = status.speed_fraction * status.cap_fraction
+        along_mps = status.max_forward_mps
+        if self._forward < 0.0:
+            along_mps = min(self._scenario_limits.max_forward_mps, self._limits.backward_mps)
         return Twist2D(
-            forward_mps=self._forward * status.max_forward_mps * scale,
-            left_mps=self._left * status.max_forward_mps * scale,
+            forward_mps=self._forward * along_mps * scale,
+            left_mps=self._left * status.max_left_mps * scale,
             turn_radps=self._turn * status.max_turn_radps * scale,
         )
 
@@ -179,6 +244,14 @@ class DriveController(QObject):
             replace(
                 self._state.drive.value,
                 target_forward_mps=self._sent_target.forward_mps,
+                target_left_mps=self._sent_target.left_mps,
                 target_turn_radps=self._sent_target.turn_radps,
             )
         )
+
+
+def _missing(what: str, stream: LiveStream) -> str:
+    age_s = stream.age_s()
+    if age_s is None:
+        return f"no {what} yet" if not stream.arrivals else f"no fresh {what}"
+    return f"no fresh {what} for {age_s:.1f} s" if age_s < 10.0 else f"no fresh {what} for {age_s:.0f} s"

@@ -26,7 +26,8 @@ class DriveStatus:
     """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is.
 
     ``target_*`` is what is asked for now (after caps), zero when nothing is held. ``max_left_mps`` is 0 on a base that
-    cannot move sideways. ``guard_distance_m`` is the free way ahead of the footprint, where the guard measures it.
+    cannot move sideways. ``guard_distance_m`` is the free way ahead of the footprint, where the guard measures it;
+    ``guard_detail`` says in words why it is blind.
     """
 
     allowed: bool = False
@@ -43,6 +44,7 @@ class DriveStatus:
     emergency_stop: bool = False
     guard: GuardState = "absent"
     guard_distance_m: float | None = None
+    guard_detail: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,137 @@
+"""Turning the robot's head: from what the wizard holds to joint targets, within what the neck can do. GUI thread."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import MoveHead
+from caris_desktop.domain.events import HeadMoved
+from caris_desktop.domain.ports import RobotPort
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import HeadStatus
+from caris_desktop.robot.profile import HeadInterface, RobotProfile
+
+MOVE_EVERY_MS = 50
+# A stalled GUI must not be made up for by one large turn.
+_LONGEST_STEP_S = 0.1
+_TELL_EVERY_NS = 250_000_000
+
+
+class HeadController(QObject):
+    """Keeps ``state.look``, sends MoveHead at 20 Hz while something is held, and records where the head was sent.
+
+    Nothing turns it after release, under the emergency stop, without a link, or once the GUI stalls: each target is
+    only a step of the hold, never the end of the range.
+    """
+
+    def __init__(
+        self, state: LiveState, robot: RobotPort, publish: Callable[[Any], None], parent: QObject | None = None
+    ) -> None:
+        """``publish`` takes the HeadMoved events to the record."""
+        super().__init__(parent)
+        self._state = state
+        self._robot = robot
+        self._publish = publish
+        self._head: HeadInterface | None = None
+        self._pan = self._tilt = 0.0
+        self._stepped_ns = 0
+        self._told_ns = 0
+        self._moving = QTimer(self)
+        self._moving.setTimerType(Qt.TimerType.PreciseTimer)
+        self._moving.setInterval(MOVE_EVERY_MS)
+        self._moving.timeout.connect(self._step)
+        self._on_robot_changed(state.robot.value)
+        state.robot.changed.connect(self._on_robot_changed)
+        state.link.changed.connect(self._on_condition_changed)
+        state.drive.changed.connect(self._on_condition_changed)
+
+    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+        """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""
+        self._moving.stop()
+        self._pan = self._tilt = 0.0
+        if self._may_move():
+            self._move_to(pan_rad, tilt_rad)
+            self._tell()
+
+    def turn_head(self, *, pan: float, tilt: float) -> None:
+        """Each of -1..1 of the head's speed, pan left and tilt down positive; zero stops. Call on each change."""
+        was_turning = self._moving.isActive()
+        self._pan, self._tilt = _unit(pan), _unit(tilt)
+        if not (self._pan or self._tilt):
+            self._end_turn()
+        elif self._may_move():
+            if not was_turning:
+                self._take_measured_angles()
+                self._stepped_ns = clock.now_ns() - MOVE_EVERY_MS * 1_000_000
+                self._moving.start()
+                self._step()
+        else:
+            self._end_turn()
+
+    def release(self) -> None:
+        """Nothing is held any more: the head stays where it was sent."""
+        self.turn_head(pan=0.0, tilt=0.0)
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        self._end_turn()
+        self._head = robot.head if robot is not None else None
+        self._state.look.set(HeadStatus(present=self._head is not None))
+
+    def _on_condition_changed(self, _value: object = None) -> None:
+        if self._moving.isActive() and not self._may_move():
+            self._end_turn()
+
+    def _may_move(self) -> bool:
+        return (
+            self._head is not None
+            and self._state.link.value.state == "connected"
+            and not self._state.drive.value.emergency_stop
+        )
+
+    def _take_measured_angles(self) -> None:
+        """Begin where the head is rather than where it was once sent: something else may have turned it."""
+        if self._state.head.freshness == "fresh":
+            measured = self._state.head.value
+            self._state.look.set(replace(self._state.look.value, pan_rad=measured.pan_rad, tilt_rad=measured.tilt_rad))
+
+    def _step(self) -> None:
+        head = self._head
+        if head is None:
+            return
+        now_ns = clock.now_ns()
+        stretch_rad = head.speed_radps * min((now_ns - self._stepped_ns) / 1e9, _LONGEST_STEP_S)
+        self._stepped_ns = now_ns
+        look = self._state.look.value
+        if not self._move_to(look.pan_rad + self._pan * stretch_rad, look.tilt_rad + self._tilt * stretch_rad):
+            self._end_turn()
+        elif now_ns - self._told_ns >= _TELL_EVERY_NS:
+            self._tell()
+
+    def _move_to(self, pan_rad: float, tilt_rad: float) -> bool:
+        head = self._head
+        if head is None:
+            return False
+        pan_rad = min(max(pan_rad, head.pan_range_rad[0]), head.pan_range_rad[1])
+        tilt_rad = min(max(tilt_rad, head.tilt_range_rad[0]), head.tilt_range_rad[1])
+        if not self._robot.send(MoveHead(clock.now_ns(), pan_rad, tilt_rad)):
+            return False
+        self._state.look.set(replace(self._state.look.value, pan_rad=pan_rad, tilt_rad=tilt_rad))
+        return True
+
+    def _end_turn(self) -> None:
+        self._pan = self._tilt = 0.0
+        if self._moving.isActive():
+            self._moving.stop()
+            self._tell()
+
+    def _tell(self) -> None:
+        self._told_ns = clock.now_ns()
+        look = self._state.look.value
+        self._publish(HeadMoved(self._told_ns, look.pan_rad, look.tilt_rad))
+
+
+def _unit(value: float) -> float:
+    return min(max(value, -1.0), 1.0)
