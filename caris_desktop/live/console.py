@@ -44,6 +44,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.drive_controller import DriveController
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.head_controller import HeadController
 from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -143,6 +144,7 @@ class Console(QObject):
             parent=self,
         )
         self._drive = DriveController(self._state, self, scenario, self)
+        self._head = HeadController(self._state, self, self.publish, self)
         self._speech = SpeechDirector(
             self._state, {"robot": _RobotVoice(self), "computer": _ComputerVoice(self)}, self.publish, self
         )
@@ -451,6 +453,12 @@ class Console(QObject):
     def set_guard(self, *, on: bool) -> None:
         self._drive.set_guard(on=on)
 
+    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+        self._head.look_at(pan_rad=pan_rad, tilt_rad=tilt_rad)
+
+    def turn_head(self, *, pan: float, tilt: float) -> None:
+        self._head.turn_head(pan=pan, tilt=tilt)
+
     # Where to
 
     def go_to_place(self, name: str) -> None:
@@ -501,7 +509,8 @@ class Console(QObject):
     # The robot
 
     def use_control(self, control_id: str, value: ControlValue) -> None:
-        self._robot.use_control(control_id, value)
+        if self._scenario.permissions.robot_controls:
+            self._robot.use_control(control_id, value)
 
     def robots(self) -> Sequence[RobotChoice]:
         return self._parts.robots()

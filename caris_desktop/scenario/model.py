@@ -50,6 +50,7 @@ class Permissions:
     driving: bool = True
     assistant: bool = True
     naming_people: bool = True
+    robot_controls: bool = True
 
 
 @dataclass(frozen=True, slots=True)

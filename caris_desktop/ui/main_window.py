@@ -78,6 +78,8 @@ def absent_panels(permissions: Permissions) -> frozenset[str]:
         absent.add("drive")
     if not permissions.assistant:
         absent.add("assistant")
+    if not permissions.robot_controls:
+        absent.add("robot")
     return frozenset(absent)
 
 

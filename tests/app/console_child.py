@@ -1,7 +1,8 @@
 """The real console in a process of its own, told by lines on stdin what keys to press; for tests that stop or kill it.
 
 ``python -m tests.app.console_child ADDRESS STUDY_DIR``. Lines: ``press KEY``, ``release KEY``, ``record``,
-``end_recording``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``quit``.
+``end_recording``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``, ``place X_M Y_M NAME``,
+``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``quit``.
 Prints a JSON line whenever something that a wizard would see has changed.
 """
 
@@ -18,6 +19,9 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.live.state import LiveState
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -63,6 +67,19 @@ class Driver(QObject):
             self._run.console.take_photo()
         elif word == "export":
             self._run.console.export_session()
+        elif word == "go":
+            x_m, y_m = map(float, rest.split())
+            self._run.console.go_to(Pose2D(x_m, y_m, 0.0))
+        elif word == "place":
+            x_m, y_m, name = rest.split(maxsplit=2)
+            self._run.console.save_place(name, Pose2D(float(x_m), float(y_m), 0.0))
+        elif word == "robot":
+            self._run.console.use_robot(rest)
+        elif word == "use":
+            control, value = rest.split(maxsplit=1)
+            self._run.console.use_control(control, json.loads(value))
+        elif word == "save_map":
+            self._run.console.save_map(rest)
         elif word == "quit":
             QApplication.closeAllWindows()
 
@@ -81,6 +98,14 @@ class Driver(QObject):
             "recording": state.recording.value.state,
             "perception": state.perception.value.state,
             "people_here": len(state.persons.value),
+            "robot": state.robot.value.name if state.robot.value is not None else "",
+            "people_in_map": [[round(p.x_m, 1), round(p.y_m, 1)] for p in _people_in_map(state)],
+            "goal": state.goal.value.state if state.goal.value is not None else "",
+            "places": [place.name for place in state.places.value],
+            "guard": state.drive.value.guard,
+            "path": state.path.freshness,
+            "controls": {name: status.state for name, status in state.control_states.value.items()},
+            "readings": sorted(state.readings.value.values) if state.readings.value is not None else [],
             "session": str(console.session_folder or ""),
             "children": console.child_pids,
             "scenario": console.scenario.title,
@@ -91,6 +116,10 @@ class Driver(QObject):
         if shown != self._shown:
             self._shown = shown
             print(json.dumps({"at_ns": time.monotonic_ns(), **shown}), flush=True)
+
+
+def _people_in_map(state: LiveState) -> tuple[PersonPlace, ...]:
+    return state.people_in_map.value.people if state.people_in_map.freshness == "fresh" else ()
 
 
 def main(address: str, study: Path) -> int:
