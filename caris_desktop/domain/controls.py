@@ -157,16 +157,35 @@ def control_data(control: RobotControl) -> dict[str, Any]:
     return data
 
 
+def mentions_value(template: Any) -> bool:
+    """Whether ``$value`` stands anywhere in the template."""
+    if isinstance(template, Mapping):
+        return any(mentions_value(item) for item in template.values())
+    if isinstance(template, (list, tuple)):
+        return any(mentions_value(item) for item in template)
+    return isinstance(template, str) and VALUE in template
+
+
 def control_problems(controls: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, str]]:
     """What the schema cannot say of a list of controls: (its number, a sentence) for each mistake."""
     seen: set[str] = set()
     for index, control in enumerate(controls):
+        name, kind = f"'{control['id']}'", control["kind"]
         if control["id"] in seen:
-            yield index, f"the control '{control['id']}' is listed twice."
+            yield index, f"the control {name} is listed twice."
         seen.add(control["id"])
         lowest, highest = control.get("range", (0.0, 1.0))
         if not lowest < highest:
-            yield (
-                index,
-                f"the range of '{control['id']}' is from {lowest} to {highest}. Allowed: the lower number first.",
-            )
+            yield index, f"the range of {name} is from {lowest} to {highest}. Allowed: the lower number first."
+        elif control.get("step", 0.0) > highest - lowest:
+            yield index, f"the step of {name} is larger than its range from {lowest} to {highest}."
+        for key, owner in (("range", "slider"), ("step", "slider"), ("choices", "choice")):
+            if key in control and kind != owner:
+                yield index, f"{name} is a {kind}; '{key}' belongs to a {owner}."
+        if kind not in ("button", "readout") and not _sends_value(control):
+            yield index, f"what {name} sends nowhere holds {VALUE}, so what the wizard chooses has no effect."
+
+
+def _sends_value(control: Mapping[str, Any]) -> bool:
+    parts = (("publish", "message"), ("call", "request"), ("action", "goal"))
+    return any(mentions_value(control[part].get(template, {})) for part, template in parts if part in control)

@@ -1,0 +1,253 @@
+"""The text of a robot profile: YAML with its lines, checked against the schema, and written for people to read."""
+
+import difflib
+import math
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from caris_desktop.domain.shipped import schema_validator
+
+PROFILE_VERSION = 1
+SCHEMA = "robot-profile.schema.json"
+MAX_DEPTH = 30
+MAX_BYTES = 2**20
+
+KeyPath = tuple[str | int, ...]
+
+_TAG = "tag:yaml.org,2002:"
+_PLAIN_TAGS = frozenset(_TAG + kind for kind in ("map", "seq", "str", "int", "float", "bool", "null"))
+# As in YAML 1.2: yes, on and off are words, 12:30 is no number, and 1e-3 is one.
+_SCALARS = (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
+    ("float", r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|\.inf)|\.nan", "-+.0123456789"),
+    ("null", r"~|null|Null|NULL|", "~nN"),
+)
+
+
+class ProfileError(ValueError):
+    """A robot profile that cannot be used; the text names the file, the line and what is allowed."""
+
+
+def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+
+
+class _Loader(yaml.SafeLoader):
+    """Composes nodes without references, and not deeper than ``MAX_DEPTH``."""
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
+    depth = 0
+
+    def compose_node(self, parent: Node | None, index: int) -> Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # the stubs leave it untyped
+        if isinstance(event, yaml.events.AliasEvent):
+            raise _refused("references (*name) are not allowed", event)
+        if self.depth >= MAX_DEPTH:
+            raise _refused(f"more than {MAX_DEPTH} levels", event)
+        self.depth += 1
+        try:
+            node: Node | None = super().compose_node(parent, index)
+        finally:
+            self.depth -= 1
+        return node
+
+
+class _Dumper(yaml.SafeDumper):
+    """Short mappings and lists on one line, and as few quotation marks as the loader needs."""
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+for _kind, _form, _first in _SCALARS:
+    for _class in (_Loader, _Dumper):
+        _first_characters = [*_first, ""] if _kind == "null" else list(_first)
+        _class.add_implicit_resolver(_TAG + _kind, re.compile(f"(?:{_form})\\Z"), _first_characters)
+
+
+class ProfileText:
+    """The data of one profile, and where in the file each part of it is written."""
+
+    def __init__(self, text: str, file_name: str) -> None:
+        """Read ``text``; ``file_name`` is used in messages only. Raises ProfileError."""
+        self.file_name = file_name
+        self._lines: dict[KeyPath, int] = {}
+        if len(text) > MAX_BYTES:
+            raise ProfileError(f"{file_name}: this is larger than 1 MB and no robot profile.")
+        try:
+            loader = _Loader(text)
+            try:
+                root = loader.get_single_node()
+                if not isinstance(root, MappingNode):
+                    raise ProfileError(
+                        f"{file_name}: a robot profile is a list of 'name: value' lines; this file is not."
+                    )
+                self.data: dict[str, Any] = self._plain(loader, root, ())
+            finally:
+                loader.dispose()
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            place = f"{file_name}, line {mark.line + 1}" if mark is not None else file_name
+            raise ProfileError(f"{place}: this is not YAML: {error.problem or error.context}.") from error
+        except yaml.YAMLError as error:
+            raise ProfileError(f"{file_name}: this is not YAML: {error}.") from error
+
+    def check(self) -> None:
+        """Version and schema. Raises ProfileError."""
+        self._refuse_other_versions()
+        problem = jsonschema.exceptions.best_match(schema_validator(SCHEMA).iter_errors(self.data))
+        if problem is not None:
+            raise self._explained(problem)
+
+    def mistake(self, path: KeyPath, message: str) -> ProfileError:
+        """The error to raise for what is written at ``path``."""
+        return ProfileError(f"{self._place(path)}: {_dotted(path)}: {message}")
+
+    def _place(self, path: KeyPath) -> str:
+        while path and path not in self._lines:
+            path = path[:-1]
+        return f"{self.file_name}, line {self._lines.get(path, 1)}"
+
+    def _plain(self, loader: _Loader, node: Node, path: KeyPath) -> Any:
+        self._lines.setdefault(path, node.start_mark.line + 1)
+        if node.tag not in _PLAIN_TAGS:
+            raise ProfileError(f"{self._place(path)}: the tag {node.tag.removeprefix(_TAG)!r} is not allowed.")
+        if isinstance(node, MappingNode):
+            result: dict[str, Any] = {}
+            for key_node, value_node in node.value:
+                line = key_node.start_mark.line + 1
+                if not isinstance(key_node, ScalarNode):
+                    raise ProfileError(f"{self.file_name}, line {line}: a key must be a plain word.")
+                key = key_node.value
+                if key in result:
+                    raise ProfileError(f"{self.file_name}, line {line}: {key!r} is given twice.")
+                self._lines[(*path, key)] = line
+                result[key] = self._plain(loader, value_node, (*path, key))
+            return result
+        if isinstance(node, SequenceNode):
+            return [self._plain(loader, item, (*path, index)) for index, item in enumerate(node.value)]
+        try:
+            value = loader.construct_object(node)
+        except ValueError as error:
+            raise ProfileError(f"{self._place(path)}: {node.value!r} is not a number.") from error
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ProfileError(f"{self._place(path)}: {node.value} is not a usable number.")
+        return value
+
+    def _refuse_other_versions(self) -> None:
+        version = self.data.get("version")
+        place = self._place(("version",))
+        if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+            raise ProfileError(
+                f"{place}: 'version' is missing or not a whole number; write 'version: {PROFILE_VERSION}'."
+            )
+        if version > PROFILE_VERSION:
+            raise ProfileError(
+                f"{place}: this profile has version {version}, made for a newer CARIS Desktop; "
+                f"this one reads version {PROFILE_VERSION}. Update the program or use an older profile."
+            )
+
+    def _explained(self, problem: jsonschema.ValidationError) -> ProfileError:
+        path: KeyPath = tuple(problem.absolute_path)
+        where = _dotted(path)
+        place = self._place(path)
+        found: Any = problem.instance
+        rule: Any = problem.validator_value
+        schema: dict[str, Any] = problem.schema if isinstance(problem.schema, dict) else {}
+        hint = schema.get("description", "")
+        match problem.validator:
+            case "additionalProperties":
+                allowed = sorted(schema.get("properties", {}))
+                unknown = next(str(key) for key in found if key not in allowed)
+                return ProfileError(
+                    f"{self._place((*path, unknown))}: {unknown!r} is not known in {where}."
+                    f"{did_you_mean(unknown, allowed)} Allowed are: {', '.join(allowed)}."
+                )
+            case "required":
+                return ProfileError(f"{place}: {where} lacks {next(key for key in rule if key not in found)!r}.")
+            case "enum":
+                allowed = [str(value) for value in rule]
+                return ProfileError(
+                    f"{place}: {where} is {found!r}; allowed are: {', '.join(allowed)}.{did_you_mean(found, allowed)}"
+                )
+            case "oneOf" | "anyOf" | "not" if "$comment" in schema:
+                return ProfileError(f"{place}: {where}: {schema['$comment']}.")
+            case "oneOf" | "anyOf" | "not" if isinstance(found, dict) and "kind" in found:
+                return ProfileError(f"{place}: {where}: {_control_rule(found)}.")
+            case "type" if found is None:
+                return ProfileError(f"{place}: {where} is empty." + (f" Expected: {hint}." if hint else ""))
+        return ProfileError(f"{place}: {where}: {problem.message}." + (f" Expected: {hint}." if hint else ""))
+
+
+def did_you_mean(word: Any, allowed: Iterable[str]) -> str:
+    """A suggestion to put behind a message, or nothing."""
+    near = difflib.get_close_matches(str(word), list(allowed), n=1, cutoff=0.6)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
+def profile_yaml(data: Mapping[str, Any]) -> str:
+    """A profile's content as text: sections apart, what is short on one line."""
+    chunks = [
+        "# A robot profile of CARIS Desktop. The guide of robot profiles explains every line.\n",
+    ]
+    previous = ""
+    for key, value in data.items():
+        chunk = _section(key, value, default_flow_style=None)
+        if isinstance(value, Mapping) and chunk.count("\n") > 1 and chunk.startswith(f"{key}: {{"):
+            # too long for one line
+            chunk = _section(key, value, default_flow_style=False)
+        if previous and (chunk.count("\n") > 1 or previous.count("\n") > 1):
+            chunks.append("\n")
+        chunks.append(chunk)
+        previous = chunk
+    return "".join(chunks)
+
+
+def _section(key: str, value: Any, *, default_flow_style: bool | None) -> str:
+    text: str = yaml.dump(
+        {key: value},
+        Dumper=_Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=False if not isinstance(value, (Mapping, list)) else default_flow_style,
+        width=110,
+    )
+    return text
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Replace the file in one step, so that it is either as before or complete. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".tmp", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes it readable by its owner alone; a profile is for whoever may read the folder.
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _dotted(path: KeyPath) -> str:
+    return ".".join(str(step) for step in path) or "the profile"
+
+
+def _control_rule(control: Mapping[str, Any]) -> str:
+    if control["kind"] == "readout":
+        return "a readout only shows something: it has 'shows' and none of publish, call, action"
+    return f"a {control['kind']} does exactly one thing: give one of publish, call, action"
