@@ -2,8 +2,6 @@
 
 import asyncio
 import logging
-import statistics
-from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -13,21 +11,23 @@ from caris_desktop.domain.events import (
     CommandSent,
     CommandSource,
     DriveEnded,
-    LinkQuality,
     Problem,
 )
 from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
+from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.preflight import missing_from, take_inventory
 from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.voice import RobotVoice
-from caris_desktop.ros.dialect import Dialect, decode_time, type_name
+from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
     decode_battery_state,
     decode_laser_scan,
@@ -40,9 +40,6 @@ from caris_desktop.ros.messages import (
 
 logger = logging.getLogger(__name__)
 
-QUALITY_EVERY_S = 1.0
-CLOCK_EVERY_S = 5.0
-
 
 class ControlLink:
     """Everything of the robot that must not wait for pictures. Lives on one asyncio loop; a ``link_process.Link``."""
@@ -53,7 +50,11 @@ class ControlLink:
         self._loop = asyncio.get_running_loop()
         self._put = outbox.put
         self._report = LinkReporter("control", address, outbox)
-        self._ros = SafeRos(address, self)
+        traffic = TrafficMeter("control")
+        self._ros = SafeRos(address, self, security=profile.security, traffic=traffic)
+        self._measurement = LinkMeasurement(
+            self._ros, traffic, self._put, link="control", simulation_time=profile.simulation_time
+        )
         self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz)
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
@@ -61,9 +62,6 @@ class ControlLink:
         self._silent = False
         self._drives_count_from_ns = 0
         self._stop_when_heard = False
-        self._round_trips_s: deque[float] = deque(maxlen=10)
-        self._clock_offset_ms: float | None = None
-        self._clock_uncertainty_ms: float | None = None
         self._told_missing = False
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
@@ -71,7 +69,11 @@ class ControlLink:
         self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
         self._velocity.advertise()
         self._navigator = Navigator(
-            self._ros, profile.navigation, emit=self._put, unconfirmed=self._report_unconfirmed_cancel
+            self._ros,
+            profile.navigation,
+            map_frame=profile.frames.map,
+            emit=self._put,
+            unconfirmed=self._report_unconfirmed_cancel,
         )
         self._voice = RobotVoice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._poses = PoseTracker(profile.frames)
@@ -83,7 +85,7 @@ class ControlLink:
     def start(self) -> None:
         self._report.changed("connecting")
         self._ros.connect()
-        self._in_background(self._measure())
+        self._in_background(self._measurement.run())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
         """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
@@ -225,8 +227,9 @@ class ControlLink:
         velocity = self._profile.velocity
         if velocity.type == "TwistStamped":
             # The robot's own time, as far as it is known; zero says "not stamped".
-            offset_ms = self._clock_offset_ms
-            stamp_ns = 0 if offset_ms is None else int(now_ns() + offset_ms * 1e6)
+            at_ns = now_ns()
+            offset = self._measurement.offset_at(at_ns)
+            stamp_ns = 0 if offset is None else at_ns + offset.offset_ns
             message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
         else:
             message = encode_twist(twist)
@@ -288,6 +291,7 @@ class ControlLink:
         self._navigator.link_lost()
         self._voice.link_lost()
         self._poses.forget()
+        self._measurement.link_lost()
         if not self._closing:
             self._report.changed("lost", f"The link to the robot was lost: {reason}")
 
@@ -295,7 +299,7 @@ class ControlLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        self._round_trips_s.append(round_trip_s)
+        self._measurement.take_round_trip(round_trip_s)
 
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
@@ -314,16 +318,17 @@ class ControlLink:
 
         def odometry(message: Any) -> None:
             value = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
+            self._measurement.take_stamp(value.robot_stamp_ns)
             self._put(value)
-            self._put_known(self._poses.take_odometry(value))
+            self._put_pose(self._poses.take_odometry(value))
 
         def pose(message: Any) -> None:
             value = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
-            self._put_known(self._poses.take_pose(value))
+            self._put_pose(self._poses.take_pose(value))
 
         def transforms(message: Any, *, static: bool = False) -> None:
             told = decode_tf_message(message)
-            self._put_known(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
+            self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
 
         def battery(message: Any) -> None:
             self._put(decode_battery_state(message, stamp_ns=self._ros.arrival_ns))
@@ -355,38 +360,10 @@ class ControlLink:
                 every_message=every,
             ).subscribe(take)
 
-    def _put_known(self, value: Any) -> None:
-        if value is not None:
-            self._put(value)
-
-    async def _measure(self) -> None:
-        clock_due_s = 0.0
-        while True:
-            await asyncio.sleep(QUALITY_EVERY_S)
-            if not self._connected or not self._round_trips_s:
-                continue
-            if self._loop.time() >= clock_due_s:
-                clock_due_s = self._loop.time() + CLOCK_EVERY_S
-                await self._measure_clock()
-            if not self._connected or not self._round_trips_s:
-                continue
-            round_trip_ms = statistics.median(self._round_trips_s) * 1e3
-            self._put(LinkQuality(now_ns(), round_trip_ms, self._clock_offset_ms, self._clock_uncertainty_ms))
-
-    async def _measure_clock(self) -> None:
-        asked_ns = now_ns()
-        try:
-            answer = await self._ros.ask("/rosapi/get_time", "rosapi/GetTime")
-            robot_ns = decode_time(answer.get("time"))
-        except (ServiceCallError, ValueError) as error:
-            logger.info("The robot's clock is not known: %s", error)
-            robot_ns = None
-        answered_ns = now_ns()
-        if robot_ns is None:
-            self._clock_offset_ms = self._clock_uncertainty_ms = None
-            return
-        self._clock_offset_ms = (robot_ns - (asked_ns + answered_ns) // 2) / 1e6
-        self._clock_uncertainty_ms = (answered_ns - asked_ns) / 2e6
+    def _put_pose(self, pose: RobotPose | None) -> None:
+        if pose is not None:
+            self._put(pose)
+            self._navigator.robot_moved(pose.pose_in_map)
 
     async def _look_around(self) -> None:
         """Say once what the robot lacks of its profile."""

@@ -107,13 +107,15 @@ class EmergencyStop:
 
     def learn(self, inventory: RobotInventory) -> None:
         """Services that the robot does not have are not asked for: the stop is the console's alone then."""
-        interface = self._interface
-        lacking = {
-            name: None
-            for name in ("service", "set_service", "clear_service")
-            if (service := getattr(interface, name)) is not None and not inventory.has_service(service)
-        }
-        self._interface = replace(interface, **lacking)
+        def offered(service: str | None) -> str | None:
+            return service if service is not None and inventory.has_service(service) else None
+
+        self._interface = replace(
+            self._interface,
+            service=offered(self._interface.service),
+            set_service=offered(self._interface.set_service),
+            clear_service=offered(self._interface.clear_service),
+        )
 
     def _latch(self, *, by: Literal["wizard", "robot"], wizard: bool | None = None, robot: bool | None = None) -> None:
         before = self.latched

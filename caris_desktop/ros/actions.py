@@ -1,6 +1,6 @@
-"""Navigation goals as ROS 1 (actionlib on move_base) and ROS 2 (NavigateToPose through rosbridge) carry them."""
+"""Goals of actions as ROS 1 (actionlib) and ROS 2 (through rosbridge) carry them, those of navigation in particular."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
@@ -66,20 +66,19 @@ class GoalStatus:
 
 @dataclass(frozen=True, slots=True)
 class GoalFeedback:
-    """Progress of a goal; each value is None where the robot does not tell it."""
+    """Progress of a navigation goal; each value is None where the robot does not tell it."""
 
-    goal_id: str
     pose_in_map: Pose2D | None
     distance_left_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """How a ROS 2 goal ended."""
+    """How a ROS 2 goal ended; ``result`` is what the action itself answers."""
 
-    goal_id: str
     ending: Ending
     detail: str = ""
+    result: Message = field(default_factory=dict)
 
 
 def encode_goal_id(dialect: Dialect, goal_id: str, *, stamp_ns: int = 0) -> Message:
@@ -92,50 +91,74 @@ def decode_goal_id(message: Any) -> str:
     return text(message_of(message, "GoalID"), "id", "GoalID", most=_MAX_GOAL_ID_CHARS)
 
 
-def encode_move_base_goal(goal_id: str, target_in_map: Pose2D, *, stamp_ns: int) -> Message:
-    """move_base_msgs/MoveBaseActionGoal."""
+def encode_action_goal(goal_id: str, goal: Message, *, stamp_ns: int) -> Message:
+    """The ActionGoal of any action of ROS 1."""
     return {
         "header": encode_header(Dialect.ROS1, stamp_ns=stamp_ns, frame_id=""),
         "goal_id": encode_goal_id(Dialect.ROS1, goal_id, stamp_ns=stamp_ns),
-        "goal": {"target_pose": encode_pose_stamped(Dialect.ROS1, target_in_map, stamp_ns=stamp_ns)},
+        "goal": goal,
     }
+
+
+def decode_action_goal(message: Any, what: str) -> tuple[str, Message]:
+    """Goal id and goal of the ActionGoal of any action of ROS 1; ``what`` is its name in messages."""
+    action_goal = message_of(message, what)
+    return decode_goal_id(part(action_goal, "goal_id", what)), part(action_goal, "goal", what)
+
+
+def encode_action_feedback(status: GoalStatus, feedback: Message, *, stamp_ns: int) -> Message:
+    """The ActionFeedback of any action of ROS 1."""
+    return {**_actionlib_envelope(status, stamp_ns), "feedback": feedback}
+
+
+def decode_action_feedback(message: Any, what: str) -> tuple[GoalStatus, Message]:
+    """Status and feedback of the ActionFeedback of any action of ROS 1."""
+    action_feedback = message_of(message, what)
+    return _decode_status(part(action_feedback, "status", what), f"{what}.status"), part(
+        action_feedback, "feedback", what
+    )
+
+
+def encode_action_result(status: GoalStatus, result: Message, *, stamp_ns: int) -> Message:
+    """The ActionResult of any action of ROS 1."""
+    return {**_actionlib_envelope(status, stamp_ns), "result": result}
+
+
+def decode_action_result(message: Any, what: str) -> tuple[GoalStatus, Message]:
+    """Final status and result of the ActionResult of any action of ROS 1."""
+    action_result = message_of(message, what)
+    status = _decode_status(part(action_result, "status", what), f"{what}.status")
+    return status, part(action_result, "result", what) if "result" in action_result else {}
+
+
+def encode_move_base_target(target_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
+    """move_base_msgs/MoveBaseGoal."""
+    return {"target_pose": encode_pose_stamped(Dialect.ROS1, target_in_map, stamp_ns=stamp_ns, frame_id=frame_id)}
 
 
 def decode_move_base_goal(message: Any) -> tuple[str, Pose2D]:
     """Goal id and target of a move_base_msgs/MoveBaseActionGoal."""
     what = "MoveBaseActionGoal"
-    action_goal = message_of(message, what)
-    goal_id = decode_goal_id(part(action_goal, "goal_id", what))
-    target = part(part(action_goal, "goal", what), "target_pose", f"{what}.goal")
+    goal_id, goal = decode_action_goal(message, what)
+    target = part(goal, "target_pose", f"{what}.goal")
     return goal_id, decode_pose_stamped(target, stamp_ns=0).pose_in_map
 
 
 def encode_move_base_feedback(status: GoalStatus, pose_in_map: Pose2D, *, stamp_ns: int) -> Message:
     """move_base_msgs/MoveBaseActionFeedback."""
-    return {
-        **_actionlib_envelope(status, stamp_ns),
-        "feedback": {"base_position": encode_pose_stamped(Dialect.ROS1, pose_in_map, stamp_ns=stamp_ns)},
-    }
+    base_position = encode_pose_stamped(Dialect.ROS1, pose_in_map, stamp_ns=stamp_ns)
+    return encode_action_feedback(status, {"base_position": base_position}, stamp_ns=stamp_ns)
 
 
-def decode_move_base_feedback(message: Any) -> GoalFeedback:
-    """move_base_msgs/MoveBaseActionFeedback, which tells the pose and no distance."""
-    what = "MoveBaseActionFeedback"
-    feedback = message_of(message, what)
-    status = _decode_status(part(feedback, "status", what), f"{what}.status")
-    base_position = part(part(feedback, "feedback", what), "base_position", f"{what}.feedback")
-    return GoalFeedback(status.goal_id, decode_pose_stamped(base_position, stamp_ns=0).pose_in_map, None)
+def decode_move_base_feedback(feedback: Any) -> GoalFeedback:
+    """move_base_msgs/MoveBaseFeedback, which tells the pose and no distance."""
+    base_position = part(message_of(feedback, "MoveBaseFeedback"), "base_position", "MoveBaseFeedback")
+    return GoalFeedback(decode_pose_stamped(base_position, stamp_ns=0).pose_in_map, None)
 
 
 def encode_move_base_result(status: GoalStatus, *, stamp_ns: int) -> Message:
-    """move_base_msgs/MoveBaseActionResult."""
-    return {**_actionlib_envelope(status, stamp_ns), "result": {}}
-
-
-def decode_move_base_result(message: Any) -> GoalStatus:
     """move_base_msgs/MoveBaseActionResult, whose whole content is the final status."""
-    result = message_of(message, "MoveBaseActionResult")
-    return _decode_status(part(result, "status", "MoveBaseActionResult"), "MoveBaseActionResult.status")
+    return encode_action_result(status, {}, stamp_ns=stamp_ns)
 
 
 def encode_goal_status_array(statuses: list[GoalStatus], *, stamp_ns: int) -> Message:
@@ -153,9 +176,29 @@ def decode_goal_status_array(message: Any) -> tuple[GoalStatus, ...]:
     return tuple(_decode_status(entry, f"{what}.status_list[{index}]") for index, entry in enumerate(entries))
 
 
-def encode_navigate_to_pose_goal(target_in_map: Pose2D, *, stamp_ns: int) -> Message:
+def decode_ros2_goal_status_array(message: Any) -> tuple[tuple[str, int], ...]:
+    """action_msgs/GoalStatusArray: the UUID of each goal as 32 hexadecimal digits, and its status of action_msgs."""
+    what = "GoalStatusArray"
+    entries = objects(message_of(message, what), "status_list", what, most=_MAX_GOALS)
+    return tuple(
+        (
+            _uuid_of(part(part(entry, "goal_info", what), "goal_id", f"{what}.goal_info"), f"{what}.goal_info").hex(),
+            count(entry, "status", what, most=255),
+        )
+        for entry in entries
+    )
+
+
+def encode_cancel_goal(uuid_hex: str) -> Message:
+    """The request of action_msgs/srv/CancelGoal for one goal."""
+    stamp = encode_time(Dialect.ROS2, 0)
+    return {"goal_info": {"goal_id": {"uuid": list(bytes.fromhex(uuid_hex))}, "stamp": stamp}}
+
+
+def encode_navigate_to_pose_goal(target_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
     """The goal (``args`` of ``send_action_goal``) of nav2_msgs/action/NavigateToPose."""
-    return {"pose": encode_pose_stamped(Dialect.ROS2, target_in_map, stamp_ns=stamp_ns), "behavior_tree": ""}
+    pose = encode_pose_stamped(Dialect.ROS2, target_in_map, stamp_ns=stamp_ns, frame_id=frame_id)
+    return {"pose": pose, "behavior_tree": ""}
 
 
 def encode_cancel_every_goal() -> Message:
@@ -169,9 +212,7 @@ def means_every_goal(message: Any) -> bool:
     what = "CancelGoal.goal_info"
     info = message_of(message_of(message, "CancelGoal").get("goal_info", {}), what)
     goal_id = message_of(info.get("goal_id", {}), f"{what}.goal_id")
-    uuid = goal_id.get("uuid", [])
-    # A list, or what rosbridge makes of uint8[]: base64 text in JSON, a byte string in CBOR.
-    octets = uuid if isinstance(uuid, list) else blob(goal_id, "uuid", f"{what}.goal_id", most=_UUID_BYTES)
+    octets = _uuid_of(goal_id, f"{what}.goal_id") if "uuid" in goal_id else b""
     try:
         stamp_ns = decode_time(info["stamp"]) if "stamp" in info else None
     except ValueError as error:
@@ -198,35 +239,51 @@ def encode_navigate_to_pose_feedback(
     }
 
 
-def decode_navigate_to_pose_feedback(operation: Any) -> GoalFeedback:
-    """A whole rosbridge ``action_feedback`` operation."""
-    what = "action_feedback"
-    envelope = message_of(operation, what)
-    values = part(envelope, "values", what)
+def decode_navigate_to_pose_feedback(feedback: Any) -> GoalFeedback:
+    """The ``values`` of an ``action_feedback`` of NavigateToPose."""
+    what = "NavigateToPose feedback"
+    values = message_of(feedback, what)
     pose = None
     if "current_pose" in values:
         pose = decode_pose_stamped(values["current_pose"], stamp_ns=0).pose_in_map
     distance_m = number_or_none(values, "distance_remaining", what) if "distance_remaining" in values else None
-    return GoalFeedback(text_or_empty(envelope, "id", what), pose, distance_m)
+    return GoalFeedback(pose, distance_m)
 
 
-def decode_navigate_to_pose_result(operation: Any) -> GoalResult:
+def decode_ros2_result(operation: Any) -> GoalResult:
     """A whole rosbridge ``action_result`` operation.
 
     A failed call carries ``result: false`` and a text instead of values.
     """
     what = "action_result"
     envelope = message_of(operation, what)
-    goal_id = text_or_empty(envelope, "id", what)
     status = count(envelope, "status", what, most=255) if envelope.get("status") is not None else None
-    detail = envelope.get("values")
-    if isinstance(detail, dict):
-        detail = detail.get("error_msg", "")
+    values = envelope.get("values")
+    result = values if isinstance(values, dict) else {}
+    detail = result.get("error_msg", "") if isinstance(values, dict) else values
     detail = detail if isinstance(detail, str) else ""
     if status in _ROS2_ENDINGS:
-        return GoalResult(goal_id, _ROS2_ENDINGS[status], detail)
+        return GoalResult(_ROS2_ENDINGS[status], detail, result)
     succeeded = truth(envelope, "result", what) if "result" in envelope else False
-    return GoalResult(goal_id, "reached" if succeeded and status is None else "failed", detail)
+    return GoalResult("reached" if succeeded and status is None else "failed", detail, result)
+
+
+def action_package_and_name(action_type: str) -> tuple[str, str]:
+    """``pal_interaction_msgs/TtsAction`` and ``nav2_msgs/action/NavigateToPose`` without what differs between them."""
+    package, _, name = action_type.partition("/")
+    name = name.removeprefix("action/")
+    return package, name.removesuffix("Action") or name
+
+
+def _uuid_of(goal_id: Message, what: str) -> bytes:
+    uuid = goal_id.get("uuid")
+    # A list, or what rosbridge makes of uint8[]: base64 text in JSON, a byte string in CBOR.
+    if isinstance(uuid, list):
+        try:
+            return bytes(uuid)
+        except (TypeError, ValueError) as error:
+            raise MessageError(f"{what}.uuid must hold bytes") from error
+    return blob(goal_id, "uuid", what, most=_UUID_BYTES)
 
 
 def _actionlib_envelope(status: GoalStatus, stamp_ns: int) -> Message:

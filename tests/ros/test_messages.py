@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
-from caris_desktop.ros import actions, messages, rosbridge
+from caris_desktop.ros import actions, joint_messages, map_services, messages, navigation_messages, rosbridge
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.messages import MessageError
 
@@ -169,17 +169,22 @@ def test_a_scaled_quaternion_is_the_same_heading() -> None:
 
 @both_wires
 def test_a_goal_of_ros1(wire: Wire) -> None:
-    goal_id, target = actions.decode_move_base_goal(wire(actions.encode_move_base_goal("g1", POSE, stamp_ns=STAMP_NS)))
+    goal_id, target = actions.decode_move_base_goal(
+        wire(actions.encode_action_goal("g1", actions.encode_move_base_target(POSE, stamp_ns=0), stamp_ns=STAMP_NS))
+    )
     assert goal_id == "g1"
     assert close(target, POSE)
     status = actions.GoalStatus("g1", actions.SUCCEEDED, "there")
-    result = actions.decode_move_base_result(wire(actions.encode_move_base_result(status, stamp_ns=STAMP_NS)))
-    assert (result, result.ending) == (status, "reached")
-    active = actions.GoalStatus("g1", actions.ACTIVE)
-    feedback = actions.decode_move_base_feedback(
-        wire(actions.encode_move_base_feedback(active, POSE, stamp_ns=STAMP_NS))
+    told, result = actions.decode_action_result(
+        wire(actions.encode_move_base_result(status, stamp_ns=STAMP_NS)), "MoveBaseActionResult"
     )
-    assert feedback.goal_id == "g1"
+    assert (told, told.ending, result) == (status, "reached", {})
+    active = actions.GoalStatus("g1", actions.ACTIVE)
+    told, values = actions.decode_action_feedback(
+        wire(actions.encode_move_base_feedback(active, POSE, stamp_ns=STAMP_NS)), "MoveBaseActionFeedback"
+    )
+    assert told.goal_id == "g1"
+    feedback = actions.decode_move_base_feedback(values)
     assert feedback.pose_in_map is not None
     assert close(feedback.pose_in_map, POSE)
     array = wire(actions.encode_goal_status_array([active, status], stamp_ns=STAMP_NS))
@@ -193,8 +198,25 @@ def test_a_goal_of_ros2(wire: Wire) -> None:
     values = actions.encode_navigate_to_pose_feedback(
         POSE, distance_left_m=2.5, time_left_s=4.0, elapsed_s=1.0, stamp_ns=STAMP_NS
     )
-    feedback = actions.decode_navigate_to_pose_feedback({"op": "action_feedback", "id": "g", "values": wire(values)})
-    assert (feedback.goal_id, feedback.distance_left_m) == ("g", 2.5)
+    assert actions.decode_navigate_to_pose_feedback(wire(values)).distance_left_m == 2.5
+
+
+@both_wires
+@pytest.mark.parametrize("uuid", [list(range(16)), bytes(range(16))])
+def test_goals_of_ros2_are_known_by_their_uuid(wire: Wire, uuid: Any) -> None:
+    entry = {"goal_info": {"goal_id": {"uuid": uuid}, "stamp": {"sec": 1, "nanosec": 0}}, "status": 2}
+    [(uuid_hex, status)] = actions.decode_ros2_goal_status_array(wire({"status_list": [entry]}))
+    assert (bytes.fromhex(uuid_hex), status) == (bytes(range(16)), actions.ROS2_EXECUTING)
+    cancel = wire(actions.encode_cancel_goal(uuid_hex))
+    assert cancel["goal_info"]["goal_id"]["uuid"] == list(range(16))
+    assert not actions.means_every_goal(cancel)
+
+
+@pytest.mark.parametrize(
+    "spelled", ["pal_interaction_msgs/TtsAction", "pal_interaction_msgs/Tts", "pal_interaction_msgs/action/Tts"]
+)
+def test_an_action_type_may_be_spelled_in_either_dialect(spelled: str) -> None:
+    assert actions.action_package_and_name(spelled) == ("pal_interaction_msgs", "Tts")
 
 
 @both_wires
@@ -222,7 +244,7 @@ def test_only_a_zero_id_with_the_zero_time_cancels_every_goal(wire: Wire) -> Non
     ],
 )
 def test_how_a_goal_of_ros2_ended(operation: dict[str, Any], ending: str) -> None:
-    assert actions.decode_navigate_to_pose_result({"id": "g", **operation}).ending == ending
+    assert actions.decode_ros2_result({"id": "g", **operation}).ending == ending
 
 
 DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
@@ -261,15 +283,48 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
     ),
     "string": (messages.decode_string, messages.encode_string("hello")),
     "bool": (messages.decode_bool, messages.encode_bool(True)),
-    "goal": (actions.decode_move_base_goal, actions.encode_move_base_goal("g", POSE, stamp_ns=STAMP_NS)),
+    "goal": (
+        actions.decode_move_base_goal,
+        actions.encode_action_goal("g", actions.encode_move_base_target(POSE, stamp_ns=0), stamp_ns=STAMP_NS),
+    ),
     "result": (
-        actions.decode_move_base_result,
+        lambda message: actions.decode_action_result(message, "result"),
         actions.encode_move_base_result(actions.GoalStatus("g", 3), stamp_ns=STAMP_NS),
     ),
     "feedback": (
-        actions.decode_move_base_feedback,
+        lambda message: actions.decode_move_base_feedback(actions.decode_action_feedback(message, "feedback")[1]),
         actions.encode_move_base_feedback(actions.GoalStatus("g", 1), POSE, stamp_ns=STAMP_NS),
     ),
+    "status2": (
+        actions.decode_ros2_goal_status_array,
+        {"status_list": [{"goal_info": {"goal_id": {"uuid": [0] * 16}}, "status": 2}]},
+    ),
+    "path": (
+        navigation_messages.decode_path,
+        over_json(navigation_messages.encode_path(Dialect.ROS1, np.ones((2, 2), np.float32), stamp_ns=STAMP_NS)),
+    ),
+    "map_update": (
+        navigation_messages.decode_occupancy_grid_update,
+        over_json(
+            navigation_messages.encode_occupancy_grid_update(Dialect.ROS1, grid().cells, x=1, y=2, stamp_ns=STAMP_NS)
+        ),
+    ),
+    "clock": (navigation_messages.decode_clock, navigation_messages.encode_clock(Dialect.ROS2, STAMP_NS)),
+    "joint_state": (
+        joint_messages.decode_joint_state,
+        over_json(joint_messages.encode_joint_state(Dialect.ROS1, {"a": 1.0}, stamp_ns=STAMP_NS)),
+    ),
+    "joint_trajectory": (
+        joint_messages.decode_joint_trajectory,
+        joint_messages.encode_joint_trajectory(Dialect.ROS2, {"a": 1.0}, duration_s=0.5),
+    ),
+    "joint_angles": (
+        joint_messages.decode_joint_angles_with_speed,
+        joint_messages.encode_joint_angles_with_speed(Dialect.ROS1, {"a": 1.0}, speed_fraction=0.1),
+    ),
+    "load_map": (map_services.load_failure, {"result": 0}),
+    "save_map": (map_services.save_failure, {"result": True}),
+    "serialize_map": (map_services.serialize_failure, {"result": 0}),
     "status": (
         actions.decode_goal_status_array,
         actions.encode_goal_status_array([actions.GoalStatus("g", 1)], stamp_ns=STAMP_NS),
@@ -280,15 +335,12 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
     ),
     "feedback2": (
         actions.decode_navigate_to_pose_feedback,
-        {
-            "id": "g",
-            "values": actions.encode_navigate_to_pose_feedback(
-                POSE, distance_left_m=1.0, time_left_s=1.0, elapsed_s=1.0, stamp_ns=STAMP_NS
-            ),
-        },
+        actions.encode_navigate_to_pose_feedback(
+            POSE, distance_left_m=1.0, time_left_s=1.0, elapsed_s=1.0, stamp_ns=STAMP_NS
+        ),
     ),
     "cancel2": (actions.means_every_goal, actions.encode_cancel_every_goal()),
-    "result2": (actions.decode_navigate_to_pose_result, {"id": "g", "status": 4, "values": {}, "result": True}),
+    "result2": (actions.decode_ros2_result, {"id": "g", "status": 4, "values": {}, "result": True}),
 }
 
 anything = st.recursive(

@@ -1,0 +1,217 @@
+"""Goals of any action: actionlib's topics in ROS 1, rosbridge's goal operations in ROS 2."""
+
+import logging
+from collections.abc import Mapping
+from typing import Any, Protocol
+from uuid import uuid4
+
+import roslibpy
+
+from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.ros.actions import (
+    ACTIVE,
+    PREEMPTING,
+    ROS2_ACCEPTED,
+    ROS2_CANCELING,
+    ROS2_EXECUTING,
+    Ending,
+    action_package_and_name,
+    decode_action_feedback,
+    decode_action_result,
+    decode_goal_status_array,
+    decode_ros2_goal_status_array,
+    decode_ros2_result,
+    encode_action_goal,
+    encode_cancel_every_goal,
+    encode_cancel_goal,
+    encode_goal_id,
+)
+from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
+from caris_desktop.ros.fields import Message, MessageError
+
+logger = logging.getLogger(__name__)
+
+_ENDED_WITHOUT_REASON: dict[Ending, str] = {
+    "reached": "",
+    "cancelled": "",
+    "failed": "the robot gave up and does not say why",
+}
+
+
+class GoalListener(Protocol):
+    """What an action server reports. ``wire_id`` says of which goal; goals of others are reported too."""
+
+    def goal_active(self, wire_id: str) -> None: ...
+
+    def goal_feedback(self, wire_id: str, feedback: Message) -> None: ...
+
+    def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None: ...
+
+
+class ActionClient(Protocol):
+    """How goals reach the robot. None of the calls waits, and none of them is kept for later."""
+
+    def send(self, goal_id: str, goal: Message) -> str | None:
+        """Ask for a goal. Its name on the robot, or None when it could not be sent."""
+
+    def cancel(self, wire_id: str) -> None:
+        """Cancel one goal."""
+
+    def cancel_all(self) -> None:
+        """Cancel whatever goal the action server has, whoever asked for it."""
+
+    def close(self) -> None:
+        """Listen no more."""
+
+
+def make_action_client(
+    ros: SafeRos, dialect: Dialect, name: str, action_type: str, listener: GoalListener
+) -> ActionClient:
+    """A client of the action server ``name``; ``action_type`` may be spelled as in either dialect."""
+    package, type_ = action_package_and_name(action_type)
+    if dialect is Dialect.ROS1:
+        return ActionlibClient(ros, name, package, type_, listener)
+    return BridgedActionClient(ros, name, action_type_name(Dialect.ROS2, package, type_), listener)
+
+
+class ActionlibClient:
+    """actionlib's topics. Subscriptions stand, so goals are followed without polling."""
+
+    def __init__(self, ros: SafeRos, name: str, package: str, type_: str, listener: GoalListener) -> None:
+        def topic(leaf: str, package: str, message: str) -> SafeTopic:
+            message_type = type_name(Dialect.ROS1, package, message)
+            return SafeTopic(ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True)
+
+        self._listener = listener
+        self._type = f"{type_}Action"
+        self._goal = topic("goal", package, f"{self._type}Goal")
+        self._cancel = topic("cancel", "actionlib_msgs", "GoalID")
+        self._status = topic("status", "actionlib_msgs", "GoalStatusArray")
+        self._feedback = topic("feedback", package, f"{self._type}Feedback")
+        self._result = topic("result", package, f"{self._type}Result")
+        self._goal.advertise()
+        self._cancel.advertise()
+        self._status.subscribe(self._take_status)
+        self._feedback.subscribe(self._take_feedback)
+        self._result.subscribe(self._take_result)
+
+    def send(self, goal_id: str, goal: Message) -> str | None:
+        wire_id = f"{goal_id}-{uuid4().hex[:8]}"
+        # Stamp zero: the robot's clock may differ from ours, and actionlib drops goals that seem too old.
+        return wire_id if self._goal.publish(encode_action_goal(wire_id, goal, stamp_ns=0)) else None
+
+    def cancel(self, wire_id: str) -> None:
+        self._cancel.publish(encode_goal_id(Dialect.ROS1, wire_id))
+
+    def cancel_all(self) -> None:
+        self._cancel.publish(encode_goal_id(Dialect.ROS1, ""))
+
+    def close(self) -> None:
+        for topic in (self._status, self._feedback, self._result):
+            topic.unsubscribe()
+        for topic in (self._goal, self._cancel):
+            topic.unadvertise()
+
+    def _take_status(self, message: Any) -> None:
+        for status in decode_goal_status_array(message):
+            if status.ending is not None:
+                self._ended(status.goal_id, status.ending, status.detail)
+            elif status.status in (ACTIVE, PREEMPTING):
+                self._listener.goal_active(status.goal_id)
+
+    def _take_feedback(self, message: Any) -> None:
+        status, feedback = decode_action_feedback(message, f"{self._type}Feedback")
+        self._listener.goal_feedback(status.goal_id, feedback)
+
+    def _take_result(self, message: Any) -> None:
+        status, _ = decode_action_result(message, f"{self._type}Result")
+        if status.ending is not None:
+            self._ended(status.goal_id, status.ending, status.detail)
+
+    def _ended(self, goal_id: str, ending: Ending, detail: str) -> None:
+        self._listener.goal_ended(goal_id, ending, detail or _ENDED_WITHOUT_REASON[ending])
+
+
+class BridgedActionClient:
+    """An action of ROS 2 through rosbridge's send_action_goal.
+
+    rosbridge does not tell when a goal is accepted, nor under which UUID; the action's own status topic does.
+    """
+
+    def __init__(self, ros: SafeRos, name: str, action_type: str, listener: GoalListener) -> None:
+        self._ros = ros
+        self._name = name
+        self._listener = listener
+        self._client = roslibpy.ActionClient(ros, name, action_type)
+        self._known_uuids: set[str] = set()
+        self._uuid_of: dict[str, str] = {}
+        self._unknown: str | None = None
+        status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
+        self._status = SafeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
+        self._status.subscribe(self._take_status)
+
+    def send(self, goal_id: str, goal: Message) -> str | None:
+        if not self._ros.is_connected:
+            return None
+        wire_ids: list[str] = []
+
+        def feedback(values: Mapping[str, Any]) -> None:
+            self._listener.goal_feedback(wire_ids[0], dict(values))
+
+        def ended(results: Mapping[str, Any], *, worked: bool) -> None:
+            self._uuid_of.pop(wire_ids[0], None)
+            operation = {"status": results["status"].value or None, "values": results["values"], "result": worked}
+            try:
+                result = decode_ros2_result(operation)
+            except MessageError as error:
+                # However it is told, the goal is over.
+                logger.info("%s: %s", self._name, error)
+                self._listener.goal_ended(wire_ids[0], "failed", "the robot's answer cannot be read")
+                return
+            detail = result.detail or _ENDED_WITHOUT_REASON[result.ending]
+            self._listener.goal_ended(wire_ids[0], result.ending, detail)
+
+        wire_ids.append(
+            self._client.send_goal(
+                goal,
+                lambda results: ended(results, worked=True),
+                feedback,
+                lambda results: ended(results, worked=False),
+            )
+        )
+        self._unknown = wire_ids[0]
+        return wire_ids[0]
+
+    def cancel(self, wire_id: str) -> None:
+        self._client.cancel_goal(wire_id)
+        uuid_hex = self._uuid_of.get(wire_id)
+        if uuid_hex is not None:
+            # Versions of rosbridge before 2.1 take the operation above and do nothing.
+            self._call_cancel(encode_cancel_goal(uuid_hex))
+
+    def cancel_all(self) -> None:
+        # rosbridge cancels only what this very connection asked for. The action's own service knows every goal.
+        self._call_cancel(encode_cancel_every_goal())
+
+    def close(self) -> None:
+        self._status.unsubscribe()
+
+    def _call_cancel(self, request: Message) -> None:
+        kind = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
+        roslibpy.Service(self._ros, f"{self._name}/_action/cancel_goal", kind).call(
+            roslibpy.ServiceRequest(request),
+            lambda _: None,
+            lambda reason: logger.info("%s: the robot did not cancel: %s", self._name, reason),
+        )
+
+    def _take_status(self, message: Any) -> None:
+        for uuid_hex, status in decode_ros2_goal_status_array(message):
+            if uuid_hex in self._known_uuids:
+                continue
+            self._known_uuids.add(uuid_hex)
+            wire_id = self._unknown
+            if wire_id is not None and status in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
+                # The first goal that turns up after ours was sent.
+                self._unknown = None
+                self._uuid_of[wire_id] = uuid_hex
+                self._listener.goal_active(wire_id)

@@ -1,0 +1,84 @@
+"""Requests to and answers of what saves and loads maps: slam_toolbox, and the map server and map saver of Nav2."""
+
+from typing import Any
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ros.fields import Message, count, field, message_of, truth
+
+START_AT_FIRST_NODE = 1
+START_AT_GIVEN_POSE = 2
+LOCALIZE_AT_POSE = 3
+"""match_type of slam_toolbox/DeserializePoseGraph."""
+
+_LOADING_FAILED = {
+    1: "the robot has no such map",
+    2: "the map's data cannot be read",
+    3: "the map's description cannot be read",
+    255: "the robot does not say why",
+}
+_SERIALIZING_FAILED = {1: "the robot has no map yet", 255: "the file cannot be written"}
+
+
+def encode_serialize_map(file_name: str) -> Message:
+    """The request of slam_toolbox/SerializePoseGraph; ``file_name`` is without an ending."""
+    return {"filename": file_name}
+
+
+def encode_deserialize_map(file_name: str, *, match_type: int, at: Pose2D | None = None) -> Message:
+    """The request of slam_toolbox/DeserializePoseGraph. ``at`` is where the robot is, for the types that ask for it."""
+    pose = at or Pose2D(0.0, 0.0, 0.0)
+    return {
+        "filename": file_name,
+        "match_type": match_type,
+        "initial_pose": {"x": pose.x_m, "y": pose.y_m, "theta": pose.heading_rad},
+    }
+
+
+def encode_load_map(map_url: str) -> Message:
+    """The request of nav2_msgs/LoadMap, and of nav_msgs/LoadMap of ROS 1."""
+    return {"map_url": map_url}
+
+
+def encode_save_map(map_url: str, *, map_topic: str) -> Message:
+    """The request of nav2_msgs/SaveMap, with the usual thresholds."""
+    return {
+        "map_topic": map_topic,
+        "map_url": map_url,
+        "image_format": "pgm",
+        "map_mode": "trinary",
+        "free_thresh": 0.25,
+        "occupied_thresh": 0.65,
+    }
+
+
+def serialize_failure(answer: Any) -> str:
+    """Why slam_toolbox/SerializePoseGraph failed; empty when it did not. Old versions answer nothing."""
+    result = message_of(answer, "SerializePoseGraph").get("result", 0)
+    code = count({"result": result}, "result", "SerializePoseGraph", most=255)
+    return "" if code == 0 else _SERIALIZING_FAILED.get(code, f"the robot answers with error {code}")
+
+
+def load_failure(answer: Any) -> str:
+    """Why LoadMap failed; empty when it did not."""
+    code = count(message_of(answer, "LoadMap"), "result", "LoadMap", most=255)
+    return "" if code == 0 else _LOADING_FAILED.get(code, f"the robot answers with error {code}")
+
+
+def save_failure(answer: Any) -> str:
+    """Why nav2_msgs/SaveMap failed; empty when it did not."""
+    return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot does not say why"
+
+
+def decode_serialize_map(request: Any) -> str:
+    """The file name of a request of slam_toolbox/SerializePoseGraph."""
+    return _text(request, "filename", "SerializePoseGraph")
+
+
+def decode_deserialize_map(request: Any) -> tuple[str, int]:
+    """File name and match_type of a request of slam_toolbox/DeserializePoseGraph."""
+    what = "DeserializePoseGraph"
+    return _text(request, "filename", what), count(message_of(request, what), "match_type", what, most=255)
+
+
+def _text(request: Any, name: str, what: str) -> str:
+    return str(field(message_of(request, what), name, what))

@@ -1,0 +1,104 @@
+"""Paths, map updates, joints, clocks and map services survive both forms of the protocol in both dialects."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ros import joint_messages, map_services, navigation_messages
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.messages import MessageError, decode_pose_with_covariance_stamped
+from tests.ros.test_messages import STAMP_NS, both_dialects, both_wires
+
+Wire = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+@both_dialects
+@both_wires
+def test_a_path(dialect: Dialect, wire: Wire) -> None:
+    points = np.array([[0.5, 1.0], [2.0, -3.0]], np.float32)
+    path = navigation_messages.decode_path(
+        wire(navigation_messages.encode_path(dialect, points, stamp_ns=STAMP_NS, frame_id="/odom"))
+    )
+    assert (path.frame_id, path.robot_stamp_ns) == ("odom", STAMP_NS)
+    assert path.points_m.tolist() == points.tolist()
+    empty = navigation_messages.encode_path(dialect, points[:0], stamp_ns=STAMP_NS)
+    assert navigation_messages.decode_path(wire(empty)).points_m.shape == (0, 2)
+
+
+@both_dialects
+@both_wires
+def test_a_map_update(dialect: Dialect, wire: Wire) -> None:
+    cells = np.array([[-1, 0, 100]], np.int8)
+    update = navigation_messages.decode_occupancy_grid_update(
+        wire(navigation_messages.encode_occupancy_grid_update(dialect, cells, x=7, y=9, stamp_ns=STAMP_NS))
+    )
+    assert (update.x, update.y, update.cells.tolist()) == (7, 9, cells.tolist())
+
+
+def test_a_map_update_of_another_size_than_it_says_is_refused() -> None:
+    message = {"x": 0, "y": 0, "width": 2, "height": 2, "data": [0, 0, 0]}
+    with pytest.raises(MessageError, match="3 cells, but its size is 2 x 2"):
+        navigation_messages.decode_occupancy_grid_update(message)
+
+
+@both_dialects
+@both_wires
+def test_an_initial_pose_carries_its_spread(dialect: Dialect, wire: Wire) -> None:
+    message = wire(
+        navigation_messages.encode_initial_pose(
+            dialect, Pose2D(1.0, 2.0, 0.5), spread_m=0.5, spread_rad=0.2, stamp_ns=0, frame_id="world"
+        )
+    )
+    assert message["header"]["frame_id"] == "world"
+    assert decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map.heading_rad == pytest.approx(0.5)
+    covariance = message["pose"]["covariance"]
+    assert (covariance[0], covariance[7], covariance[35]) == pytest.approx((0.25, 0.25, 0.04))
+    assert sum(covariance) == pytest.approx(0.54)
+
+
+@both_dialects
+@both_wires
+def test_a_clock(dialect: Dialect, wire: Wire) -> None:
+    assert navigation_messages.decode_clock(wire(navigation_messages.encode_clock(dialect, STAMP_NS))) == STAMP_NS
+    assert navigation_messages.decode_clock(wire(navigation_messages.encode_clock(dialect, 0))) == 0
+
+
+@both_dialects
+@both_wires
+def test_joints(dialect: Dialect, wire: Wire) -> None:
+    state = joint_messages.decode_joint_state(
+        wire(joint_messages.encode_joint_state(dialect, {"pan": 0.5, "tilt": float("nan")}, stamp_ns=STAMP_NS))
+    )
+    assert state.positions == {"pan": 0.5} if wire.__name__ == "over_cbor" else state.positions["pan"] == 0.5
+    trajectory = wire(joint_messages.encode_joint_trajectory(dialect, {"pan": 0.5, "tilt": -0.25}, duration_s=1.5))
+    assert joint_messages.decode_joint_trajectory(trajectory) == ({"pan": 0.5, "tilt": -0.25}, 1.5)
+    angles = wire(joint_messages.encode_joint_angles_with_speed(dialect, {"pan": 0.5}, speed_fraction=0.125))
+    assert joint_messages.decode_joint_angles_with_speed(angles) == ({"pan": 0.5}, 0.125)
+
+
+def test_a_joint_without_a_position_is_left_out() -> None:
+    assert joint_messages.decode_joint_state({"name": ["a", "b"], "position": [1.0]}).positions == {"a": 1.0}
+    assert joint_messages.decode_joint_state({"name": ["a"]}).positions == {}
+
+
+def test_a_trajectory_with_too_few_positions_is_refused() -> None:
+    with pytest.raises(MessageError, match="2 joints"):
+        joint_messages.decode_joint_trajectory({"joint_names": ["a", "b"], "points": [{"positions": [1.0]}]})
+
+
+@both_wires
+def test_map_services(wire: Wire) -> None:
+    assert map_services.decode_serialize_map(wire(map_services.encode_serialize_map("maps/lab"))) == "maps/lab"
+    request = map_services.encode_deserialize_map(
+        "lab", match_type=map_services.LOCALIZE_AT_POSE, at=Pose2D(1.0, 2.0, 3.0)
+    )
+    assert map_services.decode_deserialize_map(wire(request)) == ("lab", 3)
+    assert wire(request)["initial_pose"] == {"x": 1.0, "y": 2.0, "theta": 3.0}
+    assert map_services.load_failure({"result": 0}) == ""
+    assert map_services.load_failure({"result": 1}) == "the robot has no such map"
+    assert map_services.save_failure({"result": False})
+    assert map_services.serialize_failure({}) == ""
+    assert map_services.serialize_failure({"result": 255}) == "the file cannot be written"
