@@ -1,5 +1,6 @@
 """The media link: camera frames and maps."""
 
+import asyncio
 import contextlib
 import logging
 from typing import Any
@@ -9,9 +10,11 @@ import numpy as np
 
 from caris_desktop.domain import commands
 from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
@@ -29,7 +32,14 @@ class MediaLink:
         self._frames = frames
         self._closing = False
         self._report = LinkReporter("media", address, outbox)
-        self._ros = SafeRos(address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES)
+        traffic = TrafficMeter("media")
+        self._ros = SafeRos(
+            address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=profile.security, traffic=traffic
+        )
+        self._measurement = LinkMeasurement(
+            self._ros, traffic, self._put, link="media", simulation_time=profile.simulation_time
+        )
+        self._measuring: asyncio.Task[None] | None = None
         for camera in profile.cameras:
             SafeTopic(
                 self._ros,
@@ -48,12 +58,15 @@ class MediaLink:
     def start(self) -> None:
         self._report.changed("connecting")
         self._ros.connect()
+        self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
         logger.warning("The media link moves nothing; ignored: %s", [type(command).__name__ for command in received])
 
     async def finish(self) -> None:
         self._closing = True
+        if self._measuring is not None:
+            self._measuring.cancel()
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 
@@ -74,7 +87,7 @@ class MediaLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        """The control link measures."""
+        self._measurement.take_round_trip(round_trip_s)
 
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)

@@ -150,7 +150,7 @@ class _Probe:
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
     """Connect, compare, disconnect; see ``link.check_robot``."""
     probe = _Probe()
-    ros = SafeRos(address, probe, service_timeout_s=timeout_s)
+    ros = SafeRos(address, probe, service_timeout_s=timeout_s, security=profile.security)
     ros.connect()
     try:
         async with asyncio.timeout(timeout_s):

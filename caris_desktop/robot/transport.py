@@ -11,7 +11,7 @@ established" this means "now, or not at all". What the stock transport does, and
    reconnection, in the order in which it was asked for, and not a second later.
 2. It never pings. Here the peer is pinged, any byte counts as a sign of life, silence is reported as trouble and then
    ends the connection (``wire.Timings``).
-3. Its back-off grows to an hour. Here it grows from 0.2 s to 1 s.
+3. Its back-off grows to an hour. Here it grows from 0.2 s to 1 s, also when a server keeps closing the connection.
 4. It knows no CBOR, fragments or status. Here subscriptions ask for CBOR and accept JSON as an answer; when binary
    messages come but none of them decodes, everything is subscribed again in JSON. Fragments are put together, status
    messages are logged.
@@ -24,12 +24,14 @@ established" this means "now, or not at all". What the stock transport does, and
    (:mod:`caris_desktop.robot.navigation`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
 8. Its reactor cannot be restarted. Here the loop is the caller's.
 
-Beyond that: a message that is malformed, unknown or too large is refused and reported, and never ends the read loop;
-when messages come faster than they are handled, the newest of each topic wins (a ``SafeTopic`` can ask for every one);
-an exception in one callback reaches the log and nothing else.
+Beyond that: ``wss://`` and rosauth as the profile's security settings say; every arrival is counted per topic
+(:mod:`caris_desktop.robot.traffic`); a message that is malformed, unknown or too large is refused and reported, and
+never ends the read loop; when messages come faster than they are handled, the newest of each topic wins (a
+``SafeTopic`` can ask for every one); an exception in one callback reaches the log and nothing else.
 """
 
 import asyncio
+import itertools
 import logging
 import re
 import threading
@@ -44,6 +46,9 @@ from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.security import SecurityError, auth_operation
+from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure, open_wire
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
@@ -62,6 +67,10 @@ _CBOR_PUBLISH = b"\x62op\x67publish"
 _CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
 _UNDECODABLE_BEFORE_JSON = 3
 _MOST_WAITING = 5_000
+_ADMISSION_S = 3.0
+# A connection that ends sooner than this was not wanted by the server.
+_SHORT_LIVED_S = 1.0
+_ADMISSION_SERVICE = "/rosapi/get_time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +126,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         self.factory = factory
         self.wire = wire
         self._fragments = FragmentAssembler(max_bytes=factory.sizes.message_bytes)
+        self._binary = False
         self._message_handlers["status"] = self._handle_status
         self._message_handlers["fragment"] = self._handle_fragment
 
@@ -137,6 +147,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             return
         if binary:
             factory.binary_worked()
+        self._binary = binary
         self._handle(operation)
 
     def _handle(self, operation: Operation) -> None:
@@ -199,7 +210,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
             raise TypeError("the topic is not a text")
-        self.factory.emit(message["topic"], message["msg"])
+        self.factory.take_publish(message["topic"], message["msg"], binary=self._binary)
 
     def _handle_service_response(self, message: Operation) -> None:
         callback, errback = self._pending_service_requests.pop(message["id"], (None, None))
@@ -237,8 +248,11 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
 
     def _handle_fragment(self, message: Operation) -> None:
         whole = self._fragments.add(message)
-        if whole is not None:
-            self._handle(whole)
+        if whole is None:
+            return
+        if whole["op"] == "fragment":
+            raise ProtocolError("a fragment must not hold fragments")
+        self._handle(whole)
 
 
 class LoopManager:
@@ -298,18 +312,27 @@ class LoopManager:
 
 @dataclass(slots=True)
 class _Arrival:
-    """A message that waits for its turn; ``replaceable_topic`` is set where a newer one may take its place."""
+    """A message that waits for its turn; where it is ``replaceable`` a newer one of its topic may take its place."""
 
     payload: bytes
     stamp_ns: int
-    replaceable_topic: bytes | None
+    topic: str | None
+    replaceable: bool
 
 
 class SafeFactory:
     """Keeps one connection alive, remembers what stands, and hands messages out."""
 
     def __init__(
-        self, url: str, observer: LinkObserver, *, timings: Timings, sizes: SizeLimits, service_timeout_s: float
+        self,
+        url: str,
+        observer: LinkObserver,
+        *,
+        timings: Timings,
+        sizes: SizeLimits,
+        service_timeout_s: float,
+        security: SecuritySettings,
+        traffic: TrafficMeter,
     ) -> None:
         self.url = url
         self.sizes = sizes
@@ -320,6 +343,10 @@ class SafeFactory:
         self.overtaken = 0
         self._observer = observer
         self._timings = timings
+        self._security = security
+        self.traffic = traffic
+        self._admission: asyncio.Future[None] | None = None
+        self._admission_numbers = itertools.count(1)
         self._proto: SafeProtocol | None = None
         self._listeners: dict[str, list[Callback]] = {}
         self._standing: dict[str, Operation] = {}
@@ -328,7 +355,8 @@ class SafeFactory:
         self._every_message: set[str] = set()
         self.arrival_ns = 0
         self._arrived: deque[_Arrival] = deque()
-        self._newest: dict[bytes, _Arrival] = {}
+        self._newest: dict[str, _Arrival] = {}
+        self._handled: _Arrival | None = None
         self._handling = False
         self._cbor_works = True
         self._binary_failures = 0
@@ -380,6 +408,8 @@ class SafeFactory:
                 # A stock Topic repeats itself a second after a disconnection; we did it long before.
                 return self.is_connected
             self._standing[key] = operation
+            if op == "subscribe":
+                self.traffic.listens(operation["topic"], str(operation.get("type", "")))
             return self._establish(key, operation)
         if op in _ENDING:
             key = _key_of({**operation, "op": _ENDING[op]})
@@ -387,10 +417,16 @@ class SafeFactory:
             self._established.discard(key)
             if "id" in operation:
                 self._retired.add(key)
+            if op == "unsubscribe" and not self._subscribed(operation["topic"]):
+                self.traffic.stops_listening(operation["topic"])
         if self._proto is None or not self._proto.send_operation(operation):
             self.dropped += 1
             return False
         return True
+
+    def _subscribed(self, topic: str) -> bool:
+        standing = self._standing.values()
+        return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in standing)
 
     def ask_for_every_message(self, topic: str) -> None:
         """The newest must not win on this topic: its messages do not replace one another."""
@@ -425,10 +461,19 @@ class SafeFactory:
 
     async def _keep_connected(self) -> None:
         delay_s = self._timings.first_retry_s
+        ask_first = self._security.rosauth_secret_env is not None
         while True:
             try:
-                wire = await open_wire(self.url, self, self._timings, largest_frame_bytes=self.sizes.frame_bytes)
-            except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI) as error:
+                wire = await open_wire(
+                    self.url,
+                    self,
+                    self._timings,
+                    largest_frame_bytes=self.sizes.frame_bytes,
+                    security=self._security,
+                )
+                if ask_first:
+                    await self._ask_for_admission(wire)
+            except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
                 what, advice = explain_failure(error, self.url)
                 logger.debug("%s (%s)", what, type(error).__name__)
                 self.run_safely(self._observer.link_unreachable, what, advice)
@@ -436,11 +481,62 @@ class SafeFactory:
                 delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
                 continue
             if wire.is_open:
-                delay_s = self._timings.first_retry_s
+                began_s = self.manager.loop.time()
                 self._lost = self.manager.loop.create_future()
                 self._begin(wire)
                 await asyncio.shield(self._lost)
+                if wire.parted_by_peer and self.manager.loop.time() - began_s < _SHORT_LIVED_S:
+                    # Coming back as fast as it throws us out helps nobody; find out first whether it wants us.
+                    ask_first = True
+                    delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
+                else:
+                    delay_s = self._timings.first_retry_s
             await asyncio.sleep(delay_s)
+
+    async def _ask_for_admission(self, wire: Wire) -> None:
+        """Prove who we are, where the profile says so, and wait until the server answers anything at all.
+
+        A rosbridge that demands rosauth says nothing when it accepts and closes the connection when it does not.
+
+        Raises
+        ------
+        SecurityError
+            When it does not answer.
+        """
+        self._admission = self.manager.loop.create_future()
+        try:
+            authorization = auth_operation(self._security, client=wire.own_host, server=wire.peer_host)
+            question = {
+                "op": "call_service",
+                "service": _ADMISSION_SERVICE,
+                "args": {},
+                "id": f"admission:{next(self._admission_numbers)}",
+            }
+            for operation in (authorization, question):
+                if operation is not None:
+                    wire.send_text(encode_json(operation).encode())
+            async with asyncio.timeout(_ADMISSION_S):
+                await self._admission
+        except (ConnectionError, TimeoutError) as error:
+            raise self._refusal() from error
+        finally:
+            admission, self._admission = self._admission, None
+            if not admission.done() or admission.cancelled() or admission.exception() is not None:
+                wire.abort("not admitted")
+
+    def _refusal(self) -> SecurityError:
+        name = self._security.rosauth_secret_env
+        if name is None:
+            return SecurityError(
+                "The robot's rosbridge closes each connection at once.",
+                "If it demands a secret (rosauth), put the secret into an environment variable and name that as "
+                "'rosauth_secret_env' under 'security' in the robot profile. The log of rosbridge tells more.",
+            )
+        return SecurityError(
+            "The robot's rosbridge refused this console: the secret was not accepted.",
+            f"Check that the environment variable {name} holds the robot's rosauth secret, that the clocks of this "
+            "computer and the robot differ by less than 5 s, and that rosauth runs on the robot.",
+        )
 
     def _begin(self, wire: Wire) -> None:
         self._proto = SafeProtocol(self, wire)
@@ -451,19 +547,27 @@ class SafeFactory:
         self.run_safely(self._observer.link_connected)
 
     def wire_received(self, payload: bytes) -> None:
+        if self._admission is not None:
+            if not self._admission.done() and b"service_response" in payload[:_HEAD_BYTES]:
+                self._admission.set_result(None)
+            return
         if len(self._arrived) >= _MOST_WAITING:
             self.refuse("more messages at once than can be handled")
             return
-        topic = topic_of_publish(payload)
-        if topic is None or topic.decode("utf-8", "replace") in self._every_message:
-            self._arrived.append(_Arrival(payload, now_ns(), None))
+        stamp_ns = now_ns()
+        found = topic_of_publish(payload)
+        topic = None if found is None else found.decode("utf-8", "replace")
+        if topic is not None:
+            self.traffic.arrived(topic, size_bytes=len(payload), arrival_ns=stamp_ns)
+        if topic is None or topic in self._every_message:
+            self._arrived.append(_Arrival(payload, stamp_ns, topic, replaceable=False))
         else:
             waiting = self._newest.get(topic)
             if waiting is not None:
-                waiting.payload, waiting.stamp_ns = payload, now_ns()
+                waiting.payload, waiting.stamp_ns = payload, stamp_ns
                 self.overtaken += 1
                 return
-            self._newest[topic] = waiting = _Arrival(payload, now_ns(), topic)
+            self._newest[topic] = waiting = _Arrival(payload, stamp_ns, topic, replaceable=True)
             self._arrived.append(waiting)
         if not self._handling:
             self._handling = True
@@ -473,25 +577,41 @@ class SafeFactory:
         # One message a turn, so that timers and commands come between any two of them.
         if self._arrived and self._proto is not None:
             arrival = self._arrived.popleft()
-            if arrival.replaceable_topic is not None:
-                del self._newest[arrival.replaceable_topic]
+            if arrival.replaceable and arrival.topic is not None:
+                del self._newest[arrival.topic]
             self.arrival_ns = arrival.stamp_ns
+            self._handled = arrival
             self.run_safely(self._proto.on_message, arrival.payload)
+            self._handled = None
         self._handling = bool(self._arrived) and self._proto is not None
         if self._handling:
             self.manager.loop.call_soon(self._handle_next)
 
+    def take_publish(self, topic: str, message: Any, *, binary: bool) -> None:
+        """A decoded message, to whoever listens."""
+        if self._handled is not None and self._handled.topic != topic:
+            # Its topic was not to be seen in the first bytes, or it came in fragments.
+            self._handled.topic = topic
+            self.traffic.arrived(topic, size_bytes=len(self._handled.payload), arrival_ns=self.arrival_ns)
+        self.traffic.decoded(topic, message, binary=binary)
+        self.emit(topic, message)
+
     def wire_heard(self) -> None:
-        self.run_safely(self._observer.link_heard)
+        if self._proto is not None:
+            self.run_safely(self._observer.link_heard)
 
     def wire_silent(self) -> None:
-        self.run_safely(self._observer.link_silent)
+        if self._proto is not None:
+            self.run_safely(self._observer.link_silent)
 
     def wire_round_trip(self, round_trip_s: float) -> None:
-        self.run_safely(self._observer.link_round_trip, round_trip_s)
+        if self._proto is not None:
+            self.run_safely(self._observer.link_round_trip, round_trip_s)
 
     def wire_lost(self, reason: str) -> None:
         proto, self._proto = self._proto, None
+        if self._admission is not None and not self._admission.done():
+            self._admission.set_exception(ConnectionError(reason))
         # Nothing that arrived before the gap is handed out after it.
         self._arrived.clear()
         self._newest.clear()
@@ -506,6 +626,7 @@ class SafeFactory:
 
     def refuse(self, detail: str) -> None:
         self.refused += 1
+        self.traffic.refused(None if self._handled is None else self._handled.topic)
         logger.debug("Refused: %.300s", detail)
         self._observer.link_refused(detail)
 
@@ -559,11 +680,21 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         timings: Timings = CONTROL_TIMINGS,
         sizes: SizeLimits = CONTROL_SIZES,
         service_timeout_s: float = 3.0,
+        security: SecuritySettings | None = None,
+        traffic: TrafficMeter | None = None,
     ) -> None:
         # Not the constructor of Ros: it would choose one of the stock transports.
         self._id_counter = 0
         self.is_connecting = False
-        self.factory = SafeFactory(address, observer, timings=timings, sizes=sizes, service_timeout_s=service_timeout_s)
+        self.factory = SafeFactory(
+            address,
+            observer,
+            timings=timings,
+            sizes=sizes,
+            service_timeout_s=service_timeout_s,
+            security=security or SecuritySettings(),
+            traffic=traffic or TrafficMeter(""),
+        )
 
     def connect(self) -> None:
         """Connect, and keep connecting until :meth:`close`."""

@@ -22,9 +22,12 @@ from websockets.http11 import Response
 from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.security import SecurityError, explain_tls_failure, tls_context
 
 logger = logging.getLogger(__name__)
 
+_TLS_READ_BYTES = 256 * 1024
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 
 
@@ -67,12 +70,15 @@ class WireOwner(Protocol):
 class Wire(asyncio.Protocol):
     """One connection, from handshake to loss. Make it with :func:`open_wire`."""
 
-    def __init__(self, url: str, owner: WireOwner, timings: Timings, largest_frame_bytes: int) -> None:
+    def __init__(
+        self, url: str, owner: WireOwner, timings: Timings, largest_frame_bytes: int, tls: "TlsLayer | None" = None
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._owner = owner
         self._timings = timings
         self._protocol = ClientProtocol(parse_uri(url), max_size=largest_frame_bytes, logger=_quiet_logger())
         self._transport: asyncio.Transport | None = None
+        self._tls = tls
         self.opened: asyncio.Future[None] = self._loop.create_future()
         self._open = False
         self._over = False
@@ -87,6 +93,7 @@ class Wire(asyncio.Protocol):
         self._watched_s = 0.0
         self._watch: asyncio.TimerHandle | None = None
         self._why_lost = ""
+        self._ended_here = False
 
     @property
     def is_open(self) -> bool:
@@ -96,6 +103,21 @@ class Wire(asyncio.Protocol):
     def unsent_bytes(self) -> int:
         """What the operating system has not taken yet."""
         return 0 if self._transport is None else self._transport.get_write_buffer_size()
+
+    @property
+    def own_host(self) -> str:
+        """This end's address."""
+        return self._host("sockname")
+
+    @property
+    def peer_host(self) -> str:
+        """The other end's address."""
+        return self._host("peername")
+
+    @property
+    def parted_by_peer(self) -> bool:
+        """Whether the connection is over because the other side closed it in an orderly way."""
+        return self._over and self._protocol.close_rcvd is not None and not self._ended_here
 
     def send_text(self, payload: bytes) -> bool:
         """Hand one message to the socket now. False, and the message is gone, when the connection is not open."""
@@ -108,6 +130,7 @@ class Wire(asyncio.Protocol):
     def close(self) -> None:
         """Say goodbye properly; what was sent before still arrives."""
         if self.is_open:
+            self._ended_here = True
             self._why_lost = "closed by this program"
             self._protocol.send_close(1000)
             self._flush()
@@ -132,14 +155,61 @@ class Wire(asyncio.Protocol):
         raw = transport.get_extra_info("socket")
         if raw is not None:
             raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._protocol.send_request(self._protocol.connect())
-        self._flush()
+        if self._tls is None:
+            self._ask_for_websocket()
+        else:
+            self._shake_hands(b"")
 
     def data_received(self, data: bytes) -> None:
+        # Of a secured message that is still incomplete the bytes count as a sign of life, too.
         self._heard_s = self._loop.time()
         if self._silent:
             self._silent = False
             self._owner.wire_heard()
+        if self._tls is None:
+            self._take_bytes(data)
+        elif not self._tls.established:
+            self._shake_hands(data)
+        else:
+            self._take_secured(data)
+
+    def _ask_for_websocket(self) -> None:
+        self._protocol.send_request(self._protocol.connect())
+        self._flush()
+
+    def _shake_hands(self, data: bytes) -> None:
+        if self._tls is None or self._transport is None:
+            return
+        try:
+            established = self._tls.shake_hands(data)
+        except ssl.SSLError as error:
+            # Tell the other side why, then go.
+            self._transport.write(self._tls.to_send())
+            self._fail_opening(error)
+            self._transport.close()
+            return
+        self._transport.write(self._tls.to_send())
+        if established:
+            self._ask_for_websocket()
+            self._take_secured(b"")
+
+    def _take_secured(self, data: bytes) -> None:
+        if self._tls is None or self._transport is None:
+            return
+        try:
+            plain, ended = self._tls.decrypt(data)
+        except ssl.SSLError as error:
+            self._fail_opening(error)
+            self.abort(f"the secured connection broke ({error.reason or error})")
+            return
+        if plain:
+            self._take_bytes(plain)
+        if ended and not self._over:
+            self._protocol.receive_eof()
+            self._flush()
+            self._transport.close()
+
+    def _take_bytes(self, data: bytes) -> None:
         self._protocol.receive_data(data)
         for event in self._protocol.events_received():
             if isinstance(event, Response):
@@ -149,8 +219,8 @@ class Wire(asyncio.Protocol):
         if self._over:
             return
         self._flush()
-        if self._protocol.handshake_exc is not None and not self.opened.done():
-            self.opened.set_exception(self._protocol.handshake_exc)
+        if self._protocol.handshake_exc is not None:
+            self._fail_opening(self._protocol.handshake_exc)
         # Closing with unread data would reset the connection, and our last zeros with it: wait for the peer's goodbye.
         parted = self._protocol.close_rcvd is not None or self._protocol.parser_exc is not None
         if self._protocol.close_expected() and parted and self._transport is not None:
@@ -229,9 +299,17 @@ class Wire(asyncio.Protocol):
             return
         for data in self._protocol.data_to_send():
             if data:
-                self._transport.write(data)
-            elif self._transport.can_write_eof():
+                self._transport.write(data if self._tls is None else self._tls.encrypt(data))
+            elif self._tls is None and self._transport.can_write_eof():
                 self._transport.write_eof()
+
+    def _host(self, which: str) -> str:
+        address = None if self._transport is None else self._transport.get_extra_info(which)
+        return str(address[0]) if address else ""
+
+    def _fail_opening(self, error: Exception) -> None:
+        if not self.opened.done():
+            self.opened.set_exception(error)
 
     def _end(self) -> None:
         if self._over:
@@ -240,37 +318,101 @@ class Wire(asyncio.Protocol):
         if self._watch is not None:
             self._watch.cancel()
         reason = self._why_lost or "the connection broke off"
-        if not self.opened.done():
-            self.opened.set_exception(ConnectionError(reason))
+        self._fail_opening(ConnectionError(reason))
         # Nobody may be waiting any more.
         self.opened.exception()
         if self._open:
             self._owner.wire_lost(reason)
 
 
-async def open_wire(url: str, owner: WireOwner, timings: Timings, *, largest_frame_bytes: int) -> Wire:
-    """Connect and shake hands.
+class TlsLayer:
+    """TLS between the websocket and the socket, without input or output of its own.
+
+    asyncio's own TLS transport does not tell what the operating system has not taken yet, and says nothing of a
+    message that is still under way.
+    """
+
+    def __init__(self, context: ssl.SSLContext, server_name: str) -> None:
+        self._received = ssl.MemoryBIO()
+        self._outgoing = ssl.MemoryBIO()
+        self._object = context.wrap_bio(self._received, self._outgoing, server_hostname=server_name)
+        self.established = False
+
+    def shake_hands(self, data: bytes) -> bool:
+        """Take what came and go on; True once both sides agree.
+
+        Raises
+        ------
+        ssl.SSLError
+            Above all ``ssl.SSLCertVerificationError``: the server is not who it should be.
+        """
+        self._received.write(data)
+        try:
+            self._object.do_handshake()
+        except ssl.SSLWantReadError:
+            return False
+        self.established = True
+        return True
+
+    def to_send(self) -> bytes:
+        """What the handshake wants to say."""
+        return self._outgoing.read()
+
+    def encrypt(self, data: bytes) -> bytes:
+        self._object.write(data)
+        return self._outgoing.read()
+
+    def decrypt(self, data: bytes) -> tuple[bytes, bool]:
+        """What came in plain bytes, and whether the other side has said that nothing more comes.
+
+        Raises
+        ------
+        ssl.SSLError
+            When the stream was tampered with.
+        """
+        self._received.write(data)
+        pieces: list[bytes] = []
+        ended = False
+        while True:
+            try:
+                piece = self._object.read(_TLS_READ_BYTES)
+            except ssl.SSLWantReadError:
+                break
+            except ssl.SSLZeroReturnError:
+                piece = b""
+            if not piece:
+                ended = True
+                break
+            pieces.append(piece)
+        return b"".join(pieces), ended
+
+
+async def open_wire(
+    url: str, owner: WireOwner, timings: Timings, *, largest_frame_bytes: int, security: SecuritySettings | None = None
+) -> Wire:
+    """Connect and shake hands; with ``wss://`` the server proves who it is first.
 
     Raises
     ------
     OSError, TimeoutError, websockets.exceptions.InvalidHandshake, websockets.exceptions.InvalidURI
-        When no rosbridge answers there within ``timings.handshake_s``.
+        When no rosbridge answers there within ``timings.handshake_s``; ``ssl.SSLError`` is an OSError.
+    caris_desktop.robot.security.SecurityError
+        When the trusted certificates of ``security`` cannot be used.
     """
     parts = urlsplit(url)
     secure = parts.scheme == "wss"
+    context = tls_context(security or SecuritySettings()) if secure else None
     made: list[Wire] = []
 
     def make() -> Wire:
-        made.append(Wire(url, owner, timings, largest_frame_bytes))
+        tls = TlsLayer(context, parts.hostname or "") if context is not None else None
+        made.append(Wire(url, owner, timings, largest_frame_bytes, tls))
         return made[-1]
 
     try:
         async with asyncio.timeout(timings.handshake_s):
             await asyncio.get_running_loop().create_connection(
-                make,
-                parts.hostname or "",
-                parts.port or (443 if secure else 80),
-                ssl=ssl.create_default_context() if secure else None,
+                make, parts.hostname or "", parts.port or (443 if secure else 80)
             )
             await made[-1].opened
     except BaseException:
@@ -284,6 +426,10 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
     """Why no connection came about, and what to do, for the wizard. No password of ``address`` is in it."""
     address = without_credentials(address)
     name = urlsplit(address).hostname or address
+    if isinstance(error, SecurityError):
+        return error.what, error.advice
+    if isinstance(error, ssl.SSLError):
+        return explain_tls_failure(error, name, address)
     if isinstance(error, TimeoutError):
         return (
             f"Nothing answers at {address}.",
@@ -301,7 +447,7 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             f"What answers at {address} is not a rosbridge server ({error}).",
-            "Check the port; rosbridge uses 9090 unless set otherwise.",
+            "Check the port; rosbridge uses 9090 unless set otherwise. A secured one has an address with wss://.",
         )
     return (f"{address} cannot be reached ({error}).", "Check the network and the robot's address.")
 

@@ -1,0 +1,113 @@
+"""How one link fares, told once a second: round trip, the robot's clock, and the traffic on each topic."""
+
+import asyncio
+import logging
+import statistics
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Literal
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import LinkQuality
+from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
+from caris_desktop.robot.traffic import TrafficMeter
+from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.ros.dialect import decode_time
+
+logger = logging.getLogger(__name__)
+
+MEASURE_EVERY_S = 1.0
+_ROUND_TRIPS = 10
+_UNKNOWN_DELAY_S = 0.1
+
+
+class LinkMeasurement:
+    """Asks the robot for its time once a second and reports what was measured. Lives on the link's loop.
+
+    Parameters
+    ----------
+    link
+        Which link it is. Only the control link sends LinkQuality; both send TrafficMeasured.
+    simulation_time
+        The robot's stamps come from a simulated clock, told with :meth:`take_simulation_time`.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        traffic: TrafficMeter,
+        put: Callable[[Any], None],
+        *,
+        link: Literal["control", "media"],
+        simulation_time: bool = False,
+    ) -> None:
+        self._ros = ros
+        self._traffic = traffic
+        self._put = put
+        self._link = link
+        self._simulation_time = simulation_time
+        self._clock = ClockOffset.of_simulation_time() if simulation_time else ClockOffset()
+        self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
+
+    def offset_at(self, session_ns: int) -> OffsetEstimate | None:
+        """Robot clock minus session clock at a moment that is not before the last sample."""
+        return self._clock.at(session_ns)
+
+    def take_round_trip(self, round_trip_s: float) -> None:
+        """A ping came back."""
+        self._round_trips_s.append(round_trip_s)
+
+    def take_stamp(self, robot_stamp_ns: int | None) -> None:
+        """The stamp of the message that is being handled, where it is never ahead of the robot's clock."""
+        if robot_stamp_ns is not None and not self._simulation_time:
+            self._clock.add_stamp(robot_stamp_ns=robot_stamp_ns, arrival_ns=self._ros.arrival_ns)
+
+    def take_simulation_time(self, robot_ns: int) -> None:
+        """A message of ``/clock``. What the network took of it is not known better than by the pings."""
+        arrival_ns = self._ros.arrival_ns
+        delay_s = max(self._round_trips_s, default=_UNKNOWN_DELAY_S)
+        self._clock.add_exchange(asked_ns=arrival_ns - int(delay_s * 1e9), answered_ns=arrival_ns, robot_ns=robot_ns)
+
+    def link_lost(self) -> None:
+        """What was measured of the round trip is no longer true; the clock goes on by itself."""
+        self._round_trips_s.clear()
+
+    async def run(self) -> None:
+        """Measure until cancelled."""
+        # A robot that does not answer must not hold up what is told without it.
+        await asyncio.gather(self._report(), self._follow_clock())
+
+    async def _report(self) -> None:
+        while True:
+            await asyncio.sleep(MEASURE_EVERY_S)
+            at_ns = now_ns()
+            if not self._ros.is_connected:
+                continue
+            self._put(self._traffic.measure(at_ns, self._clock.at))
+            if self._link == "control" and self._round_trips_s:
+                offset = self._clock.at(at_ns)
+                self._put(
+                    LinkQuality(
+                        at_ns,
+                        statistics.median(self._round_trips_s) * 1e3,
+                        None if offset is None else offset.offset_ms,
+                        None if offset is None else offset.uncertainty_ms,
+                    )
+                )
+
+    async def _follow_clock(self) -> None:
+        while not self._simulation_time:
+            if self._ros.is_connected:
+                await self._ask_for_time()
+            await asyncio.sleep(MEASURE_EVERY_S)
+
+    async def _ask_for_time(self) -> None:
+        asked_ns = now_ns()
+        try:
+            answer = await self._ros.ask("/rosapi/get_time", "rosapi/GetTime")
+            robot_ns = decode_time(answer.get("time"))
+        except (ServiceCallError, ValueError) as error:
+            logger.debug("The robot does not tell its time: %s", error)
+            return
+        if robot_ns is not None:
+            self._clock.add_exchange(asked_ns=asked_ns, answered_ns=now_ns(), robot_ns=robot_ns)
