@@ -184,8 +184,9 @@ def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
     state.link.set(LinkStatus("connected", "Simulated robot", "ws://127.0.0.1:9090", "", 12.0))
     state.drive.set(
         DriveStatus(
-            True, "", 1.0, "", 0.7, 0.35, 0.0,
-            console.scenario.driving.max_forward_mps, console.scenario.driving.max_turn_radps,
+            allowed=True, reason="", speed_fraction=0.7, target_forward_mps=0.35,
+            max_forward_mps=console.scenario.driving.max_forward_mps,
+            max_turn_radps=console.scenario.driving.max_turn_radps,
         )
     )  # fmt: skip
     state.recording.set(
