@@ -1,6 +1,7 @@
 """The motion lease: what velocity goes to the robot, and when. Pure logic, time comes in as an argument."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -35,13 +36,25 @@ class MotionLease:
     of them it is gone: zero at once (not ramped), repeated for 0.5 s, then silence. Endless zeros would fight
     navigation. All times are seconds on one monotonic clock, and ``now_s`` never runs backwards by more than the age
     of a command. After each call ask :meth:`next_twist`, and again no later than :meth:`due_s` tells.
+
+    ``allow`` is asked before each velocity: what fraction of it the obstacle guard allows at that time. The robot is
+    slowed by it at once and speeds up again as the limits say, on the same arc.
     """
 
-    def __init__(self, limits: MotionLimits, *, rate_hz: float = 20.0) -> None:
+    def __init__(
+        self,
+        limits: MotionLimits,
+        *,
+        rate_hz: float = 20.0,
+        allow: Callable[[Twist2D, float], float] = lambda _twist, _now_s: 1.0,
+    ) -> None:
         self._limits = limits
+        self._allow = allow
         self._period_s = 1.0 / rate_hz
         self._phase = _Phase.IDLE
         self._target = ZERO_TWIST
+        # Where the ramp to the target has come, and what of it the guard let pass.
+        self._ramped = ZERO_TWIST
         self._current = ZERO_TWIST
         self._holder: CommandSource = "none"
         self._zero_source: CommandSource = "none"
@@ -73,8 +86,11 @@ class MotionLease:
         if not self.held:
             # The first step of the ramp goes out at once, as large as one period of it.
             self._sent_s = now_s - self._period_s
-            self._current = ZERO_TWIST
+            self._current = self._ramped = ZERO_TWIST
         changed = not self.held or bounded != self._target
+        if changed:
+            # From what the robot was really told, however much the guard took away.
+            self._ramped = self._current
         self._phase = _Phase.HELD
         self._expired = False
         self._target = bounded
@@ -98,6 +114,11 @@ class MotionLease:
         self._begin_zeros(now_s, self._holder)
         return True
 
+    def reconsider(self, now_s: float) -> None:
+        """The surroundings are known anew: what is no longer allowed is corrected now, not at the next tick."""
+        if self.held and self._current.moving and self._allow(self._current, now_s) < 1.0:
+            self._due_s = min(self._due_s, now_s)
+
     def stop(self, now_s: float) -> None:
         """Zero at once, whether or not anything held the lease: something else may be moving the robot."""
         self._begin_zeros(now_s, "stop")
@@ -118,7 +139,7 @@ class MotionLease:
     def forget(self) -> None:
         """The link is down: silence, and nothing is left that could be sent later. The emergency stop stays."""
         self._phase = _Phase.IDLE
-        self._current = ZERO_TWIST
+        self._current = self._ramped = ZERO_TWIST
         self._target = ZERO_TWIST
         self._due_s = math.inf
 
@@ -140,7 +161,9 @@ class MotionLease:
             return None
         if self._phase is _Phase.HELD:
             elapsed_s = min(max(now_s - self._sent_s, 0.0), self._period_s)
-            self._current = ramp(self._current, self._target, self._limits, elapsed_s)
+            self._ramped = ramp(self._ramped, self._target, self._limits, elapsed_s)
+            fraction = min(self._allow(self._ramped, now_s), self._speeding_up(elapsed_s))
+            self._current = scaled(self._ramped, fraction)
             leased = LeasedTwist(self._current, self._holder)
             self._due_s = self._next_due_s(now_s)
         elif self._phase is _Phase.ZEROING:
@@ -154,6 +177,15 @@ class MotionLease:
         self._sent_s = now_s
         return leased
 
+    def _speeding_up(self, elapsed_s: float) -> float:
+        """The fraction of the ramped velocity that is not too sudden after the one before, which the guard had cut."""
+        limits = self._limits
+        return min(
+            _reachable(self._current.forward_mps, self._ramped.forward_mps, limits.acceleration_mps2 * elapsed_s),
+            _reachable(self._current.left_mps, self._ramped.left_mps, limits.acceleration_mps2 * elapsed_s),
+            _reachable(self._current.turn_radps, self._ramped.turn_radps, limits.turn_acceleration_radps2 * elapsed_s),
+        )
+
     def _next_due_s(self, now_s: float) -> float:
         # From the planned time, so that the rate holds however late the timer was.
         return max(self._due_s, now_s - self._period_s / 2.0) + self._period_s
@@ -161,7 +193,7 @@ class MotionLease:
     def _begin_zeros(self, now_s: float, source: CommandSource) -> None:
         self._phase = _Phase.ZEROING
         self._zero_source = source
-        self._current = ZERO_TWIST
+        self._current = self._ramped = ZERO_TWIST
         self._target = ZERO_TWIST
         self._renewed_s = -math.inf
         self._due_s = now_s
@@ -190,6 +222,21 @@ def ramp(current: Twist2D, target: Twist2D, limits: MotionLimits, elapsed_s: flo
             elapsed_s,
         ),
     )
+
+
+def scaled(twist: Twist2D, fraction: float) -> Twist2D:
+    """The same arc at a ``fraction`` (0..1) of the speed."""
+    if fraction >= 1.0:
+        return twist
+    if not fraction > 0.0:
+        return ZERO_TWIST
+    return Twist2D(twist.forward_mps * fraction, twist.left_mps * fraction, twist.turn_radps * fraction)
+
+
+def _reachable(current: float, wanted: float, step: float) -> float:
+    """The largest fraction (at most 1) of ``wanted`` that one step of speeding up reaches."""
+    reach = (abs(current) if current * wanted > 0.0 else 0.0) + step
+    return 1.0 if abs(wanted) <= reach else reach / abs(wanted)
 
 
 def _bounded(value: float, lowest: float, highest: float) -> float:

@@ -1,0 +1,538 @@
+"""The obstacle guard: how much of a velocity the LIDAR allows. Pure logic, time comes in as an argument.
+
+What it takes for granted: obstacles stand still for the moment that the robot needs to stop, and the LIDAR sees them.
+What is above or below its plane it does not know.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.events import GuardChanged, GuardState
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
+from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.robot.footprint import Array, Footprint, moved_by, transformed
+from caris_desktop.robot.profile import RobotProfile
+
+SIDE_MARGIN_M = 0.05
+"""Room kept all around for the LIDAR's noise and for what sticks out above its plane."""
+LEGS_MARGIN_M = 0.12
+"""More room around what stands free and is no wider than a person: feet, hips and bags reach beyond the legs."""
+TURNING_STOP_M = 0.03
+"""The stop distance of a part of the footprint that only turns towards something."""
+BLIND_FRACTION = 0.3
+CRAWL_MPS = 0.1
+MEMORY_S = 10.0
+_STALE_AFTER_S, _STALE_PERIODS = 0.5, 3.0
+_REPORTED_M = 2.0
+_REMEMBERED_WITHIN_M = 3.0
+# Below the first speed the robot stops; it starts again once the second one is allowed, so that noise moves nothing.
+_CREEP_MPS, _START_MPS = 0.03, 0.07
+_LEGS_WIDE_M, _STANDS_FREE_M = 0.45, 0.12
+# No thing to touch can be this deep inside the robot; the robot's own parts can.
+_DEEP_M, _DEEP_OWN_AFTER_S, _OWN_AFTER_M, _SAME_RANGE_M = 0.05, 1.0, 0.3, 0.03
+_NEAR_FIELD_M = 0.5
+_UNSEEN_WIDTH_M = 0.1
+_BESIDE_M = 0.1
+_VIEWS, _VIEW_EVERY_M, _VIEW_EVERY_RAD = 12, 0.3, 0.35
+_ODOMETRY_FRESH_S = 0.3
+_BINS = 720
+
+_STALE_WORDS = "no fresh scan from the LIDAR"
+_UNSEEN_WORDS = "the LIDAR does not see there"
+
+
+@dataclass(frozen=True, slots=True)
+class GuardLimit:
+    """``fraction`` of the velocity is allowed, on the same arc; ``distance_m`` is the free way along it."""
+
+    fraction: float
+    state: GuardState
+    distance_m: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What one scan covered: from where, and for each beam how far it is in angle to one that measures."""
+
+    stamp_s: float
+    odom_from_laser: Pose2D
+    odom_from_robot: Pose2D
+    angle_min_rad: float
+    increment_rad: float
+    ranges_m: Array
+    uncovered_rad: Array
+    whole: bool
+
+    def knows(self, points_in_odom: Array, *, seen: bool) -> NDArray[np.bool_]:
+        """Whether beams look towards the points; ``seen``: and nothing stood in between."""
+        x, y = transformed(self.odom_from_laser.inverse(), points_in_odom).T
+        distance = np.hypot(x, y)
+        last = len(self.ranges_m) - 1
+        beyond_min = np.mod(np.arctan2(y, x) - self.angle_min_rad, 2.0 * math.pi)
+        past_end = beyond_min - last * self.increment_rad
+        outside = np.where(past_end > 0.0, np.minimum(past_end, 2.0 * math.pi - beyond_min), 0.0)
+        beam = np.where(
+            past_end > 2.0 * math.pi - beyond_min,
+            0,
+            np.minimum(np.rint(beyond_min / self.increment_rad).astype(np.intp), last),
+        )
+        known: NDArray[np.bool_] = (outside + self.uncovered_rad[beam]) * distance <= _UNSEEN_WIDTH_M
+        if seen:
+            known &= self.ranges_m[beam] >= distance - _UNSEEN_WIDTH_M
+        return known
+
+
+class ObstacleGuard:
+    """Limits direct driving so that the footprint touches nothing that the LIDAR sees.
+
+    For each velocity it finds how far the footprint can go along that very arc (ahead, back, sideways, turning on the
+    spot) before it reaches a scanned point, and allows the fraction of the velocity from which the robot still stops,
+    after ``reaction_s`` and the braking of the profile, with ``stop_distance_m`` left. The arc stays the same, and
+    away from an obstacle the robot may always go. Obstacles that the LIDAR sees no more because the robot turned stay
+    remembered in the odometry frame for 10 s; where none of its beams looks or looked, the robot crawls.
+
+    The robot's own body: points inside the footprint are its own once they kept their place there for 1 s (if they
+    are deeper inside than an obstacle can be) or while the robot moved 0.3 m (near the outline). Until then they
+    block the motion that takes them deeper. Beams that end on the own body count as not looking.
+
+    The motion of the robot since a scan is made up for with odometry, or without it with the velocities sent. Times
+    are seconds on the session clock.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._settings = profile.guard
+        self._limits = profile.limits
+        self._present = profile.scan is not None
+        self._footprint = Footprint.of(profile)
+        self._on = profile.guard.on
+        self._round_trip_s = 0.0
+        self._view: _View | None = None
+        self._views: deque[_View] = deque(maxlen=_VIEWS)
+        self._views_anchor = Pose2D(0.0, 0.0, 0.0)
+        self.forget()
+
+    @property
+    def on(self) -> bool:
+        return self._on
+
+    def switch(self, *, on: bool) -> None:
+        """On, or off on the wizard's own responsibility. The cap without a fresh scan stays."""
+        self._on = on
+
+    def forget(self) -> None:
+        """The link is new: nothing is known of the surroundings, and the profile says whether the guard is on."""
+        self._on = self._settings.on
+        self._odometry: deque[tuple[int, Odometry]] = deque(maxlen=64)
+        self._sent = ZERO_TWIST
+        self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
+        self._reckoned_s: float | None = None
+        self._travelled_m = 0.0
+        self._scan_s: float | None = None
+        self._period_s = 0.0
+        self._blocked = False
+        self._own_range_m = np.full(_BINS, np.nan)
+        self._own_since_s = np.zeros(_BINS)
+        self._own_since_m = np.zeros(_BINS)
+        self._forget_surroundings()
+
+    # What is known
+
+    def take_round_trip(self, round_trip_s: float) -> None:
+        """What the network takes for a scan to come and a command to go, on top of ``reaction_s``."""
+        self._round_trip_s = min(max(round_trip_s, 0.0), 1.0)
+
+    def take_odometry(self, odometry: Odometry) -> None:
+        now_s = odometry.stamp_ns / 1e9
+        previous = self._odometry[-1][1] if self._odometry else None
+        self._reckon(now_s)
+        jump = self._odom_from_robot.inverse() @ odometry.pose_in_odom
+        if previous is None or math.hypot(jump.x_m, jump.y_m) > 0.5 or abs(jump.heading_rad) > 0.8:
+            # Another frame from now on, or the robot was set elsewhere: no known point is where it was.
+            self._forget_surroundings()
+            self._odometry.clear()
+        stamp_ns = odometry.robot_stamp_ns if odometry.robot_stamp_ns is not None else odometry.stamp_ns
+        self._odometry.append((stamp_ns, odometry))
+        self._odom_from_robot = odometry.pose_in_odom
+
+    def note_sent(self, twist: Twist2D, now_s: float) -> None:
+        """A velocity went to the robot."""
+        self._reckon(now_s)
+        self._sent = twist
+
+    def take_scan(self, scan: LaserScan) -> None:
+        now_s = scan.stamp_ns / 1e9
+        self._reckon(now_s)
+        if self._scan_s is not None and now_s > self._scan_s:
+            period_s = min(now_s - self._scan_s, 1.0)
+            self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
+        self._scan_s = now_s
+        ranges_m = scan.ranges_m.astype(np.float64)
+        angle_min_rad, increment_rad = scan.angle_min_rad, scan.angle_increment_rad
+        if increment_rad < 0.0:
+            ranges_m = ranges_m[::-1]
+            angle_min_rad, increment_rad = angle_min_rad + (len(ranges_m) - 1) * increment_rad, -increment_rad
+        if not len(ranges_m) or not increment_rad > 0.0 or not math.isfinite(angle_min_rad):
+            return
+        looks = ~np.isnan(ranges_m)
+        with np.errstate(invalid="ignore"):
+            # A reading below the least range is a beam without an answer, as is one beyond the greatest.
+            measured = (ranges_m >= max(scan.range_min_m, 1e-3)) & (ranges_m <= scan.range_max_m)
+        measured &= np.isfinite(ranges_m)
+        at_laser = np.where(measured, ranges_m, 0.0)
+        angles = angle_min_rad + increment_rad * np.arange(len(ranges_m))
+        points_in_laser = np.column_stack((at_laser * np.cos(angles), at_laser * np.sin(angles)))
+        points_in_robot = transformed(scan.robot_from_laser, points_in_laser)
+        own = self._own_body(points_in_robot, ranges_m, measured, angles, now_s)
+        obstacle = measured & ~own
+        looks &= ~own
+        whole = len(ranges_m) * increment_rad > 2.0 * math.pi - 1.5 * increment_rad
+        odom_from_robot = self._pose_at(scan)
+        view = _View(
+            stamp_s=now_s,
+            odom_from_laser=odom_from_robot @ scan.robot_from_laser,
+            odom_from_robot=odom_from_robot,
+            angle_min_rad=angle_min_rad,
+            increment_rad=increment_rad,
+            ranges_m=np.where(measured, ranges_m, np.inf),
+            uncovered_rad=_angle_to_nearest(looks, increment_rad, whole=whole),
+            whole=whole and bool(looks.all()),
+        )
+        self._remember_what_left_the_view(view, looks)
+        legs = _stands_free(points_in_laser, ranges_m, measured, whole=whole)
+        self._view = view
+        self._keep_view(view)
+        self._points_in_odom = transformed(odom_from_robot, points_in_robot[obstacle])
+        self._legs = legs[obstacle]
+
+    # What is allowed
+
+    def limit(self, twist: Twist2D, now_s: float) -> GuardLimit:
+        """How much of ``twist`` is allowed now. Anything but a moving twist only tells the state."""
+        if not self._present:
+            return GuardLimit(1.0, "absent")
+        stale = self.stale(now_s)
+        cap = self._blind_cap(twist) if stale else 1.0
+        if not self._on:
+            return GuardLimit(cap, "overridden")
+        found = GuardLimit(1.0, "clear")
+        if twist.moving:
+            self._reckon(now_s)
+            found = self._obstacle_limit(twist, now_s)
+        if found.state == "blocked" or (found.fraction < cap and found.state == "slowing"):
+            return found
+        if stale:
+            return GuardLimit(min(cap, found.fraction), "blind", found.distance_m, _STALE_WORDS)
+        if twist.moving and not self._sees_the_way(twist, now_s):
+            crawl = self._crawl(twist)
+            if crawl < found.fraction:
+                return GuardLimit(crawl, "blind", found.distance_m, _UNSEEN_WORDS)
+        return found
+
+    def stale(self, now_s: float) -> bool:
+        """Whether the newest scan is too old to be the truth (or there is none)."""
+        if self._scan_s is None:
+            return True
+        return now_s - self._scan_s > max(_STALE_AFTER_S, _STALE_PERIODS * self._period_s)
+
+    def _obstacle_limit(self, twist: Twist2D, now_s: float) -> GuardLimit:
+        speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
+        fastest_mps = speed_mps + abs(twist.turn_radps) * self._footprint.radius_m
+        reaction_s = self._settings.reaction_s + self._round_trip_s
+        braking_s = max(
+            speed_mps / self._limits.deceleration_mps2,
+            abs(twist.turn_radps) / self._limits.turn_deceleration_radps2,
+        )
+        horizon_s = max(
+            reaction_s + braking_s + self._settings.stop_distance_m / fastest_mps, _REPORTED_M / fastest_mps
+        )
+        within_m = self._footprint.radius_m + SIDE_MARGIN_M + LEGS_MARGIN_M + horizon_s * fastest_mps
+        points, legs = self._points_near(within_m, now_s)
+        fraction, distance_m = 1.0, math.inf
+        for kind, wanted_m in ((points[~legs], SIDE_MARGIN_M), (points[legs], SIDE_MARGIN_M + LEGS_MARGIN_M)):
+            if not len(kind):
+                continue
+            gaps_m = self._footprint.gap_m(kind)
+            # Where less room is left than the margin, it is kept as it is: the robot may go along a wall.
+            margin_m = min(max(float(gaps_m.min()) - 0.005, 0.0), wanted_m)
+            contact_s = self._footprint.contact_s(kind, twist, margin_m=margin_m)
+            reached = contact_s < horizon_s
+            if not reached.any():
+                continue
+            contact_s, group, gaps_m = contact_s[reached], kind[reached], gaps_m[reached]
+            approach_mps = np.maximum(
+                np.hypot(
+                    twist.forward_mps - twist.turn_radps * group[:, 1],
+                    twist.left_mps + twist.turn_radps * group[:, 0],
+                ),
+                1e-6,
+            )
+            stop_m = np.maximum(
+                self._settings.stop_distance_m * np.minimum(1.0, speed_mps / approach_mps), TURNING_STOP_M
+            )
+            room_s = float((contact_s - stop_m / approach_mps).min())
+            fraction = min(fraction, _stopping_fraction(room_s, reaction_s, braking_s))
+            ways_m = np.where(contact_s > 0.0, contact_s * approach_mps + margin_m, np.maximum(gaps_m, 0.0))
+            distance_m = min(distance_m, float(ways_m.min()))
+        told_m = distance_m if distance_m <= _REPORTED_M else None
+        allowed_mps = fraction * fastest_mps
+        if fraction < 1.0 and allowed_mps < (_START_MPS if self._blocked else _CREEP_MPS):
+            self._blocked = True
+            return GuardLimit(0.0, "blocked", told_m)
+        self._blocked = False
+        return GuardLimit(fraction, "slowing" if fraction < 0.99 else "clear", told_m)
+
+    def _points_near(self, within_m: float, now_s: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Scanned and remembered points in the robot frame, and which of them may be legs."""
+        recent = now_s - self._memory_s <= MEMORY_S
+        in_odom = np.concatenate((self._points_in_odom, self._memory_in_odom[recent]))
+        legs = np.concatenate((self._legs, self._memory_legs[recent]))
+        here = np.array([self._odom_from_robot.x_m, self._odom_from_robot.y_m])
+        near = ((in_odom - here) ** 2).sum(axis=1) <= within_m**2
+        return transformed(self._odom_from_robot.inverse(), in_odom[near]), legs[near]
+
+    def _blind_cap(self, twist: Twist2D) -> float:
+        limits = self._limits
+        along_mps = limits.forward_mps if twist.forward_mps > 0.0 else limits.backward_mps
+        return min(
+            1.0,
+            _share(BLIND_FRACTION * along_mps, twist.forward_mps),
+            _share(BLIND_FRACTION * limits.left_mps, twist.left_mps),
+            _share(BLIND_FRACTION * limits.turn_radps, twist.turn_radps),
+        )
+
+    def _crawl(self, twist: Twist2D) -> float:
+        speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
+        return min(1.0, _share(CRAWL_MPS, speed_mps), _share(CRAWL_MPS, twist.turn_radps * self._footprint.radius_m))
+
+    def _sees_the_way(self, twist: Twist2D, now_s: float) -> bool:
+        """Whether beams look, or looked not long ago, wherever the footprint goes before it could stop."""
+        view = self._view
+        if view is None:
+            return False
+        if view.whole:
+            return True
+        fastest_mps = math.hypot(twist.forward_mps, twist.left_mps) + abs(twist.turn_radps) * self._footprint.radius_m
+        until_s = self._settings.reaction_s + (self._settings.stop_distance_m + 0.1) / fastest_mps
+        until_s = min(until_s, math.pi / max(abs(twist.turn_radps), 1e-6))
+        swept = self._footprint.outline_after(twist, np.linspace(0.25, 1.0, 4) * until_s)
+        swept = swept[self._footprint.gap_m(swept) > _BESIDE_M]
+        if not len(swept):
+            return True
+        unknown = transformed(self._odom_from_robot, swept)
+        unknown = unknown[~view.knows(unknown, seen=False)]
+        for earlier in reversed(self._views):
+            if not len(unknown) or now_s - earlier.stamp_s > MEMORY_S:
+                break
+            unknown = unknown[~earlier.knows(unknown, seen=True)]
+        return not len(unknown)
+
+    # Where the robot is
+
+    def _reckon(self, now_s: float) -> None:
+        """Carry the pose on from the last odometry with the velocity measured then, or the one sent since."""
+        before_s, self._reckoned_s = self._reckoned_s, now_s
+        if before_s is None or now_s <= before_s:
+            self._reckoned_s = before_s if before_s is not None else now_s
+            return
+        newest = self._odometry[-1][1] if self._odometry else None
+        fresh = newest is not None and now_s - newest.stamp_ns / 1e9 <= _ODOMETRY_FRESH_S
+        twist = newest.twist if newest is not None and fresh else self._sent
+        step = moved_by(twist, min(now_s - before_s, 1.0))
+        self._odom_from_robot = self._odom_from_robot @ step
+        self._travelled_m += math.hypot(step.x_m, step.y_m) + abs(step.heading_rad) * self._footprint.radius_m
+
+    def _pose_at(self, scan: LaserScan) -> Pose2D:
+        """Where the robot was when it took the scan: by its own stamps where scan and odometry both carry them."""
+        if not self._odometry:
+            return self._odom_from_robot
+        by_robot = scan.robot_stamp_ns is not None and self._odometry[-1][1].robot_stamp_ns is not None
+        stamp_ns = scan.robot_stamp_ns if by_robot and scan.robot_stamp_ns is not None else scan.stamp_ns
+        newest_ns, newest = self._odometry[-1]
+        if stamp_ns >= newest_ns:
+            ahead_s = (stamp_ns - newest_ns) / 1e9
+            if ahead_s > _ODOMETRY_FRESH_S:
+                return self._odom_from_robot
+            return newest.pose_in_odom @ moved_by(newest.twist, ahead_s)
+        for at_ns, odometry in reversed(self._odometry):
+            if at_ns <= stamp_ns:
+                return odometry.pose_in_odom @ moved_by(odometry.twist, (stamp_ns - at_ns) / 1e9)
+        # Older than all that is known of the motion, or stamped by another clock.
+        return self._odom_from_robot
+
+    # What is remembered
+
+    def _forget_surroundings(self) -> None:
+        self._points_in_odom = np.empty((0, 2))
+        self._legs = np.empty(0, dtype=bool)
+        self._memory_in_odom = np.empty((0, 2))
+        self._memory_legs = np.empty(0, dtype=bool)
+        self._memory_s = np.empty(0)
+        self._view = None
+        self._views.clear()
+
+    def _remember_what_left_the_view(self, view: _View, looks: NDArray[np.bool_]) -> None:
+        """Of the points before this scan keep those where it does not look, and those too near for it to answer."""
+        if self._view is not None:
+            before = np.full(len(self._points_in_odom), self._view.stamp_s)
+            self._memory_s = np.concatenate((self._memory_s, before))
+            self._memory_in_odom = np.concatenate((self._memory_in_odom, self._points_in_odom))
+            self._memory_legs = np.concatenate((self._memory_legs, self._legs))
+        if not len(self._memory_in_odom):
+            return
+        x, y = transformed(view.odom_from_laser.inverse(), self._memory_in_odom).T
+        distance = np.hypot(x, y)
+        beyond_min = np.mod(np.arctan2(y, x) - view.angle_min_rad, 2.0 * math.pi)
+        beam = np.rint(beyond_min / view.increment_rad).astype(np.intp)
+        if view.whole:
+            beam %= len(looks)
+        within = beam < len(looks)
+        beam = np.minimum(beam, len(looks) - 1)
+        seen_anew = within & looks[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
+        keep = ~seen_anew & (distance <= _REMEMBERED_WITHIN_M) & (view.stamp_s - self._memory_s <= MEMORY_S)
+        self._memory_in_odom = self._memory_in_odom[keep]
+        self._memory_legs = self._memory_legs[keep]
+        self._memory_s = self._memory_s[keep]
+
+    def _keep_view(self, view: _View) -> None:
+        if view.whole:
+            return
+        if self._views:
+            moved = self._views_anchor.inverse() @ view.odom_from_robot
+            if math.hypot(moved.x_m, moved.y_m) < _VIEW_EVERY_M and abs(moved.heading_rad) < _VIEW_EVERY_RAD:
+                self._views[-1] = view
+                return
+        self._views_anchor = view.odom_from_robot
+        self._views.append(view)
+
+    def _own_body(
+        self,
+        points_in_robot: Array,
+        ranges_m: Array,
+        measured: NDArray[np.bool_],
+        angles: NDArray[np.floating],
+        now_s: float,
+    ) -> NDArray[np.bool_]:
+        gaps_m = self._footprint.gap_m(points_in_robot)
+        inside = measured & (gaps_m < 0.0)
+        # By angle, as some LIDARs give a beam more or less from scan to scan.
+        bins = np.floor(angles / (2.0 * math.pi) * _BINS).astype(np.intp) % _BINS
+        current_m = np.full(_BINS, np.nan)
+        current_m[bins[inside]] = ranges_m[inside]
+        with np.errstate(invalid="ignore"):
+            same = np.abs(current_m - self._own_range_m) < _SAME_RANGE_M
+        self._own_since_s[~same] = now_s
+        self._own_since_m[~same] = self._travelled_m
+        self._own_range_m[~same] = current_m[~same]
+        moved = self._travelled_m - self._own_since_m[bins] >= _OWN_AFTER_M
+        lasted = now_s - self._own_since_s[bins] >= _DEEP_OWN_AFTER_S
+        own: NDArray[np.bool_] = inside & (moved | (lasted & (gaps_m < -_DEEP_M)))
+        return own
+
+
+class GuardNews:
+    """Decides which limits are worth an event: each change for the worse at once, all others now and then."""
+
+    EVERY_S = 0.2
+    BETTER_AFTER_S = 0.4
+    _ORDER: tuple[GuardState, ...] = ("absent", "overridden", "clear", "slowing", "blind", "blocked")
+
+    def __init__(self) -> None:
+        self._told: GuardLimit | None = None
+        self._told_s = -math.inf
+        self._better_since_s: float | None = None
+
+    def forget(self) -> None:
+        """The next limit is told whatever it is."""
+        self._told = None
+        self._told_s = -math.inf
+        self._better_since_s = None
+
+    def of(self, limit: GuardLimit, now_s: float, *, stamp_ns: int) -> GuardChanged | None:
+        told = self._told
+        if told is not None:
+            if limit.state != told.state:
+                worse = self._ORDER.index(limit.state) > self._ORDER.index(told.state)
+                switched = "overridden" in (limit.state, told.state)
+                if not (worse or switched):
+                    # Noise makes a limit come and go; the wizard is told once it stays away.
+                    if self._better_since_s is None:
+                        self._better_since_s = now_s
+                    if now_s - self._better_since_s < self.BETTER_AFTER_S:
+                        return None
+                elif not switched and limit.state != "blocked" and now_s - self._told_s < self.EVERY_S:
+                    return None
+            else:
+                self._better_since_s = None
+                if now_s - self._told_s < self.EVERY_S or _alike(limit, told):
+                    return None
+        self._told, self._told_s, self._better_since_s = limit, now_s, None
+        return GuardChanged(stamp_ns, limit.state, limit.distance_m, limit.detail)
+
+
+def _stopping_fraction(room_s: float, reaction_s: float, braking_s: float) -> float:
+    """The fraction k of a velocity with k * reaction + k^2 * braking / 2 = room, all in seconds at full velocity."""
+    if room_s <= 0.0:
+        return 0.0
+    if braking_s <= 1e-9:
+        return min(1.0, room_s / reaction_s) if reaction_s > 0.0 else 1.0
+    return min(1.0, (math.sqrt(reaction_s**2 + 2.0 * braking_s * room_s) - reaction_s) / braking_s)
+
+
+def _share(most: float, value: float) -> float:
+    return most / abs(value) if abs(value) > 1e-9 else 1.0
+
+
+def _alike(limit: GuardLimit, told: GuardLimit) -> bool:
+    if limit.detail != told.detail or (limit.distance_m is None) != (told.distance_m is None):
+        return False
+    if limit.distance_m is None or told.distance_m is None:
+        return True
+    return abs(limit.distance_m - told.distance_m) < max(0.05, 0.1 * told.distance_m)
+
+
+def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: bool) -> Array:
+    """For each beam the angle to the nearest one that looks; ``inf`` where none does."""
+    count = len(looks)
+    if looks.all():
+        return np.zeros(count)
+    if not looks.any():
+        return np.full(count, np.inf)
+    beams = np.arange(count)
+    if whole:
+        beams, looks = np.arange(3 * count), np.tile(looks, 3)
+    before = np.maximum.accumulate(np.where(looks, beams, -(10**6)))
+    after = np.minimum.accumulate(np.where(looks, beams, 10**6)[::-1])[::-1]
+    steps = np.minimum(beams - before, after - beams)
+    nearest: Array = (steps[count : 2 * count] if whole else steps) * increment_rad
+    return nearest
+
+
+def _stands_free(
+    points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, whole: bool
+) -> NDArray[np.bool_]:
+    """Which points belong to something that stands free before what is behind it and is no wider than a person."""
+    count = len(ranges_m)
+    free = np.zeros(count, dtype=bool)
+    depth = np.where(measured, ranges_m, np.inf)
+    with np.errstate(invalid="ignore"):
+        rise = np.diff(depth, append=depth[:1])
+    # inf - inf is nan: no thing begins or ends between two beams that end nowhere.
+    ends = np.flatnonzero(np.abs(np.nan_to_num(rise, nan=0.0, posinf=1e9, neginf=-1e9)) > _STANDS_FREE_M)
+    if len(ends) < 2:
+        return free
+    firsts, lasts = np.concatenate(([ends[-1] + 1 - count], ends[:-1] + 1)), ends
+    if not whole:
+        firsts, lasts = firsts[1:], lasts[1:]
+        lasts, firsts = lasts[lasts < count - 1], firsts[lasts < count - 1]
+    nearer = (rise[firsts - 1] < 0.0) & (rise[lasts] > 0.0) & measured[firsts]
+    widths_m = np.hypot(*(points_in_laser[firsts] - points_in_laser[lasts]).T)
+    for first, last in zip(
+        firsts[nearer & (widths_m <= _LEGS_WIDE_M)], lasts[nearer & (widths_m <= _LEGS_WIDE_M)], strict=True
+    ):
+        free[np.arange(first, last + 1)] = True
+    return free
