@@ -31,7 +31,7 @@ from caris_desktop.recording.export import ExportError
 from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
-from caris_desktop.robot.profile import ProfileError, load_profile, shipped_profiles
+from caris_desktop.robot.profile import ProfileError, list_profiles, load_profile
 from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
@@ -200,11 +200,10 @@ def _own_file(scenario: Scenario) -> Path:
 
 
 def _robots() -> tuple[RobotChoice, ...]:
-    choices = []
-    for name in shipped_profiles():
-        profile = load_profile(name)
-        choices.append(RobotChoice(name, profile.title, without_credentials(profile.address)))
-    return tuple(choices)
+    return tuple(
+        RobotChoice(listed.name, listed.title, without_credentials(listed.address), listed.error)
+        for listed in list_profiles()
+    )
 
 
 def _connect_to(name: str, *, own_camera: bool) -> RobotConnection:

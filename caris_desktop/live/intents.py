@@ -16,11 +16,12 @@ from caris_desktop.study.trial import TrialDetails
 
 @dataclass(frozen=True, slots=True)
 class RobotChoice:
-    """One robot of the list. ``name`` is what ``use_robot`` takes."""
+    """One robot of the list. ``name`` is what ``use_robot`` takes; ``problem`` says why its profile cannot be used."""
 
     name: str
     title: str
     address: str
+    problem: str = ""
 
 
 class WizardIntents(Protocol):
