@@ -92,14 +92,19 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
     }
 
 
+def no_tls(address: str) -> tuple[str, str]:
+    """What to tell of a server that does not understand the offer of a secured connection."""
+    return (
+        f"What answers at {address} does not speak TLS.",
+        "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
+    )
+
+
 def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[str, str]:
     """Why the secured connection to ``name`` did not come about, and what to do, for the wizard."""
     if not isinstance(error, ssl.SSLCertVerificationError):
         if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
-            return (
-                f"What answers at {address} does not speak TLS.",
-                "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
-            )
+            return no_tls(address)
         return (
             f"No secured connection to {name} came about ({error.reason or error}).",
             "Check the TLS settings of the robot's rosbridge (certfile, keyfile).",

@@ -23,7 +23,7 @@ from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.robot.profile import SecuritySettings
-from caris_desktop.robot.security import SecurityError, explain_tls_failure, tls_context
+from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
 
 logger = logging.getLogger(__name__)
 
@@ -74,6 +74,7 @@ class Wire(asyncio.Protocol):
         self, url: str, owner: WireOwner, timings: Timings, largest_frame_bytes: int, tls: "TlsLayer | None" = None
     ) -> None:
         self._loop = asyncio.get_running_loop()
+        self._address = without_credentials(url)
         self._owner = owner
         self._timings = timings
         self._protocol = ClientProtocol(parse_uri(url), max_size=largest_frame_bytes, logger=_quiet_logger())
@@ -232,6 +233,9 @@ class Wire(asyncio.Protocol):
         self._flush()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        if self._tls is not None and not self._tls.established:
+            # Servers without TLS hang up on a question they do not understand.
+            self._fail_opening(SecurityError(*no_tls(self._address)))
         if not self._why_lost and exc is not None:
             self._why_lost = str(exc)
         self._end()

@@ -1,0 +1,261 @@
+"""Secured links: whom the console trusts, and how it proves who it is, against servers of other people's making."""
+
+import asyncio
+import hashlib
+import json
+import logging
+import pickle
+import ssl
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+
+from caris_desktop.robot.link import LinkSettings
+from caris_desktop.robot.profile import SecuritySettings, load_profile
+from caris_desktop.robot.transport import SafeRos, SafeTopic
+from tests.robot.test_transport import Observer, until
+from tests.support.certificates import Authority, ServerFiles
+
+SECRET = "sixteen_letters!"
+SECRET_ENV = "CARIS_TEST_ROSAUTH"
+
+
+class TellingObserver(Observer):
+    """Also notes why no connection came about."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.unreachable: list[tuple[str, str]] = []
+
+    def link_unreachable(self, what: str, advice: str) -> None:
+        super().link_unreachable(what, advice)
+        self.unreachable.append((what, advice))
+
+
+@dataclass
+class Server:
+    port: int = 0
+    connections: int = 0
+    authorized: int = 0
+    operations: list[dict[str, Any]] = field(default_factory=list)
+
+
+def rosauth_accepts(operation: dict[str, Any]) -> bool:
+    """As rosauth's ros_mac_authentication decides."""
+    parts = [SECRET, *(str(operation[name]) for name in ("client", "dest", "rand", "t", "level", "end"))]
+    return hashlib.sha512("".join(parts).encode()).hexdigest() == operation["mac"]
+
+
+@asynccontextmanager
+async def rosbridge(*, files: ServerFiles | None = None, demands_secret: bool = False) -> Any:
+    """Answers every call with an empty message; with ``demands_secret`` as rosbridge with ``authenticate``."""
+    server = Server()
+
+    async def handle(client: ServerConnection) -> None:
+        server.connections += 1
+        authorized = not demands_secret
+        try:
+            async for content in client:
+                operation = json.loads(content)
+                server.operations.append(operation)
+                if not authorized:
+                    authorized = operation["op"] == "auth" and rosauth_accepts(operation)
+                    if not authorized:
+                        await client.close()
+                    else:
+                        server.authorized += 1
+                elif operation["op"] == "call_service":
+                    answer = {"op": "service_response", "id": operation.get("id"), "values": {}, "result": True}
+                    await client.send(json.dumps(answer))
+                elif operation["op"] == "subscribe":
+                    message = {"op": "publish", "topic": operation["topic"], "msg": {"data": "x" * 300_000}}
+                    await client.send(json.dumps(message))
+        except ConnectionClosed:
+            pass
+
+    context = None
+    if files is not None:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(files.certificate, files.key)
+    async with serve(handle, "127.0.0.1", 0, ssl=context) as running:
+        server.port = running.sockets[0].getsockname()[1]
+        yield server
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory: pytest.TempPathFactory) -> Authority:
+    return Authority(tmp_path_factory.mktemp("certificates"))
+
+
+Use = Callable[[SafeRos, TellingObserver, Server], Awaitable[None]]
+
+
+def connect(
+    use: Use,
+    running: AbstractAsyncContextManager[Server],
+    security: SecuritySettings,
+    *,
+    scheme: str = "wss",
+    host: str = "127.0.0.1",
+) -> None:
+    async def run() -> None:
+        async with running as server:
+            observer = TellingObserver()
+            ros = SafeRos(f"{scheme}://{host}:{server.port}", observer, security=security)
+            ros.connect()
+            await use(ros, observer, server)
+            await ros.aclose(1.0)
+
+    asyncio.run(run())
+
+
+async def is_told(observer: TellingObserver, *expected: str) -> None:
+    what, advice = (await until(lambda: observer.unreachable, "a reason"))[0]
+    for words in expected:
+        assert words in f"{what} {advice}"
+    assert "connected" not in observer.told
+
+
+def trusting(authority: Authority) -> SecuritySettings:
+    return SecuritySettings(ca_file=str(authority.file))
+
+
+def test_a_server_whose_certificate_is_in_order_is_connected_and_messages_of_every_size_pass(
+    authority: Authority,
+) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        heard: list[Any] = []
+        await until(lambda: "connected" in observer.told, "connected")
+        SafeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
+        await until(lambda: heard, "the message")
+        assert len(heard[0]["data"]) == 300_000
+        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").publish({"linear": {"x": 0.5}})
+        await until(lambda: [op for op in server.operations if op["op"] == "publish"], "the command")
+        assert await ros.ask("/any", "std_srvs/Empty") == {}
+        assert ros.unsent_bytes == 0
+
+    connect(use, rosbridge(files=authority.issue("127.0.0.1")), trusting(authority))
+
+
+def test_a_server_by_name_is_checked_by_name(authority: Authority) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await until(lambda: "connected" in observer.told, "connected")
+
+    connect(use, rosbridge(files=authority.issue("localhost")), trusting(authority), host="localhost")
+
+
+def test_a_certificate_that_nobody_known_signed_is_refused(authority: Authority) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "is not trusted", "ca_file")
+        assert server.operations == []
+
+    connect(use, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings())
+
+
+def test_a_certificate_that_has_expired_is_refused(authority: Authority) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "has expired", "Renew it")
+
+    connect(use, rosbridge(files=authority.issue("127.0.0.1", expired=True)), trusting(authority))
+
+
+@pytest.mark.parametrize("issued_for", ["robot.example", "10.0.0.9"])
+def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued_for: str) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "is for another name than 127.0.0.1")
+
+    connect(use, rosbridge(files=authority.issue(issued_for)), trusting(authority))
+
+
+def test_a_server_without_tls_and_a_client_without_tls_are_told_apart(authority: Authority) -> None:
+    async def plain_server(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "does not speak TLS", "ws://")
+
+    async def plain_client(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "is not a rosbridge server", "wss://")
+
+    connect(plain_server, rosbridge(), trusting(authority))
+    connect(plain_client, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings(), scheme="ws")
+
+
+@pytest.mark.parametrize("content", [None, "no certificate"])
+def test_a_file_of_certificates_that_cannot_be_used_is_named(tmp_path: Path, content: str | None) -> None:
+    file = tmp_path / "trusted.pem"
+    if content is not None:
+        file.write_text(content)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, str(file), "ca_file")
+
+    connect(use, rosbridge(), SecuritySettings(ca_file=str(file)))
+
+
+WITH_SECRET = SecuritySettings(rosauth_secret_env=SECRET_ENV)
+
+
+def test_the_right_secret_is_accepted_again_after_each_reconnect(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(SECRET_ENV, SECRET)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
+        await until(lambda: "connected" in observer.told, "connected")
+        await until(lambda: [op for op in server.operations if op["op"] == "advertise"], "advertised")
+        assert server.operations[0]["op"] == "auth"
+        protocol = ros.factory.protocol
+        assert protocol is not None
+        protocol.wire.abort("a broken network")
+        await until(lambda: server.authorized == 2, "authorized again")
+        await until(lambda: observer.told.count("connected") == 2, "connected again")
+
+    connect(use, rosbridge(demands_secret=True), WITH_SECRET, scheme="ws")
+
+
+def test_a_wrong_secret_is_refused_in_words_and_never_shown_as_connected(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv(SECRET_ENV, "a wrong secret..")
+    caplog.set_level(logging.DEBUG)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "refused this console", SECRET_ENV)
+        await until(lambda: len(observer.unreachable) >= 2, "another attempt")
+        assert "connected" not in observer.told
+        assert server.connections <= 3
+
+    connect(use, rosbridge(demands_secret=True), WITH_SECRET, scheme="ws")
+    assert "a wrong secret.." not in caplog.text
+
+
+def test_a_secret_that_is_not_set_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(SECRET_ENV, raising=False)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, f"the environment variable {SECRET_ENV} is not set")
+
+    connect(use, rosbridge(demands_secret=True), WITH_SECRET, scheme="ws")
+
+
+def test_a_server_that_demands_a_secret_which_the_profile_does_not_name_is_explained_and_not_hammered() -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
+        what, advice = (await until(lambda: observer.unreachable, "a reason"))[0]
+        assert "closes each connection at once" in what
+        assert "rosauth_secret_env" in advice
+        assert observer.told.count("connected") == 1
+
+    connect(use, rosbridge(demands_secret=True), SecuritySettings(), scheme="ws")
+
+
+def test_the_secret_is_not_in_what_a_link_process_is_started_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(SECRET_ENV, SECRET)
+    profile = replace(load_profile("simulated"), security=WITH_SECRET)
+    settings = LinkSettings(profile, "ws://127.0.0.1:9090")
+    assert SECRET.encode() not in pickle.dumps(settings)
+    assert SECRET_ENV.encode() in pickle.dumps(settings)
+    assert SECRET not in repr(settings)
