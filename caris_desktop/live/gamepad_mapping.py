@@ -1,0 +1,379 @@
+"""What a gamepad's sticks and buttons mean: bindings, dead zones, curve, and how they are kept. Plain functions.
+
+A binding is written as SDL writes it: ``a0`` is an axis, ``a0~`` the same the other way round, ``+a2`` and ``-a2`` its
+halves, ``b3`` a button, ``h0.1`` a direction of a hat (1 up, 2 right, 4 down, 8 left). ``b9|b10`` are two of them: for
+an axis the first pushes it to +1 and the second to -1, for a button either of them presses it.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, get_args
+
+MAPPINGS_VERSION: Final = 1
+
+AxisAction = Literal["forward", "left", "turn", "pan", "tilt", "boost", "slow"]
+ButtonAction = Literal[
+    "stop", "emergency_stop", "phrase_1", "phrase_2", "phrase_3", "phrase_4", "filler", "silence", "photo", "mark",
+    "slower", "faster", "look_ahead", "push_to_talk",
+]  # fmt: skip
+AXIS_ACTIONS: tuple[AxisAction, ...] = get_args(AxisAction)
+BUTTON_ACTIONS: tuple[ButtonAction, ...] = get_args(ButtonAction)
+TRIGGERS: tuple[AxisAction, ...] = ("boost", "slow")
+_STICKS: tuple[tuple[AxisAction, ...], ...] = (("forward", "turn"), ("pan", "tilt"))
+
+_PART = re.compile(r"([+-]?)(?:a(\d+)(~?)|b(\d+)|h(\d+)\.([1248]))")
+_PRESSED_AT = 0.5
+_MOVED_BY = 0.6
+
+# In terms of SDL's own names for the parts of a game controller. Push to talk has no button of its own yet.
+_ON_A_CONTROLLER: dict[str, tuple[str, ...]] = {
+    "forward": ("lefty~",), "turn": ("leftx~",), "left": ("leftshoulder", "rightshoulder"),
+    "pan": ("rightx~",), "tilt": ("righty",), "boost": ("righttrigger",), "slow": ("lefttrigger",),
+    "stop": ("b",), "emergency_stop": ("back", "start"), "phrase_1": ("dpup",), "phrase_2": ("dpright",),
+    "phrase_3": ("dpdown",), "phrase_4": ("dpleft",), "silence": ("x",), "photo": ("y",), "mark": ("a",),
+    "look_ahead": ("rightstick",), "filler": ("leftstick",),
+}  # fmt: skip
+_ON_ANY_DEVICE: dict[str, str] = {
+    "forward": "a1~", "turn": "a0~", "pan": "a2~", "tilt": "a3", "stop": "b1", "mark": "b0", "silence": "b2",
+    "photo": "b3", "emergency_stop": "b6|b7", "phrase_1": "h0.1", "phrase_2": "h0.2", "phrase_3": "h0.4",
+    "phrase_4": "h0.8",
+}  # fmt: skip
+
+
+class MappingError(ValueError):
+    """Stored mappings that cannot be used; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawInputs:
+    """Everything a device says: axes -1..1 (None: not heard of yet), buttons, hats as bits (1 up, 2 right, 4, 8)."""
+
+    axes: tuple[float | None, ...] = ()
+    buttons: tuple[bool, ...] = ()
+    hats: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class GamepadMapping:
+    """Bindings of one device by action; ``speed`` is the share of the speed setting without any trigger."""
+
+    axes: Mapping[AxisAction, str] = field(default_factory=dict)
+    buttons: Mapping[ButtonAction, str] = field(default_factory=dict)
+    dead_zone: float = 0.12
+    curve: float = 1.6
+    speed: float = 0.6
+    slow_speed: float = 0.25
+
+    def bound(self, action: str) -> str:
+        """The binding of an action; empty where it has none."""
+        return next((binding for name, binding in self.bindings() if name == action), "")
+
+    def bindings(self) -> list[tuple[AxisAction | ButtonAction, str]]:
+        """Every action that has a binding."""
+        return [*self.axes.items(), *self.buttons.items()]
+
+    def with_binding(self, action: AxisAction | ButtonAction, binding: str) -> "GamepadMapping":
+        """The same with one binding changed; empty takes it away. Whatever else had these inputs loses them."""
+        taken = set(binding.split("|")) if binding else set()
+
+        def freed(bindings: Mapping[Any, str]) -> dict[Any, str]:
+            kept = {}
+            for other, old in bindings.items():
+                parts = [part for part in old.split("|") if not any(_same_input(part, new) for new in taken)]
+                if other != action and parts:
+                    kept[other] = "|".join(parts)
+            return kept
+
+        axes, buttons = freed(self.axes), freed(self.buttons)
+        if binding and action in AXIS_ACTIONS:
+            axes[action] = binding
+        elif binding:
+            buttons[action] = binding
+        return replace(self, axes=axes, buttons=buttons)
+
+
+@dataclass(frozen=True, slots=True)
+class StickWish:
+    """What the sticks ask for: each -1..1, left and up positive for the base, pan left and tilt down for the head."""
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+    pan: float = 0.0
+    tilt: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        return self != AT_REST
+
+
+AT_REST = StickWish()
+
+
+def default_mapping(
+    controller: Mapping[str, str] | None, *, axis_count: int, button_count: int, hat_count: int
+) -> GamepadMapping:
+    """The mapping of a device that has none yet.
+
+    ``controller`` is SDL's own mapping of it (``{"leftx": "a0", "b": "b1", ...}``); without one, a guess that most
+    devices bear out. What the device does not have is left out.
+    """
+    if controller:
+        bindings = {
+            action: "|".join(_turned(controller[name.rstrip("~")], name.endswith("~")) for name in names)
+            for action, names in _ON_A_CONTROLLER.items()
+            if all(name.rstrip("~") in controller for name in names)
+        }
+    else:
+        bindings = dict(_ON_ANY_DEVICE)
+    present = {}
+    for action, binding in bindings.items():
+        parts = [part for part in binding.split("|") if _is_there(part, axis_count, button_count, hat_count)]
+        whole = len(parts) == len(binding.split("|"))
+        if parts and (whole or action in BUTTON_ACTIONS):
+            present[action] = "|".join(parts)
+    return GamepadMapping(
+        axes={action: present[action] for action in AXIS_ACTIONS if action in present},
+        buttons={action: present[action] for action in BUTTON_ACTIONS if action in present},
+    )
+
+
+def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> StickWish:
+    """What ``raw`` asks for after dead zone, curve and triggers."""
+    actions: tuple[AxisAction, ...] = ("forward", "left", "turn", "pan", "tilt")
+    values = {action: axis_value(mapping.bound(action), raw) for action in actions}
+    for first, second in _STICKS:
+        values[first], values[second] = shaped(values[first], values[second], mapping.dead_zone, mapping.curve)
+    values["left"], _ = shaped(values["left"], 0.0, mapping.dead_zone, mapping.curve)
+    speed = speed_share(mapping, raw)
+    return StickWish(
+        forward=_rounded(values["forward"] * speed),
+        left=_rounded(values["left"] * speed),
+        turn=_rounded(values["turn"] * speed),
+        pan=_rounded(values["pan"]),
+        tilt=_rounded(values["tilt"]),
+    )
+
+
+def speed_share(mapping: GamepadMapping, raw: RawInputs) -> float:
+    """How much of the speed setting a full stick asks for: the right trigger raises it to 1, the left one lowers it."""
+    boost = trigger_value(mapping.bound("boost"), raw)
+    slow = trigger_value(mapping.bound("slow"), raw)
+    faster = mapping.speed + (1.0 - mapping.speed) * boost
+    return faster + (min(mapping.slow_speed, faster) - faster) * slow
+
+
+def pressed_actions(mapping: GamepadMapping, raw: RawInputs) -> frozenset[ButtonAction]:
+    """The button actions whose buttons are down."""
+    return frozenset(
+        action
+        for action, binding in mapping.buttons.items()
+        if any(_part_value(part, raw) > _PRESSED_AT for part in binding.split("|"))
+    )
+
+
+def shaped(x: float, y: float, dead_zone: float, curve: float) -> tuple[float, float]:
+    """One stick after its round dead zone, rescaled so that motion begins at 0, and an exponent for fine control."""
+    reach = math.hypot(x, y)
+    if reach <= dead_zone:
+        return 0.0, 0.0
+    wanted = min(1.0, (reach - dead_zone) / (1.0 - dead_zone)) ** curve
+    scale = wanted / reach
+    return max(-1.0, min(1.0, x * scale)), max(-1.0, min(1.0, y * scale))
+
+
+def axis_value(binding: str, raw: RawInputs) -> float:
+    """-1..1 of an axis, or of two inputs that push it one way and the other; 0 where nothing is bound."""
+    if not binding:
+        return 0.0
+    parts = binding.split("|")
+    value = _part_value(parts[0], raw)
+    return value - _part_value(parts[1], raw) if len(parts) > 1 else value
+
+
+def trigger_value(binding: str, raw: RawInputs) -> float:
+    """0..1 of a trigger, which rests at -1 where it is a whole axis."""
+    if not binding:
+        return 0.0
+    match = _PART.fullmatch(binding)
+    if match is not None and match[2] is not None and not match[1]:
+        index = int(match[2])
+        if index >= len(raw.axes) or raw.axes[index] is None:
+            return 0.0
+        value = (_part_value(binding, raw) + 1.0) / 2.0
+    else:
+        value = max(0.0, _part_value(binding, raw))
+    return 0.0 if value < 0.05 else min(1.0, value)
+
+
+def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
+    """The binding of the one input that the wizard has just pressed (``buttons``) or pushed; empty while there is none.
+
+    A pushed axis is given so that the way it was pushed is positive.
+    """
+    if buttons:
+        for index, down in enumerate(now.buttons):
+            if down and not (index < len(before.buttons) and before.buttons[index]):
+                return f"b{index}"
+        for index, bits in enumerate(now.hats):
+            new = bits & ~(before.hats[index] if index < len(before.hats) else 0)
+            for bit in (1, 2, 4, 8):
+                if new & bit:
+                    return f"h{index}.{bit}"
+        return ""
+    for index, value in enumerate(now.axes):
+        rest = before.axes[index] if index < len(before.axes) else None
+        moved = (value or 0.0) - (rest or 0.0)
+        if rest is not None and rest < -0.9:
+            # A trigger: it rests at its end, and its whole way counts.
+            if moved > _MOVED_BY:
+                return f"a{index}"
+        elif abs(moved) > _MOVED_BY:
+            return f"a{index}" if moved > 0 else f"a{index}~"
+    return ""
+
+
+_HAT_WORDS = {1: "up", 2: "right", 4: "down", 8: "left"}
+
+
+def binding_words(binding: str, names: Mapping[str, str] | None = None) -> str:
+    """What a wizard reads: ``Button 2``, ``Stick axis 1``; ``names`` gives the device's own names of its parts."""
+    return " or ".join(_part_words(part, names or {}) for part in binding.split("|")) if binding else "none"
+
+
+def part_names(controller: Mapping[str, str] | None) -> dict[str, str]:
+    """The words for each input of a device that SDL knows."""
+    words = {
+        "a": "A", "b": "B", "x": "X", "y": "Y", "back": "Back", "start": "Start", "guide": "Guide",
+        "leftstick": "Left stick pressed", "rightstick": "Right stick pressed", "leftshoulder": "Left shoulder",
+        "rightshoulder": "Right shoulder", "dpup": "Pad up", "dpdown": "Pad down", "dpleft": "Pad left",
+        "dpright": "Pad right", "leftx": "Left stick sideways", "lefty": "Left stick up and down",
+        "rightx": "Right stick sideways", "righty": "Right stick up and down", "lefttrigger": "Left trigger",
+        "righttrigger": "Right trigger",
+    }  # fmt: skip
+    return {value.strip("+-~"): words[name] for name, value in (controller or {}).items() if name in words}
+
+
+def mappings_text(mappings: Mapping[str, GamepadMapping]) -> str:
+    """All mappings by device id as the JSON text that is kept in the settings."""
+    devices = {
+        device: {
+            "axes": dict(mapping.axes), "buttons": dict(mapping.buttons), "dead_zone": mapping.dead_zone,
+            "curve": mapping.curve, "speed": mapping.speed, "slow_speed": mapping.slow_speed,
+        }
+        for device, mapping in sorted(mappings.items())
+    }  # fmt: skip
+    return json.dumps({"version": MAPPINGS_VERSION, "devices": devices}, sort_keys=True)
+
+
+def mappings_from_text(text: str) -> dict[str, GamepadMapping]:
+    """The reverse of :func:`mappings_text`.
+
+    Raises
+    ------
+    MappingError
+        If it is not such a text, or one of a newer version.
+    """
+    if not text:
+        return {}
+    try:
+        data = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise MappingError(f"The stored gamepad mappings are not JSON: {error}.") from error
+    if not isinstance(data, dict) or not isinstance(data.get("devices"), dict):
+        raise MappingError("The stored gamepad mappings have an unknown form.")
+    if data.get("version") != MAPPINGS_VERSION:
+        raise MappingError(
+            f"The stored gamepad mappings have version {data.get('version')!r}; this program reads {MAPPINGS_VERSION}."
+        )
+    return {str(device): _mapping_from_data(entry) for device, entry in data["devices"].items()}
+
+
+def _mapping_from_data(entry: Any) -> GamepadMapping:
+    if not isinstance(entry, dict):
+        raise MappingError("A stored gamepad mapping is not a list of settings.")
+    bindings: dict[str, dict[Any, str]] = {}
+    for kind, actions in (("axes", AXIS_ACTIONS), ("buttons", BUTTON_ACTIONS)):
+        stored = entry.get(kind, {})
+        if not isinstance(stored, dict):
+            raise MappingError(f"The {kind} of a stored gamepad mapping are not a list.")
+        bindings[kind] = {}
+        for action, binding in stored.items():
+            if action not in actions or not is_binding(binding):
+                raise MappingError(f"A stored gamepad mapping has an unknown binding: {action!r} to {binding!r}.")
+            bindings[kind][action] = binding
+    numbers = {}
+    for name, lowest, highest in (
+        ("dead_zone", 0.0, 0.6), ("curve", 0.5, 4.0), ("speed", 0.1, 1.0), ("slow_speed", 0.05, 1.0),
+    ):  # fmt: skip
+        value = entry.get(name, getattr(GamepadMapping(), name))
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or not lowest <= value <= highest:
+            raise MappingError(f"A stored gamepad mapping has a {name} of {value!r}.")
+        numbers[name] = float(value)
+    return GamepadMapping(axes=bindings["axes"], buttons=bindings["buttons"], **numbers)
+
+
+def is_binding(text: object) -> bool:
+    """Whether ``text`` is one or two bindings as the module's head describes them."""
+    return (
+        isinstance(text, str)
+        and 1 <= len(text.split("|")) <= 2
+        and all(_PART.fullmatch(part) for part in text.split("|"))
+    )
+
+
+def _part_value(part: str, raw: RawInputs) -> float:
+    match = _PART.fullmatch(part)
+    if match is None:
+        return 0.0
+    half, axis, inverted, button, hat, direction = match.groups()
+    if axis is not None:
+        value = (raw.axes[int(axis)] if int(axis) < len(raw.axes) else None) or 0.0
+        if half:
+            value = max(0.0, value if half == "+" else -value)
+        return -value if inverted else value
+    if button is not None:
+        return 1.0 if int(button) < len(raw.buttons) and raw.buttons[int(button)] else 0.0
+    return 1.0 if int(hat) < len(raw.hats) and raw.hats[int(hat)] & int(direction) else 0.0
+
+
+def _part_words(part: str, names: Mapping[str, str]) -> str:
+    match = _PART.fullmatch(part)
+    if match is None:
+        return part
+    bare = part.strip("+-~")
+    if bare in names:
+        return names[bare]
+    _half, axis, _inverted, button, hat, direction = match.groups()
+    if axis is not None:
+        return f"Axis {int(axis) + 1}"
+    if button is not None:
+        return f"Button {int(button) + 1}"
+    return f"Pad {_HAT_WORDS[int(direction)]}" if hat == "0" else f"Pad {int(hat) + 1} {_HAT_WORDS[int(direction)]}"
+
+
+def _same_input(first: str, second: str) -> bool:
+    return first.strip("+-~") == second.strip("+-~")
+
+
+def _turned(part: str, other_way: bool) -> str:
+    if not other_way:
+        return part
+    return part[:-1] if part.endswith("~") else part + ("~" if "a" in part else "")
+
+
+def _is_there(part: str, axis_count: int, button_count: int, hat_count: int) -> bool:
+    match = _PART.fullmatch(part)
+    if match is None:
+        return False
+    _half, axis, _inverted, button, hat, _direction = match.groups()
+    counts: Sequence[tuple[str | None, int]] = ((axis, axis_count), (button, button_count), (hat, hat_count))
+    return all(index is None or int(index) < count for index, count in counts)
+
+
+def _rounded(value: float) -> float:
+    # A stick that trembles in its last bits must not become a command each time.
+    return round(value, 2) + 0.0
