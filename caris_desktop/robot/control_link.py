@@ -13,9 +13,10 @@ from caris_desktop.domain.events import (
     DriveEnded,
     Problem,
 )
-from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.robot.emergency_stop import EmergencyStop
+from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
@@ -40,6 +41,10 @@ from caris_desktop.ros.messages import (
 
 logger = logging.getLogger(__name__)
 
+OLDEST_DRIVE_S = 0.25
+"""No older command moves the robot, even if the console went on holding the lease."""
+GUARD_WATCHED_EVERY_S = 0.25
+
 
 class ControlLink:
     """Everything of the robot that must not wait for pictures. Lives on one asyncio loop; a ``link_process.Link``."""
@@ -55,7 +60,9 @@ class ControlLink:
         self._measurement = LinkMeasurement(
             self._ros, traffic, self._put, link="control", simulation_time=profile.simulation_time
         )
-        self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz)
+        self._guard = ObstacleGuard(profile)
+        self._guard_news = GuardNews()
+        self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz, allow=self._allow)
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
         self._connected = False
@@ -86,6 +93,7 @@ class ControlLink:
         self._report.changed("connecting")
         self._ros.connect()
         self._in_background(self._measurement.run())
+        self._in_background(self._watch_guard())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
         """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
@@ -134,6 +142,11 @@ class ControlLink:
                 self._navigator.cancel_all("stopped by the wizard")
             case commands.SetEmergencyStop(latched=latched):
                 self._emergency_stop.set(latched)
+            case commands.SetGuard(on=on):
+                self._guard.switch(on=on)
+                self._lease.reconsider(now_s)
+                if not self._lease.held:
+                    self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
             case commands.GoTo():
                 self._go_to(command)
             case commands.CancelGoal():
@@ -181,7 +194,7 @@ class ControlLink:
             return refusal
         if command.stamp_ns < self._drives_count_from_ns:
             return "The link was lost meanwhile; press the key again"
-        if age_s > EXPIRY_S:
+        if age_s > EXPIRY_S or (now_ns() - command.stamp_ns) / 1e9 > OLDEST_DRIVE_S:
             return "The command came too late; press the key again"
         return ""
 
@@ -234,12 +247,39 @@ class ControlLink:
         else:
             message = encode_twist(twist)
         if self._velocity.publish(message):
+            self._guard.note_sent(twist, self._loop.time())
             self._sequence += 1
             self._put(CommandSent(now_ns(), self._sequence, twist, source))
 
     def _end_drive(self, reason: str) -> None:
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), reason))
+
+    # The obstacle guard
+
+    def _allow(self, twist: Twist2D, now_s: float) -> float:
+        """What fraction of a velocity may go to the robot."""
+        try:
+            limit = self._guard.limit(twist, now_s)
+        except Exception:
+            # The lease must go on, and what the guard cannot judge is not driven.
+            logger.exception("The obstacle guard failed on %r", twist)
+            limit = GuardLimit(0.0, "blocked", detail="the guard failed; its log tells why")
+        self._tell_guard(limit, now_s)
+        return limit.fraction
+
+    def _tell_guard(self, limit: GuardLimit, now_s: float) -> None:
+        news = self._guard_news.of(limit, now_s, stamp_ns=now_ns()) if self._connected else None
+        if news is not None:
+            self._put(news)
+
+    async def _watch_guard(self) -> None:
+        """Tell the state also while nothing is driven and no scan comes."""
+        while True:
+            await asyncio.sleep(GUARD_WATCHED_EVERY_S)
+            if self._connected and not self._lease.held:
+                now_s = self._loop.time()
+                self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
 
     # What the emergency stop acts on
 
@@ -258,6 +298,9 @@ class ControlLink:
         self._silent = False
         self._drives_count_from_ns = now_ns()
         self._report.changed("connected")
+        self._guard.forget()
+        self._guard_news.forget()
+        self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._navigator.link_connected()
         self._emergency_stop.link_connected()
         self._in_background(self._look_around())
@@ -300,6 +343,7 @@ class ControlLink:
 
     def link_round_trip(self, round_trip_s: float) -> None:
         self._measurement.take_round_trip(round_trip_s)
+        self._guard.take_round_trip(round_trip_s)
 
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
@@ -315,11 +359,15 @@ class ControlLink:
             if mounted is not None and mounted != value.robot_from_laser:
                 value = decode_laser_scan(message, stamp_ns=value.stamp_ns, robot_from_laser=mounted)
             self._put(value)
+            self._guard.take_scan(value)
+            self._lease.reconsider(self._loop.time())
+            self._move()
 
         def odometry(message: Any) -> None:
             value = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
             self._measurement.take_stamp(value.robot_stamp_ns)
             self._put(value)
+            self._guard.take_odometry(value)
             self._put_pose(self._poses.take_odometry(value))
 
         def pose(message: Any) -> None:

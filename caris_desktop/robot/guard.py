@@ -143,8 +143,8 @@ class ObstacleGuard:
     # What is known
 
     def take_round_trip(self, round_trip_s: float) -> None:
-        """What the network takes for a scan to come and a command to go, on top of ``reaction_s``."""
-        self._round_trip_s = min(max(round_trip_s, 0.0), 1.0)
+        """What the network takes for a scan to come and a command to go; it adds to ``reaction_s``."""
+        self._round_trip_s = max(min(round_trip_s, 1.0), 0.8 * self._round_trip_s)
 
     def take_odometry(self, odometry: Odometry) -> None:
         now_s = odometry.stamp_ns / 1e9
