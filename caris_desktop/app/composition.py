@@ -1,7 +1,7 @@
 """Which concrete part plays which role: the adapter table of a run. Without Qt windows, so every command can use it."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -87,8 +87,15 @@ def open_study(folder: Path | None) -> StudyFolder:
         raise StartError(str(error)) from error
 
 
-def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, perception: bool = True) -> Parts:
-    """The parts of a console run."""
+def parts(
+    scenario: Scenario,
+    *,
+    study: StudyFolder,
+    camera: str | None,
+    perception: bool = True,
+    address_of: Callable[[str], str | None] = lambda _name: None,
+) -> Parts:
+    """The parts of a console run. ``address_of`` tells where a robot of the list is, if not where its profile says."""
     # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
     inference = InferenceSettings(tracker="bytetrack" if camera is not None else "botsort")
     return Parts(
@@ -104,7 +111,7 @@ def parts(scenario: Scenario, *, study: StudyFolder, camera: str | None, percept
         load_scenario=_load_scenario,
         save_places=_save_places,
         robots=_robots,
-        connect_to=functools.partial(_connect_to, own_camera=camera is not None),
+        connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
         suggested_details=lambda: following(load_last_details(study)),
         new_session=functools.partial(_new_session, study),
         export_session=export_session,
@@ -206,9 +213,9 @@ def _robots() -> tuple[RobotChoice, ...]:
     )
 
 
-def _connect_to(name: str, *, own_camera: bool) -> RobotConnection:
+def _connect_to(name: str, *, own_camera: bool, address_of: Callable[[str], str | None]) -> RobotConnection:
     try:
-        return robot_connection(name, own_camera=own_camera)
+        return robot_connection(name, address=address_of(name), own_camera=own_camera)
     except StartError as refusal:
         raise ToldFailure(
             "The robot was not connected.", str(refusal), "The present robot stays. Correct the profile and try again."

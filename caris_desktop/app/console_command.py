@@ -47,15 +47,17 @@ class ConsoleRun:
         self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
         self.application.setApplicationName("CARIS Desktop")
         self.application.setApplicationVersion(__version__)
-        self.console = Console(composition.parts(scenario, study=study, camera=arguments.camera), scenario)
+        self.demo_robot: DemoRobot | None = None
+        parts = composition.parts(scenario, study=study, camera=arguments.camera, address_of=self._address_of)
+        self.console = Console(parts, scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=_scenario_choices)
         self.window.layout_save_requested.connect(self._on_layout_save_requested)
-        self.demo_robot: DemoRobot | None = None
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
             self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
         self.console.scenario_changed.connect(self._on_scenario_changed)
+        self.console.places_saved.connect(self._on_scenario_changed)
 
     def show(self) -> None:
         self.window.show()
@@ -92,6 +94,9 @@ class ConsoleRun:
             )
         except composition.StartError as refusal:
             self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
+
+    def _address_of(self, robot: str) -> str | None:
+        return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
 
     def _scenario_to_start_with(self) -> tuple[Scenario, str]:
         """What was asked for; else the one of last time, or, with the reason, the tour guide where that is broken.

@@ -8,6 +8,8 @@ from caris_desktop.app import composition
 from caris_desktop.live.console import Console
 from caris_desktop.live.simulated_robot import SimulatedRobotProcess
 
+PROFILE = "simulated"
+
 
 class DemoRobot(QObject):
     """GUI thread; the process reports through signals."""
@@ -19,6 +21,7 @@ class DemoRobot(QObject):
         super().__init__(console)
         self._console = console
         self._camera = camera
+        self._address: str | None = None
         command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin"]
         if seed is not None:
             command += ["--seed", str(seed)]
@@ -32,9 +35,14 @@ class DemoRobot(QObject):
     def stop(self) -> None:
         self.process.stop()
 
+    def address_of(self, name: str) -> str | None:
+        """Where it is, once it is ready, if it is this robot of the list that is meant."""
+        return self._address if name == PROFILE else None
+
     def _on_ready(self, address: str) -> None:
+        self._address = address
         self._console.connect_robot(
-            composition.robot_connection("simulated", address=address, own_camera=self._camera is not None)
+            composition.robot_connection(PROFILE, address=address, own_camera=self._camera is not None)
         )
 
     def _on_failed(self, detail: str) -> None:
