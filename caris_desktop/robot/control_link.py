@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from typing import Any
 
 from caris_desktop.domain import commands
@@ -11,30 +11,28 @@ from caris_desktop.domain.events import (
     CommandSent,
     CommandSource,
     DriveEnded,
+    GoalChanged,
     Problem,
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
-from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.domain.sensing import LaserScan, RobotPose
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
+from caris_desktop.robot.head import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
-from caris_desktop.robot.localization import PoseTracker
+from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.preflight import missing_from, take_inventory
-from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.voice import RobotVoice
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
-    decode_battery_state,
-    decode_laser_scan,
-    decode_odometry,
-    decode_pose_with_covariance_stamped,
-    decode_tf_message,
     encode_twist,
     encode_twist_stamped,
 )
@@ -79,15 +77,31 @@ class ControlLink:
             self._ros,
             profile.navigation,
             map_frame=profile.frames.map,
-            emit=self._put,
+            emit=self._goal_changed,
             unconfirmed=self._report_unconfirmed_cancel,
         )
         self._voice = RobotVoice(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._poses = PoseTracker(profile.frames)
+        self._head = RobotHead(self._ros, self._dialect, profile.head, emit=self._put)
+        self._maps = RobotMaps(
+            self._ros,
+            self._dialect,
+            profile,
+            emit=self._put,
+            pose=lambda: self._sensors.pose_in_map,
+            in_background=self._in_background,
+        )
         self._emergency_stop = EmergencyStop(
             self._ros, self._dialect, profile.emergency_stop, self, emit=self._put, in_background=self._in_background
         )
-        self._subscribe()
+        self._sensors = Sensors(
+            self._ros,
+            profile,
+            self._report,
+            self._measurement,
+            put=self._put,
+            scan_taken=self._scan_taken,
+            pose_taken=self._pose_taken,
+        )
 
     def start(self) -> None:
         self._report.changed("connecting")
@@ -151,6 +165,12 @@ class ControlLink:
                 self._go_to(command)
             case commands.CancelGoal():
                 self._navigator.cancel("cancelled by the wizard")
+            case commands.SetInitialPose():
+                self._refused("The robot was not told where it is", self._maps.set_initial_pose(command))
+            case commands.RequestMap():
+                self._maps.request(command)
+            case commands.MoveHead(pan_rad=pan_rad, tilt_rad=tilt_rad):
+                self._refused("The head does not turn", self._head.move(pan_rad, tilt_rad))
             case commands.Say(utterance_id=utterance_id, text=text):
                 self._voice.say(utterance_id, text)
             case commands.Silence():
@@ -164,6 +184,16 @@ class ControlLink:
                     )
             case commands.CloseLink():
                 pass
+
+    def _refused(self, what: str, refusal: str) -> None:
+        if refusal:
+            self._report.problems.count(
+                what,
+                severity="warning",
+                what=f"{what}: {refusal}.",
+                meaning="Nothing was sent to the robot.",
+                advice="Try again when that has changed." if self._connected else "Try again when the link is back.",
+            )
 
     def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
         refusal = self._drive_refusal(command, age_s)
@@ -287,6 +317,7 @@ class ControlLink:
         self._lease.emergency(held, self._loop.time())
         if held:
             self._send_zero_first()
+        self._head.hold_still(held)
 
     def cancel_goals(self, reason: str) -> None:
         self._navigator.cancel_all(reason)
@@ -303,6 +334,7 @@ class ControlLink:
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._navigator.link_connected()
         self._emergency_stop.link_connected()
+        self._sensors.link_connected()
         self._in_background(self._look_around())
 
     def link_silent(self) -> None:
@@ -333,7 +365,9 @@ class ControlLink:
         self._lease.forget()
         self._navigator.link_lost()
         self._voice.link_lost()
-        self._poses.forget()
+        self._head.link_lost()
+        self._maps.link_lost()
+        self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:
             self._report.changed("lost", f"The link to the robot was lost: {reason}")
@@ -348,83 +382,31 @@ class ControlLink:
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
 
-    # Streams
+    # What the robot tells
 
-    def _subscribe(self) -> None:
-        profile, frames = self._profile, self._profile.frames
+    def _scan_taken(self, scan: LaserScan) -> None:
+        """A scan, before the console gets it."""
 
-        def scan(message: Any) -> None:
-            value = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns, robot_from_laser=profile.robot_from_laser)
-            mounted = self._poses.tree.lookup(frames.base, value.frame_id.lstrip("/")) if value.frame_id else None
-            if mounted is not None and mounted != value.robot_from_laser:
-                value = decode_laser_scan(message, stamp_ns=value.stamp_ns, robot_from_laser=mounted)
-            self._put(value)
-            self._guard.take_scan(value)
-            self._lease.reconsider(self._loop.time())
-            self._move()
+    def _pose_taken(self, pose: RobotPose) -> None:
+        self._navigator.robot_moved(pose.pose_in_map)
 
-        def odometry(message: Any) -> None:
-            value = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
-            self._measurement.take_stamp(value.robot_stamp_ns)
-            self._put(value)
-            self._guard.take_odometry(value)
-            self._put_pose(self._poses.take_odometry(value))
-
-        def pose(message: Any) -> None:
-            value = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
-            self._put_pose(self._poses.take_pose(value))
-
-        def transforms(message: Any, *, static: bool = False) -> None:
-            told = decode_tf_message(message)
-            self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
-
-        def battery(message: Any) -> None:
-            self._put(decode_battery_state(message, stamp_ns=self._ros.arrival_ns))
-
-        self._listen(profile.scan, "sensor_msgs", "LaserScan", scan)
-        self._listen(profile.odometry, "nav_msgs", "Odometry", odometry)
-        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", pose)
-        self._listen(profile.tf_static, "tf2_msgs", "TFMessage", lambda m: transforms(m, static=True), every=True)
-        # Several nodes share this topic, each with its own transforms: none may replace another.
-        self._listen(profile.tf, "tf2_msgs", "TFMessage", transforms, every=True)
-        self._listen(profile.battery, "sensor_msgs", "BatteryState", battery)
-
-    def _listen(
-        self,
-        source: TopicSource | None,
-        package: str,
-        message: str,
-        take: Callable[[Any], None],
-        *,
-        every: bool = False,
-    ) -> None:
-        if source is not None:
-            SafeTopic(
-                self._ros,
-                source.topic,
-                type_name(self._dialect, package, message),
-                throttle_rate=source.throttle_ms,
-                queue_length=20 if every else 1,
-                every_message=every,
-            ).subscribe(take)
-
-    def _put_pose(self, pose: RobotPose | None) -> None:
-        if pose is not None:
-            self._put(pose)
-            self._navigator.robot_moved(pose.pose_in_map)
+    def _goal_changed(self, goal: GoalChanged) -> None:
+        self._put(goal)
+        if goal.state in ("reached", "cancelled", "failed"):
+            self._sensors.clear_path()
 
     async def _look_around(self) -> None:
-        """Say once what the robot lacks of its profile."""
-        if self._told_missing:
-            return
+        """Learn what the robot offers, and say once what it lacks of its profile."""
         try:
             inventory = await take_inventory(self._ros)
         except ServiceCallError as error:
             logger.info("The robot's inventory is not known: %s", error)
+            self._maps.learn(None)
             return
-        self._told_missing = True
-        missing = missing_from(self._profile, inventory)
         self._emergency_stop.learn(inventory)
+        self._maps.learn(inventory)
+        missing = [] if self._told_missing else missing_from(self._profile, inventory)
+        self._told_missing = True
         if missing:
             self._put(
                 Problem(

@@ -1,51 +1,186 @@
-"""Where the robot is in the map, from its transforms, or from a pose topic carried on by odometry."""
+"""Where the robot is and was in the map, from its transforms, or from a pose topic carried on by odometry."""
 
+import bisect
 from collections.abc import Iterable
 
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.robot.profile import TransformFrames
 from caris_desktop.ros.messages import Transform
 
+HISTORY_NS = 10_000_000_000
+# A scan is often here before the transform of its moment; for that long a motion is taken to go on.
+AHEAD_NS = 200_000_000
+MOST_FRAMES = 2_000
 _LONGEST_CHAIN = 32
+_MOST_SAMPLES = 1_200
 _TRANSFORMS_LIVE_NS = 1_000_000_000
 _LEAST_PERIOD_NS = 45_000_000
 
 
-class TransformTree:
-    """The newest transform of each frame to its parent."""
+class PoseHistory:
+    """One moving pose over the last 10 s of the robot's clock, and between its samples."""
 
     def __init__(self) -> None:
-        self._to_parent: dict[str, Transform] = {}
+        self._stamps_ns: list[int] = []
+        self._poses: list[Pose2D] = []
 
-    def add(self, transforms: Iterable[Transform]) -> set[str]:
-        """Remember them; returns the child frames that were told."""
+    @property
+    def newest(self) -> Pose2D:
+        return self._poses[-1]
+
+    @property
+    def newest_ns(self) -> int:
+        return self._stamps_ns[-1]
+
+    def add(self, stamp_ns: int, pose: Pose2D) -> None:
+        if self._stamps_ns and stamp_ns < self._stamps_ns[-1] - HISTORY_NS:
+            # The robot's clock was set back, or its simulation began anew.
+            self._stamps_ns.clear()
+            self._poses.clear()
+        at = bisect.bisect_left(self._stamps_ns, stamp_ns)
+        if at < len(self._stamps_ns) and self._stamps_ns[at] == stamp_ns:
+            self._poses[at] = pose
+            return
+        self._stamps_ns.insert(at, stamp_ns)
+        self._poses.insert(at, pose)
+        old = bisect.bisect_left(self._stamps_ns, self._stamps_ns[-1] - HISTORY_NS)
+        old = max(old, len(self._stamps_ns) - _MOST_SAMPLES)
+        if old > 64:
+            # In blocks: to shift the list for each sample would cost more than to keep a few.
+            del self._stamps_ns[:old]
+            del self._poses[:old]
+
+    def at(self, stamp_ns: int, *, goes_on: bool = False) -> Pose2D | None:
+        """The pose at a moment, as tf2 interpolates; None before the history.
+
+        After its end the newest pose holds, or with ``goes_on`` its motion lasts for another 0.2 s.
+        """
+        stamps, poses = self._stamps_ns, self._poses
+        if stamp_ns < stamps[0]:
+            return None
+        after = bisect.bisect_left(stamps, stamp_ns)
+        if after < len(stamps):
+            return poses[after] if stamps[after] == stamp_ns else self._between(after, stamp_ns)
+        if goes_on and len(stamps) > 1 and stamps[-1] - stamps[-2] <= AHEAD_NS:
+            return self._between(len(stamps) - 1, min(stamp_ns, stamps[-1] + AHEAD_NS))
+        return poses[-1]
+
+    def _between(self, after: int, stamp_ns: int) -> Pose2D:
+        """On the line through the samples ``after - 1`` and ``after``."""
+        begin_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
+        begin, end = self._poses[after - 1], self._poses[after]
+        share = (stamp_ns - begin_ns) / (end_ns - begin_ns)
+        return Pose2D(
+            begin.x_m + share * (end.x_m - begin.x_m),
+            begin.y_m + share * (end.y_m - begin.y_m),
+            wrap_angle(begin.heading_rad + share * wrap_angle(end.heading_rad - begin.heading_rad)),
+        )
+
+
+class _Edge:
+    """A frame's place in its parent frame; ``history`` is None for one that never moves."""
+
+    __slots__ = ("history", "newest", "parent_frame")
+
+    def __init__(self, parent_frame: str) -> None:
+        self.parent_frame = parent_frame
+        self.newest = Pose2D(0.0, 0.0, 0.0)
+        self.history: PoseHistory | None = None
+
+
+class TransformTree:
+    """The frames of the robot, with their last 10 s; the part of tf2 that a floor plan needs.
+
+    Frames may hang together in any way: what leads in a circle or nowhere is not found, and that is all.
+    """
+
+    def __init__(self) -> None:
+        self._edges: dict[str, _Edge] = {}
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The names of all frames that were told of."""
+        return tuple(dict.fromkeys([*self._edges, *(edge.parent_frame for edge in self._edges.values())]))
+
+    def add(self, transforms: Iterable[Transform], *, static: bool = False) -> set[str]:
+        """Remember them; returns the child frames that were told. ``static`` ones hold at every moment."""
         told = set()
         for transform in transforms:
-            self._to_parent[transform.child_frame] = transform
-            told.add(transform.child_frame)
+            child = transform.child_frame
+            if child == transform.parent_frame or not child:
+                continue
+            edge = self._edges.get(child)
+            if edge is None or edge.parent_frame != transform.parent_frame:
+                if edge is None and len(self._edges) >= MOST_FRAMES:
+                    continue
+                edge = self._edges[child] = _Edge(transform.parent_frame)
+            edge.newest = transform.parent_from_child
+            if static or transform.robot_stamp_ns is None:
+                edge.history = None
+            else:
+                edge.history = edge.history or PoseHistory()
+                edge.history.add(transform.robot_stamp_ns, transform.parent_from_child)
+                edge.newest = edge.history.newest
+            told.add(child)
         return told
 
-    def chain(self, parent: str, child: str) -> tuple[Transform, ...] | None:
-        """The transforms that lead from ``child`` up to ``parent``; None when they do not meet."""
-        found: list[Transform] = []
-        frame = child
-        while frame != parent:
-            step = self._to_parent.get(frame)
-            if step is None or len(found) >= _LONGEST_CHAIN:
-                return None
-            found.append(step)
-            frame = step.parent_frame
-        return tuple(found)
+    def depends_on(self, parent: str, child: str, told: set[str]) -> bool:
+        """Whether the way from ``child`` to ``parent`` leads over one of the frames ``told``."""
+        ways = self._ways(parent, child)
+        return ways is not None and any(frame in told for way in ways for frame in way)
 
-    def lookup(self, parent: str, child: str) -> Pose2D | None:
-        """``parent_from_child``, or None when the frames are not connected that way."""
-        steps = self.chain(parent, child)
-        if steps is None:
+    def newest_stamp_ns(self, parent: str, child: str) -> int | None:
+        """The newest stamp on the way; None where nothing on it moves, or there is none."""
+        ways = self._ways(parent, child)
+        histories = [self._edges[frame].history for way in ways or () for frame in way]
+        return max((history.newest_ns for history in histories if history is not None), default=None)
+
+    def lookup(
+        self, parent: str, child: str, at_ns: int | None = None, *, goes_on: frozenset[str] = frozenset()
+    ) -> Pose2D | None:
+        """``parent_from_child``, or None when the frames are not connected, or were not at ``at_ns``.
+
+        ``at_ns`` is on the robot's clock, None means the newest. The motion of the frames ``goes_on`` in their parents
+        is taken to go on for 0.2 s after what was told.
+        """
+        ways = self._ways(parent, child)
+        if ways is None:
             return None
+        up, down = (self._along(way, at_ns, goes_on) for way in ways)
+        if up is None or down is None:
+            return None
+        return down.inverse() @ up
+
+    def _ways(self, parent: str, child: str) -> tuple[list[str], list[str]] | None:
+        """The frames from ``child`` and from ``parent`` up to the first ancestor that they share, without it."""
+        from_child, from_parent = self._ancestors(child), self._ancestors(parent)
+        if from_child is None or from_parent is None:
+            return None
+        known = set(from_parent)
+        for index, frame in enumerate(from_child):
+            if frame in known:
+                return from_child[:index], from_parent[: from_parent.index(frame)]
+        return None
+
+    def _ancestors(self, frame: str) -> list[str] | None:
+        found = [frame]
+        while (edge := self._edges.get(found[-1])) is not None:
+            if len(found) > _LONGEST_CHAIN:
+                return None
+            found.append(edge.parent_frame)
+        return found
+
+    def _along(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose2D | None:
         pose = Pose2D(0.0, 0.0, 0.0)
-        for step in steps:
-            pose = step.parent_from_child @ pose
+        for frame in way:
+            edge = self._edges[frame]
+            step: Pose2D | None = edge.newest
+            if at_ns is not None and edge.history is not None:
+                step = edge.history.at(at_ns, goes_on=frame in goes_on)
+            if step is None:
+                return None
+            pose = step @ pose
         return pose
 
 
@@ -57,33 +192,35 @@ class PoseTracker:
     """
 
     def __init__(self, frames: TransformFrames) -> None:
-        self._frames = frames
+        self._frames = TransformFrames(*(name.lstrip("/") for name in (frames.map, frames.odom, frames.base)))
         self.tree = TransformTree()
+        self._goes_on = frozenset({self._frames.base})
         self._transforms_ns: int | None = None
         self._odometry: Odometry | None = None
+        self._poses_in_odom: PoseHistory | None = None
         self._map_from_odom: Pose2D | None = None
         self._told_ns = 0
 
     def take_transforms(self, transforms: Iterable[Transform], *, stamp_ns: int, static: bool) -> RobotPose | None:
-        told = self.tree.add(transforms)
-        if static:
-            return None
-        steps = self.tree.chain(self._frames.map, self._frames.base)
-        if not steps or not any(step.child_frame in told for step in steps):
+        told = self.tree.add(transforms, static=static)
+        map_frame, base_frame = self._frames.map, self._frames.base
+        if static or map_frame == base_frame or not self.tree.depends_on(map_frame, base_frame, told):
             return None
         self._transforms_ns = stamp_ns
         if stamp_ns - self._told_ns < _LEAST_PERIOD_NS:
             return None
-        pose = self.tree.lookup(self._frames.map, self._frames.base)
+        pose = self.tree.lookup(map_frame, base_frame)
         if pose is None:
             return None
         self._told_ns = stamp_ns
-        stamps = [step.robot_stamp_ns for step in steps if step.robot_stamp_ns is not None]
-        return RobotPose(stamp_ns, max(stamps, default=None), pose)
+        return RobotPose(stamp_ns, self.tree.newest_stamp_ns(map_frame, base_frame), pose)
 
     def take_pose(self, pose: RobotPose) -> RobotPose | None:
         if self._odometry is not None:
-            self._map_from_odom = pose.pose_in_map @ self._odometry.pose_in_odom.inverse()
+            then = None
+            if self._poses_in_odom is not None and pose.robot_stamp_ns is not None:
+                then = self._poses_in_odom.at(pose.robot_stamp_ns, goes_on=True)
+            self._map_from_odom = pose.pose_in_map @ (then or self._odometry.pose_in_odom).inverse()
         if self._transforms_are_live(pose.stamp_ns):
             return None
         self._told_ns = pose.stamp_ns
@@ -91,6 +228,9 @@ class PoseTracker:
 
     def take_odometry(self, odometry: Odometry) -> RobotPose | None:
         self._odometry = odometry
+        if odometry.robot_stamp_ns is not None:
+            self._poses_in_odom = self._poses_in_odom or PoseHistory()
+            self._poses_in_odom.add(odometry.robot_stamp_ns, odometry.pose_in_odom)
         if self._map_from_odom is None or self._transforms_are_live(odometry.stamp_ns):
             return None
         if odometry.stamp_ns - self._told_ns < _LEAST_PERIOD_NS:
@@ -98,11 +238,46 @@ class PoseTracker:
         self._told_ns = odometry.stamp_ns
         return RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, self._map_from_odom @ odometry.pose_in_odom)
 
+    def map_from_base(self, *, robot_stamp_ns: int | None, now_ns: int) -> Pose2D | None:
+        """Where the robot was in the map at a moment of its own clock; None where that is not known.
+
+        ``now_ns`` is the session clock, which tells whether the transforms still come.
+        """
+        if self._transforms_are_live(now_ns):
+            return self.tree.lookup(self._frames.map, self._frames.base, robot_stamp_ns, goes_on=self._goes_on)
+        if self._map_from_odom is None or self._odometry is None:
+            return None
+        pose: Pose2D | None = self._odometry.pose_in_odom
+        if robot_stamp_ns is not None and self._poses_in_odom is not None:
+            pose = self._poses_in_odom.at(robot_stamp_ns, goes_on=True)
+        return None if pose is None else self._map_from_odom @ pose
+
+    def base_from(self, frame: str, robot_stamp_ns: int | None) -> Pose2D | None:
+        """Where a sensor is mounted, or was at that moment; None where the transforms do not tell."""
+        return self.tree.lookup(self._frames.base, frame.lstrip("/"), robot_stamp_ns) or self.tree.lookup(
+            self._frames.base, frame.lstrip("/")
+        )
+
+    def map_from(self, frame: str, robot_stamp_ns: int | None) -> Pose2D | None:
+        """A frame in the map at that moment, or else the newest; an empty name means the map itself."""
+        name = frame.lstrip("/")
+        if name in ("", self._frames.map):
+            return Pose2D(0.0, 0.0, 0.0)
+        return self.tree.lookup(self._frames.map, name, robot_stamp_ns) or self.tree.lookup(self._frames.map, name)
+
+    def unknown_frame(self, frame: str) -> str:
+        """Why nothing is known of ``frame``, for the wizard: what it is not, and what it may have been meant to be."""
+        name = frame.lstrip("/")
+        alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
+        hint = f"; the robot has {', '.join(sorted(alike)[:3])}" if alike and name not in alike else ""
+        return f"the robot's transforms do not lead from {self._frames.base} to {name!r}{hint}"
+
     def forget(self) -> None:
         """The link was lost: what was known of the robot's place is no longer."""
         self.tree = TransformTree()
         self._transforms_ns = None
         self._odometry = None
+        self._poses_in_odom = None
         self._map_from_odom = None
 
     def _transforms_are_live(self, now_ns: int) -> bool:

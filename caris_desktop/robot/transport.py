@@ -182,10 +182,13 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
     def send_ros_message(self, message: Mapping[str, Any]) -> bool:
         return self.send_operation(message)
 
-    def send_ros_service_request(self, message: Mapping[str, Any], callback: Callback, errback: Callback) -> None:
+    def send_ros_service_request(
+        self, message: Mapping[str, Any], callback: Callback, errback: Callback, timeout_s: float | None = None
+    ) -> None:
+        wait_s = self.factory.service_timeout_s if timeout_s is None else timeout_s
         self._pending_service_requests[message["id"]] = (callback, errback)
         self.send_operation(message)
-        self.factory.manager.call_later(self.factory.service_timeout_s, lambda: self._time_out(message["id"]))
+        self.factory.manager.call_later(wait_s, lambda: self._time_out(message["id"], wait_s))
 
     def send_ros_action_goal(
         self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
@@ -203,9 +206,9 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             self.factory.run_safely(errback, {"status": GoalStatus.UNKNOWN, "values": {"error_msg": reason}})
         self._fragments.clear()
 
-    def _time_out(self, request_id: str) -> None:
+    def _time_out(self, request_id: str, waited_s: float) -> None:
         _, errback = self._pending_service_requests.pop(request_id, (None, None))
-        self.factory.run_safely(errback, f"no answer within {self.factory.service_timeout_s:g} s")
+        self.factory.run_safely(errback, f"no answer within {waited_s:g} s")
 
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
@@ -721,13 +724,15 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         else:
             manager.loop.call_soon_threadsafe(self.factory.send, message)
 
-    def call_async_service(self, message: Mapping[str, Any], callback: Callback, errback: Callback) -> None:
+    def call_async_service(
+        self, message: Mapping[str, Any], callback: Callback, errback: Callback, timeout_s: float | None = None
+    ) -> None:
         protocol = self.factory.protocol
         if protocol is None:
             self.factory.dropped += 1
             self.factory.run_safely(errback, "the robot is not connected")
         else:
-            protocol.send_ros_service_request(message, callback, errback)
+            protocol.send_ros_service_request(message, callback, errback, timeout_s)
 
     def call_async_action(
         self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
@@ -740,8 +745,17 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         else:
             protocol.send_ros_action_goal(message, resultback, feedback, errback)
 
-    async def ask(self, service: str, service_type: str, arguments: Mapping[str, Any] | None = None) -> Operation:
-        """Call a service and wait for its answer.
+    async def ask(
+        self,
+        service: str,
+        service_type: str,
+        arguments: Mapping[str, Any] | None = None,
+        *,
+        timeout_s: float | None = None,
+    ) -> Operation:
+        """Call a service and wait for its answer, for at most ``timeout_s`` (None: as set for this connection).
+
+        rosbridge finds the type by the service's name; ``service_type`` is for who reads the call, and the log.
 
         Raises
         ------
@@ -756,9 +770,19 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
 
         def fail(reason: Any) -> None:
             if not answer.done():
+                logger.debug("%s (%s) failed: %s", service, service_type, reason)
                 answer.set_exception(ServiceCallError(f"{service}: {reason}"))
 
-        roslibpy.Service(self, service, service_type).call(roslibpy.ServiceRequest(arguments or {}), succeed, fail)
+        operation: Operation = {
+            "op": "call_service",
+            "id": f"call_service:{service}:{self.id_counter}",
+            "service": service,
+            "args": dict(arguments or {}),
+        }
+        if timeout_s is not None:
+            # rosbridge of ROS 2 gives up by itself after a while of its own.
+            operation["timeout"] = timeout_s
+        self.call_async_service(operation, succeed, fail, timeout_s)
         return await answer
 
     @property

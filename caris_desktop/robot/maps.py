@@ -1,0 +1,272 @@
+"""Saving and loading the robot's maps, switching between mapping and localization, and telling it where it is."""
+
+import json
+import logging
+import math
+import re
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import RequestMap, SetInitialPose
+from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.robot.preflight import RobotInventory
+from caris_desktop.robot.profile import MapServices, RobotProfile
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.map_services import (
+    LOCALIZE_AT_POSE,
+    START_AT_FIRST_NODE,
+    encode_deserialize_map,
+    encode_load_map,
+    encode_save_map,
+    encode_serialize_map,
+    load_failure,
+    save_failure,
+    serialize_failure,
+)
+from caris_desktop.ros.navigation_messages import encode_initial_pose
+
+logger = logging.getLogger(__name__)
+
+# Large maps are written and read for a while.
+MAP_WAIT_S = 60.0
+LONGEST_NAME = 100
+_NAME = re.compile(r"[\w][\w .-]*", re.UNICODE)
+_PAUSED = "paused_new_measurements"
+
+
+def map_name_refusal(name: str) -> str:
+    """Why ``name`` cannot be a map's name, or an empty text. It becomes part of a file name on the robot."""
+    if not name.strip():
+        return "a map needs a name"
+    if len(name) > LONGEST_NAME:
+        return f"the name is longer than {LONGEST_NAME} characters"
+    if not _NAME.fullmatch(name) or ".." in name or name != name.strip():
+        return "a map's name is made of letters, digits, spaces, '-', '_' and single dots"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Offer:
+    """The services that the robot has; None where it lacks one."""
+
+    serialize: str | None = None
+    deserialize: str | None = None
+    pause: str | None = None
+    load: str | None = None
+    save: str | None = None
+
+
+class RobotMaps:
+    """Obeys RequestMap and SetInitialPose by slam_toolbox's services, or else the map server's.
+
+    ``emit`` gets a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
+    connection and each switch. ``pose`` tells where the robot is now.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        profile: RobotProfile,
+        *,
+        emit: Callable[[Any], None],
+        pose: Callable[[], Pose2D | None],
+        in_background: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._frame = profile.frames.map
+        self._map_topic = profile.map.topic if profile.map is not None else "map"
+        self._services = profile.maps or MapServices()
+        self._emit = emit
+        self._pose = pose
+        self._in_background = in_background
+        self._offer = _offer(self._services, dialect)
+        self._mapping: bool | None = None
+        self._busy = ""
+        self._initial_pose: SafeTopic | None = None
+        if profile.initial_pose is not None:
+            kind = type_name(dialect, "geometry_msgs", "PoseWithCovarianceStamped")
+            self._initial_pose = SafeTopic(ros, profile.initial_pose, kind, queue_size=1)
+            self._initial_pose.advertise()
+
+    def learn(self, inventory: RobotInventory | None) -> None:
+        """The link is up: find out which operations there are; by the profile alone where the robot does not tell."""
+        offer = _offer(self._services, self._dialect)
+        if inventory is not None:
+            offer = _Offer(
+                *(
+                    service if service is not None and inventory.has_service(service) else None
+                    for service in (offer.serialize, offer.deserialize, offer.pause, offer.load, offer.save)
+                )
+            )
+        self._offer = offer
+        self._in_background(self._find_out_mapping())
+
+    def link_lost(self) -> None:
+        self._mapping = None
+
+    def set_initial_pose(self, command: SetInitialPose) -> str:
+        """Tell the localization. Why it was not told, or an empty text."""
+        pose = command.pose_in_map
+        if self._initial_pose is None:
+            return "this robot's profile names no topic for it"
+        if not all(math.isfinite(value) for value in (pose.x_m, pose.y_m, pose.heading_rad)):
+            return "that is not a place in the map"
+        message = encode_initial_pose(
+            self._dialect,
+            pose,
+            spread_m=command.spread_m,
+            spread_rad=command.spread_rad,
+            stamp_ns=0,
+            frame_id=self._frame,
+        )
+        if not self._initial_pose.publish(message):
+            return "the robot is not connected"
+        self._emit(InitialPoseSet(now_ns(), pose))
+        return ""
+
+    def request(self, command: RequestMap) -> None:
+        """Begin a map operation; one at a time."""
+        refusal = self._refusal(command)
+        if refusal:
+            self._tell(command, "failed", refusal)
+            return
+        self._tell(command, "requested")
+        self._busy = command.request_id
+        self._in_background(self._carry_out(command))
+
+    def _refusal(self, command: RequestMap) -> str:
+        offer = self._offer
+        if command.operation in ("save", "load") and (refusal := map_name_refusal(command.name)):
+            return refusal
+        if not self._ros.is_connected:
+            return "the robot is not connected"
+        if self._busy:
+            return "the robot is still busy with the map operation before"
+        able = {
+            "save": offer.serialize or offer.save,
+            "load": offer.deserialize or offer.load,
+            "start_mapping": offer.pause,
+            "start_localization": offer.pause,
+        }
+        return "" if able[command.operation] else "the robot offers no service for it"
+
+    async def _carry_out(self, command: RequestMap) -> None:
+        try:
+            failure = await self._done(command)
+        except (ServiceCallError, MessageError) as error:
+            logger.warning("Map operation %s: %s", command.operation, error)
+            failure = str(error)
+        finally:
+            self._busy = ""
+        self._tell(command, "failed" if failure else "succeeded", failure)
+
+    async def _done(self, command: RequestMap) -> str:
+        offer = self._offer
+        folder = self._services.folder.rstrip("/")
+        path = f"{folder}/{command.name}" if folder else command.name
+        match command.operation:
+            case "save":
+                return await self._save(path, offer)
+            case "load":
+                return await self._load(path, offer)
+            case "start_mapping" | "start_localization":
+                wanted = command.operation == "start_mapping"
+                paused = await self._ask_paused()
+                mapping = not paused if paused is not None else self._mapping
+                # The service toggles; slam_toolbox begins by mapping.
+                if (mapping is not False) != wanted and offer.pause is not None:
+                    await self._call(offer.pause, "slam_toolbox", "Pause", {})
+                self._set_mapping(wanted)
+                return ""
+
+    async def _save(self, path: str, offer: _Offer) -> str:
+        failures = []
+        if offer.serialize is not None:
+            answer = await self._call(offer.serialize, "slam_toolbox", "SerializePoseGraph", encode_serialize_map(path))
+            failures.append(serialize_failure(answer))
+        if offer.save is not None:
+            # Beside the pose graph, for whatever only reads pictures of maps.
+            request = encode_save_map(path, map_topic=self._map_topic)
+            failures.append(save_failure(await self._call(offer.save, "nav2_msgs", "SaveMap", request)))
+        return "; ".join(filter(None, failures))
+
+    async def _load(self, path: str, offer: _Offer) -> str:
+        if offer.deserialize is not None:
+            here = self._pose()
+            localizing = self._mapping is False
+            request = encode_deserialize_map(
+                path,
+                match_type=LOCALIZE_AT_POSE if localizing and here is not None else START_AT_FIRST_NODE,
+                at=here,
+            )
+            await self._call(offer.deserialize, "slam_toolbox", "DeserializePoseGraph", request)
+            return ""
+        if offer.load is None:
+            return "the robot offers no service for it"
+        package = "nav_msgs" if self._dialect is Dialect.ROS1 else "nav2_msgs"
+        return load_failure(await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml")))
+
+    async def _call(self, service: str, package: str, name: str, request: dict[str, Any]) -> dict[str, Any]:
+        return await self._ros.ask(
+            service, service_type_name(self._dialect, package, name), request, timeout_s=MAP_WAIT_S
+        )
+
+    async def _find_out_mapping(self) -> None:
+        mapping: bool | None = None
+        if self._offer.pause is not None:
+            paused = await self._ask_paused()
+            mapping = None if paused is None else not paused
+        self._set_mapping(mapping)
+
+    async def _ask_paused(self) -> bool | None:
+        """slam_toolbox keeps what its toggle has done in a parameter; None where that cannot be read."""
+        node = self._services.slam_toolbox
+        separator = "/" if self._dialect is Dialect.ROS1 else ":"
+        kind = service_type_name(
+            self._dialect, "rosapi" if self._dialect is Dialect.ROS1 else "rosapi_msgs", "GetParam"
+        )
+        try:
+            answer = await self._ros.ask("/rosapi/get_param", kind, {"name": f"{node}{separator}{_PAUSED}"})
+            paused = json.loads(answer.get("value") or "null")
+        except (ServiceCallError, TypeError, ValueError) as error:
+            logger.debug("Whether the robot maps is not known: %s", error)
+            return None
+        return paused if isinstance(paused, bool) else None
+
+    def _set_mapping(self, mapping: bool | None) -> None:
+        self._mapping = mapping
+        offer = self._offer
+        self._emit(
+            MappingChanged(
+                now_ns(),
+                mapping,
+                can_save=bool(offer.serialize or offer.save),
+                can_load=bool(offer.deserialize or offer.load),
+                can_switch=bool(offer.pause),
+            )
+        )
+
+    def _tell(self, command: RequestMap, state: RequestState, detail: str = "") -> None:
+        self._emit(MapRequestChanged(now_ns(), command.request_id, command.operation, command.name, state, detail))
+
+
+def _offer(services: MapServices, dialect: Dialect) -> _Offer:
+    slam, server, saver = services.slam_toolbox, services.map_server, services.map_saver
+    load = None
+    if server is not None:
+        # The map server of ROS 1 (from Noetic on) names its service in its namespace and not under its own name.
+        load = f"{server}/load_map" if dialect is Dialect.ROS2 else f"{server.rpartition('/')[0]}/change_map"
+    return _Offer(
+        serialize=f"{slam}/serialize_map" if slam else None,
+        deserialize=f"{slam}/deserialize_map" if slam else None,
+        pause=f"{slam}/pause_new_measurements" if slam else None,
+        load=load,
+        save=f"{saver}/save_map" if saver and dialect is Dialect.ROS2 else None,
+    )

@@ -1,0 +1,209 @@
+"""What the robot senses and plans, from its topics to the console: scans, odometry, pose, transforms, path, battery."""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
+from caris_desktop.robot.latched import LatchedTopics
+from caris_desktop.robot.link_measurement import LinkMeasurement
+from caris_desktop.robot.link_process import LinkReporter
+from caris_desktop.robot.localization import PoseTracker
+from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.messages import (
+    decode_battery_state,
+    decode_laser_scan,
+    decode_odometry,
+    decode_pose_with_covariance_stamped,
+    decode_tf_message,
+)
+from caris_desktop.ros.navigation_messages import decode_clock, decode_path
+
+logger = logging.getLogger(__name__)
+
+MOST_PATH_POINTS = 500
+# A robot may tell of its frames one by one; who complains earlier complains for nothing.
+FRAMES_KNOWN_AFTER_NS = 3_000_000_000
+CLOCK = TopicSource("/clock", throttle_ms=100)
+
+
+class Sensors:
+    """Subscribes to what the profile names and hands domain values to ``put``.
+
+    ``scan_taken`` and ``pose_taken`` are called with each LaserScan and each RobotPose as well.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        profile: RobotProfile,
+        report: LinkReporter,
+        measurement: LinkMeasurement,
+        *,
+        put: Callable[[Any], None],
+        scan_taken: Callable[[LaserScan], None],
+        pose_taken: Callable[[RobotPose], None],
+    ) -> None:
+        self._ros = ros
+        self._profile = profile
+        self._dialect = Dialect(profile.ros)
+        self._report = report
+        self._measurement = measurement
+        self._put = put
+        self._scan_taken = scan_taken
+        self._pose_taken = pose_taken
+        self._latched = LatchedTopics(ros, self._dialect)
+        self._poses = PoseTracker(profile.frames)
+        self._transforms_since_ns: int | None = None
+        self._told_frames: set[str] = set()
+        self.pose_in_map: Pose2D | None = None
+        self._subscribe()
+
+    def link_connected(self) -> None:
+        self._latched.link_connected()
+
+    def link_lost(self) -> None:
+        """What was known of the robot's place is no longer."""
+        self._latched.link_lost()
+        self._poses.forget()
+        self._transforms_since_ns = None
+        self._told_frames.clear()
+        self.pose_in_map = None
+
+    def clear_path(self) -> None:
+        """The goal is over: the way to it is shown no more."""
+        if self._profile.path is not None:
+            self._put(PlannedPath(self._ros.arrival_ns, None, np.empty((0, 2), np.float32)))
+
+    def _subscribe(self) -> None:
+        profile = self._profile
+        self._listen(profile.scan, "sensor_msgs", "LaserScan", self._take_scan)
+        self._listen(profile.odometry, "nav_msgs", "Odometry", self._take_odometry)
+        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._take_pose)
+        static = None if profile.tf_static is None else replace(profile.tf_static, latched=True)
+        self._listen(static, "tf2_msgs", "TFMessage", lambda m: self._take_transforms(m, static=True), every=True)
+        # Several nodes share this topic, each with its own transforms: none may replace another.
+        self._listen(profile.tf, "tf2_msgs", "TFMessage", self._take_transforms, every=True)
+        self._listen(profile.path, "nav_msgs", "Path", self._take_path)
+        self._listen(profile.battery, "sensor_msgs", "BatteryState", self._take_battery)
+        if profile.simulation_time:
+            self._listen(
+                CLOCK, "rosgraph_msgs", "Clock", lambda m: self._measurement.take_simulation_time(decode_clock(m))
+            )
+
+    def _listen(
+        self,
+        source: TopicSource | None,
+        package: str,
+        message: str,
+        take: Callable[[Any], None],
+        *,
+        every: bool = False,
+    ) -> None:
+        if source is None:
+            return
+        topic = SafeTopic(
+            self._ros,
+            source.topic,
+            type_name(self._dialect, package, message),
+            throttle_rate=source.throttle_ms,
+            queue_length=20 if every else 1,
+            every_message=every,
+        )
+        if source.latched:
+            self._latched.subscribe(topic, take)
+        else:
+            topic.subscribe(take)
+
+    def _take_scan(self, message: Any) -> None:
+        scan = decode_laser_scan(
+            message, stamp_ns=self._ros.arrival_ns, robot_from_laser=self._profile.robot_from_laser
+        )
+        mounted = None
+        if scan.frame_id:
+            mounted = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns)
+            if mounted is None:
+                self._complain_of_frame(scan.frame_id, "The LIDAR is shown where the profile says that it is mounted.")
+        robot_from_laser = mounted or scan.robot_from_laser
+        # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
+        map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
+        scan = replace(
+            scan,
+            robot_from_laser=robot_from_laser,
+            map_from_laser=None if map_from_robot is None else map_from_robot @ robot_from_laser,
+        )
+        self._scan_taken(scan)
+        self._put(scan)
+
+    def _take_odometry(self, message: Any) -> None:
+        odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
+        self._measurement.take_stamp(odometry.robot_stamp_ns)
+        self._put(odometry)
+        self._put_pose(self._poses.take_odometry(odometry))
+
+    def _take_pose(self, message: Any) -> None:
+        pose = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
+        self._put_pose(self._poses.take_pose(pose))
+
+    def _take_transforms(self, message: Any, *, static: bool = False) -> None:
+        told = decode_tf_message(message)
+        if told and self._transforms_since_ns is None:
+            self._transforms_since_ns = self._ros.arrival_ns
+        self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
+
+    def _take_path(self, message: Any) -> None:
+        path = decode_path(message)
+        map_from_path = self._poses.map_from(path.frame_id, path.robot_stamp_ns)
+        if map_from_path is None:
+            self._complain_of_frame(path.frame_id, "The robot's planned path is not shown.")
+            return
+        points = points_in_parent(map_from_path, thinned(path.points_m))
+        self._put(PlannedPath(self._ros.arrival_ns, path.robot_stamp_ns, points))
+
+    def _take_battery(self, message: Any) -> None:
+        self._put(decode_battery_state(message, stamp_ns=self._ros.arrival_ns))
+
+    def _put_pose(self, pose: RobotPose | None) -> None:
+        if pose is not None:
+            self.pose_in_map = pose.pose_in_map
+            self._put(pose)
+            self._pose_taken(pose)
+
+    def _complain_of_frame(self, frame: str, meaning: str) -> None:
+        since_ns = self._transforms_since_ns
+        if since_ns is None or self._ros.arrival_ns - since_ns < FRAMES_KNOWN_AFTER_NS:
+            return
+        if frame in self._told_frames or len(self._told_frames) >= 20:
+            return
+        self._told_frames.add(frame)
+        self._report.problems.count(
+            f"frame {frame}",
+            severity="warning",
+            what=f"{self._poses.unknown_frame(frame[:100])}.".capitalize(),
+            meaning=meaning,
+            advice="Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static.",
+        )
+
+
+def thinned(points_m: NDArray[np.float32], most: int = MOST_PATH_POINTS) -> NDArray[np.float32]:
+    """At most ``most`` of the points, evenly chosen, the first and the last among them."""
+    if len(points_m) <= most:
+        return points_m
+    return points_m[np.linspace(0, len(points_m) - 1, most).round().astype(np.intp)]
+
+
+def points_in_parent(parent_from_child: Pose2D, points_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Points, shape (n, 2), of a child frame in its parent."""
+    cos, sin = math.cos(parent_from_child.heading_rad), math.sin(parent_from_child.heading_rad)
+    points = np.empty_like(points_m, dtype=np.float32)
+    points[:, 0] = parent_from_child.x_m + cos * points_m[:, 0] - sin * points_m[:, 1]
+    points[:, 1] = parent_from_child.y_m + sin * points_m[:, 0] + cos * points_m[:, 1]
+    return points
