@@ -4,14 +4,42 @@ Everything here is asyncio and opens connections of its own; ``*_blocking`` func
 """
 
 import asyncio
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+import contextlib
+import logging
+import math
+import re
+import time
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings
-from caris_desktop.robot.proposal import Offer, Proposal
-from caris_desktop.ros.dialect import Dialect
+from caris_desktop.robot.preflight import (
+    LinkProbe,
+    NamedTopic,
+    actions_of,
+    in_dialect,
+    named_in,
+    services_of,
+    take_inventory,
+)
+from caris_desktop.robot.profile import (
+    RobotProfile,
+    SecuritySettings,
+    leaves_ros_open,
+    list_profiles,
+    load_profile,
+    with_ros,
+)
+from caris_desktop.robot.proposal import Offer, Proposal, propose
+from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.wire import MEDIA_TIMINGS
+from caris_desktop.ros import joint_messages, messages, navigation_messages
+from caris_desktop.ros.dialect import Dialect, decode_time, same_type, service_type_name
+from caris_desktop.ros.fields import MessageError
+
+logger = logging.getLogger(__name__)
 
 StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
 
@@ -57,9 +85,505 @@ class StreamCheck:
     detail: str
 
 
-# async def detect_dialect(address: str, *, security: SecuritySettings | None = None, timeout_s: float = 3.0) -> Dialect
-# async def explore_robot(address: str, *, security: SecuritySettings | None = None, timeout_s: float = 10.0,
-#     namespace: str | None = None, on_progress: Callable[[str], None] | None = None) -> Exploration
-# async def check_streams(profile: RobotProfile, address: str | None = None, *, seconds: float = 3.0,
-#     timeout_s: float = 8.0, on_check: Callable[[StreamCheck], None] | None = None) -> tuple[StreamCheck, ...]
-# def load_profile_blocking(name_or_path_or_url: str, *, timeout_s: float = 2.0) -> RobotProfile
+async def detect_dialect(
+    address: str, *, security: SecuritySettings | None = None, timeout_s: float = 3.0
+) -> Dialect | None:
+    """Which ROS the robot runs; None where it does not tell (no rosapi, no topics).
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address.
+    """
+    async with _connected(address, security, timeout_s) as ros:
+        return (await _ros_version(ros))[0] or await _dialect_of_topics(ros)
+
+
+def load_profile_blocking(name_or_path_or_url: str, *, timeout_s: float = 2.0) -> RobotProfile:
+    """``load_profile``, which for an address that leaves the ROS version open asks the robot first.
+
+    A robot that does not answer in time is taken for ROS 1; the link's own check says so when it comes and is not.
+    Must not be called from a running asyncio loop. Raises ProfileError.
+    """
+    profile = load_profile(name_or_path_or_url)
+    if not leaves_ros_open(name_or_path_or_url):
+        return profile
+    try:
+        dialect = asyncio.run(detect_dialect(profile.address, security=profile.security, timeout_s=timeout_s))
+    except ExploreError as error:
+        logger.info("Which ROS runs at %s is not known: %s", without_credentials(profile.address), error)
+        return profile
+    return load_profile(with_ros(name_or_path_or_url, 2)) if dialect is Dialect.ROS2 else profile
+
+
+async def explore_robot(
+    address: str,
+    *,
+    security: SecuritySettings | None = None,
+    timeout_s: float = 10.0,
+    namespace: str | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> Exploration:
+    """Ask the robot what it has, and propose a mapping. ``on_progress`` gets a few words for each step.
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address, or it does not tell what it has.
+    """
+    tell = on_progress or (lambda _words: None)
+    tell("Connecting")
+    async with _connected(address, security, timeout_s) as ros:
+        try:
+            async with asyncio.timeout(timeout_s):
+                tell("Asking what the robot has")
+                offer = await take_offer(ros)
+                tell("Listening for frames and joints")
+                offer = await _with_what_is_heard(ros, offer)
+        except (TimeoutError, ServiceCallError) as error:
+            logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
+            raise ExploreError(*_NO_ROSAPI) from error
+    return Exploration(address, offer, propose(offer, namespace=namespace), _resemblances(offer))
+
+
+async def take_offer(ros: SafeRos) -> Offer:
+    """Ask rosapi about everything that a proposal needs. Raises ServiceCallError."""
+    inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
+    dialect = dialect or inventory.dialect
+    services = dict.fromkeys(sorted(inventory.services), "")
+    for kind in _SERVICE_TYPES:
+        wanted = service_type_name(dialect or Dialect.ROS1, "std_srvs", kind)
+        for name in await _names(ros, "services_for_type", "ServicesForType", "services", type=wanted):
+            services[name] = wanted
+    actions = _actionlib_servers(inventory.topics)
+    for name in sorted(inventory.actions or ()):
+        if name not in actions:
+            actions[name] = await _action_type(ros, name)
+    asked = [topic for topic, kind in inventory.topics.items() if _is_of_interest(kind)][:_MOST_ASKED]
+    publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
+    subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
+    return Offer(
+        inventory.topics, services, actions, dialect, distribution, publishers=publishers, subscribers=subscribers
+    )
+
+
+async def check_streams(
+    profile: RobotProfile,
+    address: str | None = None,
+    *,
+    seconds: float = 3.0,
+    timeout_s: float = 8.0,
+    on_check: Callable[[StreamCheck], None] | None = None,
+) -> tuple[StreamCheck, ...]:
+    """Listen to everything that the profile names, all at once, for ``seconds``, and say how it comes.
+
+    What the robot listens to, its services and its actions are looked up and never used. ``on_check`` gets each line
+    as soon as it is known.
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address, or it does not tell what it has.
+    """
+    tell = on_check or (lambda _check: None)
+    done: list[StreamCheck] = []
+
+    def say(check: StreamCheck) -> None:
+        done.append(check)
+        tell(check)
+
+    async with _connected(address or profile.address, profile.security, timeout_s) as ros:
+        try:
+            async with asyncio.timeout(timeout_s):
+                inventory = await take_inventory(ros)
+        except (TimeoutError, ServiceCallError) as error:
+            logger.info("The robot does not tell what it has: %s", error)
+            raise ExploreError(*_NO_ROSAPI) from error
+        if inventory.dialect not in (None, Dialect(profile.ros)):
+            what = f"The robot runs ROS {3 - profile.ros}, but the profile says ROS {profile.ros}."
+            raise ExploreError(what, "Nothing of it can be listened to.", f"Write 'ros: {3 - profile.ros}' instead.")
+        offset_ns = await _clock_offset_ns(ros)
+        ears = []
+        for named in named_in(profile):
+            kind = inventory.topics.get(named.topic)
+            if kind is None:
+                say(_absent(named))
+            elif kind and not any(same_type(kind, wanted) for wanted in named.types):
+                say(_unfit(named, f"It carries {kind}; {' or '.join(named.types)} was expected."))
+            elif named.published:
+                ears.append(_Ear(ros, profile, named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
+            else:
+                say(await _listened_to(ros, named))
+        for label, service in services_of(profile):
+            there = inventory.has_service(service)
+            words = "The robot has this service." if there else "The robot has no service of this name."
+            say(StreamCheck("service", label, service, "good" if there else "nothing", None, None, words))
+        for label, action in actions_of(profile):
+            say(_action_check(label, action, there=inventory.has_action(action)))
+        await asyncio.sleep(seconds)
+        for ear in ears:
+            say(ear.verdict(offset_ns))
+            ear.close()
+    order = {named.field: number for number, named in enumerate(named_in(profile))}
+    return tuple(sorted(done, key=lambda check: order.get(check.field, len(order))))
+
+
+_GOODBYE_S = 0.3
+_LISTEN_S = 1.0
+_MOST_ASKED = 60
+_MOST_ACTIONS = 40
+_OLD_S = 1.0
+_UNRELATED_S = 3600.0
+_SERVICE_TYPES = ("SetBool", "Trigger", "Empty")
+_OF_INTEREST = (
+    "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
+    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
+    "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
+)  # fmt: skip
+_NO_ROSAPI = (
+    "The robot does not tell what it has: rosapi does not answer.",
+    "No mapping can be proposed.",
+    "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by hand.",
+)
+
+
+@contextlib.asynccontextmanager
+async def _connected(address: str, security: SecuritySettings | None, timeout_s: float) -> AsyncIterator[SafeRos]:
+    """A connection of its own, or ExploreError."""
+    probe = LinkProbe()
+    ros = SafeRos(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
+    ros.connect()
+    shown = without_credentials(address)
+    try:
+        try:
+            async with asyncio.timeout(timeout_s):
+                unreachable = await probe.outcome
+        except TimeoutError:
+            unreachable = f"Nothing answers at {shown} within {timeout_s:g} s."
+        if unreachable:
+            raise ExploreError(
+                unreachable,
+                "The robot was not asked anything.",
+                "Check the address and that rosbridge runs on the robot.",
+            )
+        yield ros
+    finally:
+        await ros.aclose(_GOODBYE_S)
+
+
+async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:
+    """As the robot itself says; (None, "") where it is too old to."""
+    try:
+        answer = await ros.ask("/rosapi/get_ros_version", "rosapi/GetROSVersion")
+    except ServiceCallError:
+        return None, ""
+    version, distribution = answer.get("version"), answer.get("distro")
+    dialect = Dialect(version) if version in (1, 2) else None
+    return dialect, distribution if isinstance(distribution, str) else ""
+
+
+async def _dialect_of_topics(ros: SafeRos) -> Dialect | None:
+    try:
+        return (await take_inventory(ros)).dialect
+    except ServiceCallError:
+        return None
+
+
+async def _names(ros: SafeRos, service: str, kind: str, key: str, **arguments: str) -> list[str]:
+    """A list of names from rosapi; empty where it does not know the question."""
+    try:
+        answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
+    except ServiceCallError as error:
+        logger.debug("rosapi: %s", error)
+        return []
+    names = answer.get(key)
+    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+
+async def _count_nodes(ros: SafeRos, topics: list[str], service: str, kind: str) -> dict[str, int]:
+    answers = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
+    return {topic: len(nodes) for topic, nodes in zip(topics, answers, strict=True)}
+
+
+def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
+    """The actions of ROS 1, by the topics of their goals."""
+    ending = "ActionGoal"
+    return {
+        topic.removesuffix("/goal"): kind.removesuffix("Goal")
+        for topic, kind in topics.items()
+        if topic.endswith("/goal") and kind.endswith(ending)
+    }
+
+
+async def _action_type(ros: SafeRos, name: str) -> str:
+    try:
+        found = (await ros.ask("/rosapi/action_type", "rosapi/ActionType", {"action": name})).get("type")
+    except ServiceCallError:
+        return ""
+    return found if isinstance(found, str) else ""
+
+
+def _is_of_interest(kind: str) -> bool:
+    return any(same_type(kind, wanted) for wanted in _OF_INTEREST)
+
+
+async def _with_what_is_heard(ros: SafeRos, offer: Offer) -> Offer:
+    frames: set[str] = set()
+    joints: dict[str, None] = {}
+
+    def take_transforms(message: Any) -> None:
+        for transform in messages.decode_tf_message(message):
+            frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
+
+    def take_joints(message: Any) -> None:
+        joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
+
+    wanted: tuple[tuple[str, Callable[[Any], None]], ...] = (
+        ("tf2_msgs/TFMessage", take_transforms),
+        ("tf/tfMessage", take_transforms),
+        ("sensor_msgs/JointState", take_joints),
+    )
+    ears: list[SafeTopic] = []
+    for topic, kind in offer.topics.items():
+        for known, take in wanted:
+            if same_type(kind, known) and len(ears) < _MOST_ASKED:
+                ear = SafeTopic(ros, topic, kind, every_message=True, queue_length=20)
+                ear.subscribe(take)
+                ears.append(ear)
+    if ears:
+        await asyncio.sleep(_LISTEN_S)
+    for ear in ears:
+        ear.unsubscribe()
+    return replace(offer, frames=tuple(sorted(frames)), joints=tuple(joints))
+
+
+def _resemblances(offer: Offer) -> tuple[Resemblance, ...]:
+    found = []
+    for listed in list_profiles():
+        if listed.error or listed.name.startswith("generic-"):
+            continue
+        profile = load_profile(listed.name)
+        share = resemblance(profile, offer)
+        if share >= _RESEMBLES:
+            found.append(Resemblance(listed.name, profile.title, share))
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def resemblance(profile: RobotProfile, offer: Offer) -> float:
+    """The share of the names in the profile that the robot has with the right type, 0..1."""
+    if offer.dialect not in (None, Dialect(profile.ros)):
+        return 0.0
+    hits = [
+        any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types) for named in named_in(profile)
+    ]
+    hits += [service in offer.services for _label, service in services_of(profile)]
+    hits += [action in offer.actions for _label, action in actions_of(profile)]
+    return round(sum(hits) / len(hits), 3)
+
+
+_RESEMBLES = 0.6
+
+
+class _Ear:
+    """Listens to one stream of a profile."""
+
+    def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str) -> None:
+        self._named = named
+        self._describe = _description_of(named, profile)
+        self._loop = asyncio.get_running_loop()
+        self._count = 0
+        self._first_s = self._last_s = 0.0
+        self._message: Any = None
+        self._heard_ns = 0
+        self._topic = SafeTopic(ros, named.topic, kind, queue_length=1)
+        self._topic.subscribe(self._take)
+
+    def close(self) -> None:
+        self._topic.unsubscribe()
+
+    def _take(self, message: Any) -> None:
+        self._last_s = self._loop.time()
+        self._first_s = self._first_s or self._last_s
+        self._count += 1
+        self._message = message
+        self._heard_ns = time.time_ns()
+
+    def verdict(self, offset_ns: int | None) -> StreamCheck:
+        named = self._named
+        if self._count == 0:
+            detail = "Nothing came."
+            if named.expected_hz is None:
+                detail = "Nothing came; it is sent only at times."
+            state: StreamState = "quiet" if named.expected_hz is None else "nothing"
+            return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+        took_s = self._last_s - self._first_s
+        rate_hz = (self._count - 1) / took_s if self._count > 1 and took_s > 0.0 else None
+        age_s = self._loop.time() - self._last_s
+        try:
+            detail = self._describe(self._message)
+        except (MessageError, ValueError) as error:
+            wrong = f"What comes cannot be used: {error}."
+            return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
+        state = "good"
+        if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
+            state = "slow"
+        late_s = self._late_s(offset_ns)
+        if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
+            state = "slow"
+            detail += f" It is {late_s:.1f} s old when it arrives."
+        return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
+
+    def _late_s(self, offset_ns: int | None) -> float | None:
+        """How old the last message was on arrival, by the robot's own clock."""
+        header = self._message.get("header") if isinstance(self._message, dict) else None
+        if offset_ns is None or not isinstance(header, dict):
+            return None
+        try:
+            stamp_ns = decode_time(header.get("stamp"))
+        except ValueError:
+            return None
+        return None if stamp_ns is None else (self._heard_ns + offset_ns - stamp_ns) / 1e9
+
+
+async def _clock_offset_ns(ros: SafeRos) -> int | None:
+    """What to add to this machine's clock to get the robot's; good to half a round trip."""
+    asked_ns = time.time_ns()
+    try:
+        robot_ns = decode_time((await ros.ask("/rosapi/get_time", "rosapi/GetTime")).get("time"))
+    except (ServiceCallError, ValueError):
+        return None
+    return None if robot_ns is None else robot_ns - (asked_ns + time.time_ns()) // 2
+
+
+def _absent(named: NamedTopic) -> StreamCheck:
+    state: StreamState = "nothing" if named.needed else "quiet"
+    detail = "The robot has no topic of this name." if named.published else "Nothing on the robot listens to it."
+    return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+
+
+def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
+    return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
+
+
+async def _listened_to(ros: SafeRos, named: NamedTopic) -> StreamCheck:
+    listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
+    if listeners:
+        return StreamCheck(
+            named.field, named.label, named.topic, "good", None, None, f"{_short(listeners)} listens to it."
+        )
+    speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
+    if speakers:
+        detail = f"{_short(speakers)} publishes it, and nothing listens."
+        return StreamCheck(named.field, named.label, named.topic, "nothing", None, None, detail)
+    # A topic without either is one whose nodes the robot does not tell.
+    return StreamCheck(named.field, named.label, named.topic, "good", None, None, "The robot has this topic.")
+
+
+def _action_check(label: str, action: str, *, there: bool | None) -> StreamCheck:
+    if there is None:
+        return StreamCheck("action", label, action, "quiet", None, None, "The robot does not tell its actions.")
+    words = "The robot has this action." if there else "The robot has no action of this name."
+    return StreamCheck("action", label, action, "good" if there else "nothing", None, None, words)
+
+
+def _short(names: Iterable[str]) -> str:
+    listed = sorted(names)
+    return ", ".join(listed[:2]) + (f" and {len(listed) - 2} more" if len(listed) > 2 else "")
+
+
+def _description_of(named: NamedTopic, profile: RobotProfile) -> Callable[[Any], str]:
+    """What to say of a message; raises MessageError or ValueError where the console could not use it."""
+    if named.field == "head.joint_states" and profile.head is not None:
+        joints = (profile.head.pan_joint, profile.head.tilt_joint)
+        return lambda message: _joints(message, joints)
+    for control in profile.controls:
+        if control.reading is not None and named.field == f"controls.{control.id}.shows":
+            path = control.reading.field
+            return lambda message: f"Now {value_at(message, path)}."
+    return _DESCRIPTIONS.get(named.types[0], lambda _message: "It comes.")
+
+
+def _joints(message: Any, wanted: tuple[str, str]) -> str:
+    known = joint_messages.decode_joint_state(message).positions
+    lacking = [joint for joint in wanted if joint not in known]
+    # A robot may tell its joints in several messages, so one without them proves nothing.
+    return f"Not in the last message: {', '.join(lacking)}." if lacking else "Both joints of the head are told."
+
+
+def _scan(message: Any) -> str:
+    scan = messages.decode_laser_scan(message, stamp_ns=0)
+    span_deg = abs(math.degrees(scan.angle_increment_rad * (len(scan.ranges_m) - 1)))
+    return f"{len(scan.ranges_m)} beams over {span_deg:.0f} degrees, up to {scan.range_max_m:g} m."
+
+
+def _picture(message: Any) -> str:
+    image = messages.decode_compressed_image(message)
+    size = picture_size(image.content)
+    pixels = f" of {size[0]}x{size[1]} pixels" if size else ""
+    return f"{image.encoding}{pixels}, {len(image.content) / 1000:.0f} kB."
+
+
+def _grid(message: Any) -> str:
+    grid = messages.decode_occupancy_grid(message, stamp_ns=0)
+    height, width = grid.cells.shape
+    return f"{width * grid.resolution_m:.0f} x {height * grid.resolution_m:.0f} m in cells of {grid.resolution_m:g} m."
+
+
+def _battery(message: Any) -> str:
+    fraction = messages.decode_battery_state(message, stamp_ns=0).charge_fraction
+    return "It does not tell its charge." if fraction is None else f"{100 * fraction:.0f} %."
+
+
+def _odometry(message: Any) -> str:
+    twist = messages.decode_odometry(message, stamp_ns=0).twist
+    return f"{twist.forward_mps:.2f} m/s, {twist.turn_radps:.2f} rad/s."
+
+
+def _pose(message: Any) -> str:
+    pose = messages.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map
+    return f"At {pose.x_m:.1f}, {pose.y_m:.1f} m, heading {math.degrees(pose.heading_rad):.0f} degrees."
+
+
+def _transforms(message: Any) -> str:
+    frames = sorted({each.child_frame for each in messages.decode_tf_message(message)})
+    return f"Frames {_short(frames)}." if frames else "It holds no frames."
+
+
+_DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
+    "sensor_msgs/LaserScan": _scan,
+    "sensor_msgs/CompressedImage": _picture,
+    "nav_msgs/OccupancyGrid": _grid,
+    "sensor_msgs/BatteryState": _battery,
+    "nav_msgs/Odometry": _odometry,
+    "geometry_msgs/PoseWithCovarianceStamped": _pose,
+    "tf2_msgs/TFMessage": _transforms,
+    "nav_msgs/Path": lambda message: f"{len(navigation_messages.decode_path(message).points_m)} points.",
+    "std_msgs/Bool": lambda message: f"Now {str(messages.decode_bool(message)).lower()}.",
+}
+
+
+def value_at(message: Any, path: str) -> bool | float | str:
+    """The value at a path such as ``status[0].level``. Raises ValueError where there is none."""
+    found = message
+    for step in re.findall(r"[A-Za-z_][A-Za-z0-9_]*|\[[0-9]+\]", path):
+        try:
+            found = found[int(step[1:-1])] if step.startswith("[") else found[step]
+        except (LookupError, TypeError) as error:
+            raise ValueError(f"the message has no {path}") from error
+    if not isinstance(found, (bool, int, float, str)):
+        raise ValueError(f"{path} is not one value")  # noqa: TRY004 - one kind of error for whoever shows it
+    return found
+
+
+def picture_size(content: bytes) -> tuple[int, int] | None:
+    """(width, height) from the head of a JPEG or PNG; None where it tells none."""
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
+        return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+    at = 2
+    while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
+        marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
+        # the frame headers SOF0..SOF15, without the tables that lie among their numbers
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
+        at += 2 + length
+    return None

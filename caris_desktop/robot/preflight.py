@@ -1,16 +1,18 @@
 """What of a robot profile the robot itself has, as its rosapi tells."""
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
+from caris_desktop.robot.profile import RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
 
 _GOODBYE_S = 0.3
+_LEAST_PICTURES_HZ = 3.0
 NO_ROSAPI = (
     "The robot does not tell which topics it has (rosapi does not answer). "
     "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
@@ -19,10 +21,11 @@ NO_ROSAPI = (
 
 @dataclass(frozen=True, slots=True)
 class RobotInventory:
-    """Names on the robot. ``topics`` maps each to its type."""
+    """Names on the robot. ``topics`` maps each to its type; ``actions`` is None where the robot does not tell them."""
 
     topics: dict[str, str]
     services: frozenset[str]
+    actions: frozenset[str] | None = None
 
     @property
     def dialect(self) -> Dialect | None:
@@ -35,6 +38,31 @@ class RobotInventory:
     def has_service(self, name: str) -> bool:
         return _absolute(name) in self.services
 
+    def has_action(self, name: str) -> bool | None:
+        """None where it cannot be told. An action of ROS 1 is known by the topic of its goals."""
+        if _absolute(f"{name}/goal") in self.topics:
+            return True
+        if self.dialect is Dialect.ROS1:
+            return False
+        return None if self.actions is None else _absolute(name) in self.actions
+
+
+@dataclass(frozen=True, slots=True)
+class NamedTopic:
+    """A topic that a profile names: ``field`` is where it does, ``types`` (of ROS 1) are those that will do.
+
+    ``published``: the robot publishes it; otherwise it listens. ``expected_hz`` is None where messages come only at
+    times. ``needed``: without it something that the wizard sees stays empty.
+    """
+
+    field: str
+    label: str
+    topic: str
+    types: tuple[str, ...]
+    published: bool = True
+    expected_hz: float | None = None
+    needed: bool = True
+
 
 async def take_inventory(ros: SafeRos) -> RobotInventory:
     """Ask rosapi.
@@ -44,8 +72,10 @@ async def take_inventory(ros: SafeRos) -> RobotInventory:
     ServiceCallError
         When it does not answer, or not with what it should.
     """
-    topics, services = await asyncio.gather(
-        ros.ask("/rosapi/topics", "rosapi/Topics"), ros.ask("/rosapi/services", "rosapi/Services")
+    topics, services, actions = await asyncio.gather(
+        ros.ask("/rosapi/topics", "rosapi/Topics"),
+        ros.ask("/rosapi/services", "rosapi/Services"),
+        _action_servers(ros),
     )
     names, types = _texts(topics.get("topics")), _texts(topics.get("types"))
     if len(types) != len(names):
@@ -53,7 +83,17 @@ async def take_inventory(ros: SafeRos) -> RobotInventory:
     return RobotInventory(
         {_absolute(name): kind for name, kind in zip(names, types, strict=True)},
         frozenset(_absolute(name) for name in _texts(services.get("services"))),
+        actions,
     )
+
+
+async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
+    try:
+        answer = await ros.ask("/rosapi/action_servers", "rosapi/GetActionServers")
+        return frozenset(_absolute(name) for name in _texts(answer.get("action_servers")))
+    except ServiceCallError:
+        # Older servers do not have it.
+        return None
 
 
 def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
@@ -66,47 +106,124 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
             f"The robot runs ROS {ros}, but the profile says ROS {profile.ros}. "
             f"Choose a profile with 'ros: {ros}', or add ?ros={ros} to the address."
         )
-    for what, topic, package, message in _listened(profile):
-        kind = inventory.topics.get(_absolute(topic))
-        wanted = type_name(dialect, package, message)
+    for named in named_in(profile):
+        kind = inventory.topics.get(_absolute(named.topic))
+        wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
-            sentences.append(f"{what}: the robot has no topic {topic}.")
-        elif kind and not same_type(kind, wanted):
-            sentences.append(f"{what}: {topic} carries {kind}, but {wanted} was expected.")
-    velocity = profile.velocity
-    kind = inventory.topics.get(_absolute(velocity.topic))
-    wanted = type_name(dialect, "geometry_msgs", velocity.type)
-    if kind is None:
-        sentences.append(f"Driving: nothing on the robot listens to {velocity.topic}.")
-    elif kind and not same_type(kind, wanted):
-        sentences.append(f"Driving: {velocity.topic} carries {kind}, but the profile says {velocity.type}.")
-    navigation = profile.navigation
-    if navigation is not None and navigation.kind == "move_base":
-        goal_topic = _absolute(f"{navigation.name}/goal")
-        if goal_topic not in inventory.topics:
-            sentences.append(f"Navigation: nothing on the robot listens to {goal_topic}.")
-    speech = profile.speech
-    if speech is not None and speech.topic is not None and _absolute(speech.topic) not in inventory.topics:
-        sentences.append(f"Speech: nothing on the robot listens to {speech.topic}.")
-    stop = profile.emergency_stop
-    if stop is not None and stop.service is not None and not inventory.has_service(stop.service):
-        sentences.append(f"Emergency stop: the robot has no service {stop.service}.")
+            if named.published and named.needed:
+                sentences.append(f"{named.label}: the robot has no topic {named.topic}.")
+            elif named.needed:
+                sentences.append(f"{named.label}: nothing on the robot listens to {named.topic}.")
+        elif kind and not any(same_type(kind, one) for one in named.types):
+            sentences.append(f"{named.label}: {named.topic} carries {kind}, but {wanted} was expected.")
+    for label, action in actions_of(profile):
+        if inventory.has_action(action) is False:
+            sentences.append(f"{label}: the robot has no action {action}.")
+    sentences += [
+        f"{label}: the robot has no service {service}."
+        for label, service in services_of(profile)
+        if not inventory.has_service(service)
+    ]
     return sentences
 
 
-def _listened(profile: RobotProfile) -> Iterable[tuple[str, str, str, str]]:
-    if profile.scan:
-        yield "LIDAR", profile.scan.topic, "sensor_msgs", "LaserScan"
-    if profile.odometry:
-        yield "Odometry", profile.odometry.topic, "nav_msgs", "Odometry"
-    if profile.map:
-        yield "Map", profile.map.topic, "nav_msgs", "OccupancyGrid"
-    if profile.battery:
-        yield "Battery", profile.battery.topic, "sensor_msgs", "BatteryState"
-    if profile.pose and not profile.tf:
-        yield "Pose", profile.pose.topic, "geometry_msgs", "PoseWithCovarianceStamped"
-    for camera in profile.cameras:
-        yield f"Camera {camera.name}", camera.topic, "sensor_msgs", "CompressedImage"
+def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
+    """Every topic that the profile names, with what it should carry."""
+    bare = profile.velocity.type
+    yield NamedTopic("velocity", "Driving", profile.velocity.topic, (f"geometry_msgs/{bare}",), published=False)
+    streams: tuple[tuple[str, str, TopicSource | None, str, float | None, bool], ...] = (
+        ("scan", "LIDAR", profile.scan, "sensor_msgs/LaserScan", 5.0, True),
+        ("odometry", "Odometry", profile.odometry, "nav_msgs/Odometry", 5.0, True),
+        ("pose", "Pose", profile.pose, "geometry_msgs/PoseWithCovarianceStamped", None, profile.tf is None),
+        ("tf", "Transforms", profile.tf, "tf2_msgs/TFMessage", 5.0, False),
+        ("tf_static", "Fixed transforms", profile.tf_static, "tf2_msgs/TFMessage", None, False),
+        ("map", "Map", profile.map, "nav_msgs/OccupancyGrid", None, True),
+        ("map_updates", "Map updates", profile.map_updates, "map_msgs/OccupancyGridUpdate", None, False),
+        ("path", "Path", profile.path, "nav_msgs/Path", None, False),
+        ("battery", "Battery", profile.battery, "sensor_msgs/BatteryState", 0.1, True),
+    )
+    for key, label, source, kind, expected_hz, needed in streams:
+        if source is not None:
+            # the name of this type in tf's first version
+            kinds = (kind, "tf/tfMessage") if key == "tf" else (kind,)
+            yield NamedTopic(key, label, source.topic, kinds, expected_hz=expected_hz, needed=needed)
+    for index, camera in enumerate(profile.cameras):
+        label = f"Camera {camera.name}"
+        yield NamedTopic(
+            f"cameras.{index}", label, camera.topic, ("sensor_msgs/CompressedImage",), expected_hz=_LEAST_PICTURES_HZ
+        )
+        if camera.info is not None:
+            yield NamedTopic(
+                f"cameras.{index}.info", f"{label}: lens", camera.info, ("sensor_msgs/CameraInfo",), needed=False
+            )
+    if profile.initial_pose is not None:
+        kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
+        yield NamedTopic("initial_pose", "Setting the pose", profile.initial_pose, kinds, published=False, needed=False)
+    yield from _voice_and_stop(profile)
+    head = profile.head
+    if head is not None:
+        kind = "trajectory_msgs/JointTrajectory"
+        if head.kind == "joint_angles":
+            kind = "naoqi_bridge_msgs/JointAnglesWithSpeed"
+        yield NamedTopic("head", "Head", head.topic, (kind,), published=False)
+        yield NamedTopic("head.joint_states", "Joints", head.joint_states, ("sensor_msgs/JointState",), expected_hz=2.0)
+    for control in profile.controls:
+        key, label = f"controls.{control.id}", f"Control {control.title}"
+        if isinstance(control.effect, PublishMessage):
+            yield NamedTopic(key, label, control.effect.topic, (control.effect.type,), published=False)
+        if control.reading is not None:
+            yield NamedTopic(f"{key}.shows", label, control.reading.topic, (control.reading.type,))
+
+
+def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
+    speech, stop = profile.speech, profile.emergency_stop
+    if speech is not None and speech.topic is not None:
+        yield NamedTopic("speech", "Speech", speech.topic, ("std_msgs/String",), published=False)
+        if speech.speaking is not None:
+            yield NamedTopic("speech.speaking", "Speech: is speaking", speech.speaking, ("std_msgs/Bool",))
+        if speech.stop is not None:
+            yield NamedTopic("speech.stop", "Speech: be quiet", speech.stop, ("std_msgs/Empty",), published=False)
+    if stop is not None and stop.topic is not None:
+        yield NamedTopic("emergency_stop.topic", "Emergency stop", stop.topic, ("std_msgs/Bool",))
+    if stop is not None and stop.command_topic is not None:
+        kinds = ("std_msgs/Bool",)
+        yield NamedTopic("emergency_stop.command_topic", "Emergency stop", stop.command_topic, kinds, published=False)
+
+
+def services_of(profile: RobotProfile) -> Iterator[tuple[str, str]]:
+    """(label, name) of every service that the profile names."""
+    stop, maps = profile.emergency_stop, profile.maps
+    if stop is not None:
+        for service in (stop.service, stop.set_service, stop.clear_service):
+            if service is not None:
+                yield "Emergency stop", service
+    if maps is not None:
+        for node, service in (
+            (maps.slam_toolbox, "serialize_map"),
+            (maps.map_server, "load_map"),
+            (maps.map_saver, "save_map"),
+        ):
+            if node is not None:
+                yield "Maps", f"{node}/{service}"
+    for control in profile.controls:
+        if isinstance(control.effect, CallService):
+            yield f"Control {control.title}", control.effect.service
+
+
+def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str]]:
+    if profile.navigation is not None:
+        yield "Navigation", profile.navigation.name
+    if profile.speech is not None and profile.speech.action is not None:
+        yield "Speech", profile.speech.action.name
+    for control in profile.controls:
+        if isinstance(control.effect, SendActionGoal):
+            yield f"Control {control.title}", control.effect.action
+
+
+def in_dialect(dialect: Dialect, kind: str) -> str:
+    """A message type as this ROS spells it."""
+    package, _, name = kind.partition("/")
+    return type_name(dialect, package, name.removeprefix("msg/"))
 
 
 def _texts(value: Any) -> list[str]:
@@ -119,7 +236,7 @@ def _absolute(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
-class _Probe:
+class LinkProbe:
     """Waits for one connection, or for the reason why there is none."""
 
     def __init__(self) -> None:
@@ -149,7 +266,7 @@ class _Probe:
 
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
     """Connect, compare, disconnect; see ``link.check_robot``."""
-    probe = _Probe()
+    probe = LinkProbe()
     ros = SafeRos(address, probe, service_timeout_s=timeout_s, security=profile.security)
     ros.connect()
     try:

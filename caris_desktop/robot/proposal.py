@@ -1,11 +1,10 @@
 """From what a robot offers to a profile for it: candidates for each thing by type and name, with reasons in words."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from caris_desktop.domain.address import without_credentials
 from caris_desktop.robot.profile import (
     CameraTopic,
     EmergencyStopInterface,
@@ -90,6 +89,484 @@ class Proposal:
         return {proposal.field: proposal.value for proposal in self.fields}
 
 
-# def propose(offer: Offer, *, namespace: str | None = None) -> Proposal
-# def profile_of(offer: Offer, chosen: Mapping[str, str], *, name: str, title: str, address: str,
-#     security: SecuritySettings | None = None) -> RobotProfile
+def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
+    """The likeliest mapping. ``namespace`` chooses between several robots on one server ("" for none)."""
+    namespaces = _namespaces(offer)
+    chosen_namespace = namespace if namespace is not None else namespaces[0] if namespaces else ""
+    ranked = _Ranking(offer, chosen_namespace)
+    fields: list[FieldProposal] = [
+        _proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_FIRST
+    ]
+    cameras = ranked.topics(_CAMERA)
+    for index in range(min(MOST_CAMERAS, len(_distinct_cameras(cameras)))):
+        fields.append(_camera_proposal(index, cameras))
+    fields.append(_proposal("navigation", "Navigation", ranked.navigation()))
+    fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_AFTER]
+    fields.append(_proposal("speech", "Voice", ranked.voices()))
+    for kind in _SPEECH_TOPICS:
+        fields.append(_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least))
+    fields.append(_proposal("emergency_stop.topic", "Emergency stop state", ranked.topics(_STOP_STATE), least=0.6))
+    fields.append(_proposal("emergency_stop.service", "Emergency stop", ranked.emergency_stops(), least=0.6))
+    fields.append(_proposal("head", "Head", ranked.heads()))
+    for node, service in (("slam_toolbox", "serialize_map"), ("map_server", "load_map"), ("map_saver", "save_map")):
+        fields.append(_proposal(f"maps.{node}", f"Maps: {node}", ranked.map_nodes(service)))
+    return Proposal(chosen_namespace, namespaces, tuple(fields), tuple(_notes(offer, fields)))
+
+
+def profile_of(
+    offer: Offer,
+    chosen: Mapping[str, str],
+    *,
+    name: str,
+    title: str,
+    address: str,
+    security: SecuritySettings | None = None,
+) -> RobotProfile:
+    """The profile with this mapping: ``chosen`` is ``Proposal.chosen``, possibly changed; "" leaves a field out.
+
+    Speeds are cautious, and what cannot be asked for (footprint, where the camera is) has its default.
+    """
+
+    def given(key: str) -> str | None:
+        return chosen.get(key) or None
+
+    def source(key: str, throttle_ms: int = 0, *, latched: bool = False) -> TopicSource | None:
+        topic = given(key)
+        return TopicSource(topic, throttle_ms, latched) if topic else None
+
+    velocity = given("velocity") or "/cmd_vel"
+    stamped = same_type(offer.topics.get(velocity, ""), "geometry_msgs/TwistStamped")
+    frames = _frames(offer)
+    maps = MapServices(given("maps.slam_toolbox"), given("maps.map_server"), given("maps.map_saver"))
+    speech = _speech(offer, chosen)
+    stop = _emergency_stop(offer, given("emergency_stop.topic"), given("emergency_stop.service"))
+    ros2 = offer.dialect is Dialect.ROS2
+    navigation = given("navigation")
+    return RobotProfile(
+        name=name,
+        title=title,
+        ros=2 if ros2 else 1,
+        address=address,
+        security=security or SecuritySettings(),
+        simulation_time=_runs_on_simulation_time(offer),
+        velocity=VelocityTopic(velocity, "TwistStamped" if stamped else "Twist", frames.base),
+        limits=CAUTIOUS,
+        guard=GuardSettings(),
+        scan=source("scan", 50),
+        odometry=source("odometry", 50),
+        pose=source("pose", latched=not ros2),
+        tf=source("tf"),
+        tf_static=source("tf_static", latched=True),
+        frames=frames,
+        map=source("map", 500, latched=True),
+        map_updates=source("map_updates"),
+        path=source("path"),
+        battery=source("battery", 1000),
+        cameras=tuple(_cameras(offer, chosen)),
+        navigation=NavigationServer("navigate_to_pose" if ros2 else "move_base", navigation) if navigation else None,
+        initial_pose=given("initial_pose"),
+        maps=maps if maps != MapServices() else None,
+        speech=speech,
+        emergency_stop=stop,
+        head=_head(offer, given("head")),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """How a topic is recognized: its types, then its last word (best first), then words that speak against it.
+
+    Below ``least`` confidence it is a candidate and not proposed. ``published``: the robot publishes it.
+    """
+
+    field: str
+    label: str
+    types: tuple[str, ...]
+    names: tuple[str, ...]
+    against: tuple[str, ...] = ()
+    least: float = 0.4
+    published: bool = True
+
+
+_TOPICS_FIRST = (
+    _Kind(
+        "velocity", "Driving", ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
+        ("cmd_vel", "key_vel", "cmd_vel_teleop", "teleop", "cmd_vel_key", "joy_vel", "cmd_vel_joy", "tab_vel",
+         "cmd_vel_unstamped", "velocity"),
+        ("nav", "smooth", "safe", "out", "raw", "assisted", "turtle", "odom", "command_velocity", "measured"),
+        published=False,
+    ),
+    _Kind(
+        "scan", "LIDAR", ("sensor_msgs/LaserScan",),
+        ("scan", "scan_raw", "base_scan", "scan_filtered", "front_scan", "scan_front", "laser", "laser_scan"),
+        ("rear", "back", "depth", "cliff", "sonar", "camera", "virtual", "ground", "shovel"),
+    ),
+    _Kind(
+        "odometry", "Odometry", ("nav_msgs/Odometry",), ("odom", "odometry", "filtered"),
+        ("ground_truth", "visual", "vo", "gps", "rf2o", "camera", "t265"),
+    ),
+    _Kind(
+        "pose", "Pose in the map", ("geometry_msgs/PoseWithCovarianceStamped",),
+        ("amcl_pose", "pose", "robot_pose", "localization_pose"), ("initialpose", "initial", "set_pose", "gps"),
+    ),
+    _Kind("tf", "Transforms", ("tf2_msgs/TFMessage", "tf/tfMessage"), ("tf",), ("tf_static",)),
+    _Kind("tf_static", "Fixed transforms", ("tf2_msgs/TFMessage",), ("tf_static",), least=0.7),
+    _Kind(
+        "map", "Map", ("nav_msgs/OccupancyGrid",), ("map",),
+        ("costmap", "local", "global", "visibility", "keepout", "mask", "filter"), least=0.6,
+    ),
+    _Kind(
+        "map_updates", "Map updates", ("map_msgs/OccupancyGridUpdate",), ("map_updates",), ("costmap", "local"),
+        least=0.6,
+    ),
+    _Kind(
+        "path", "Planned way", ("nav_msgs/Path",), ("plan", "global_plan", "received_global_plan", "path"),
+        ("local", "transformed", "trajectory", "odom", "history", "smoothed"),
+    ),
+    _Kind("battery", "Battery", ("sensor_msgs/BatteryState",), ("battery_state", "battery", "state"), ("dock", "arm")),
+)  # fmt: skip
+_TOPICS_AFTER = (
+    _Kind(
+        "initial_pose", "Set the pose", ("geometry_msgs/PoseWithCovarianceStamped",), ("initialpose", "initial_pose"),
+        least=0.7, published=False,
+    ),
+)  # fmt: skip
+_CAMERA = _Kind(
+    "cameras.0", "Camera", ("sensor_msgs/CompressedImage",), ("compressed",),
+    ("depth", "infra", "ir", "left", "right", "stereo", "theora", "debug", "overlay", "mask", "bottom", "rear", "back"),
+)  # fmt: skip
+_SPEECH_TOPICS = (
+    _Kind(
+        "speech.speaking", "Voice: is speaking", ("std_msgs/Bool",), ("speaking", "is_speaking", "tts_active"),
+        least=0.7,
+    ),
+    _Kind(
+        "speech.stop", "Voice: be quiet", ("std_msgs/Empty",), ("stop", "tts_stop", "stop_speaking", "shut_up"),
+        least=0.7, published=False,
+    ),
+)  # fmt: skip
+_STOP_STATE = _Kind(
+    "emergency_stop.topic", "Emergency stop state", ("std_msgs/Bool",),
+    ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_stopped"),
+)  # fmt: skip
+_STOP_WORDS = re.compile(r"e_?stop|emergency|motor_?power|runstop", re.IGNORECASE)
+_SPEECH_WORDS = re.compile(r"(^|[/_])(tts|speech|say|speak|talk|voice)([/_]|$)", re.IGNORECASE)
+_HEARING_WORDS = re.compile(
+    r"recogni|asr|stt|heard|result|status|feedback|event|viseme|speaking|grammar", re.IGNORECASE
+)
+# Speech actions whose goals are published: (type, goal). $value is the text.
+_SPEECH_ACTIONS: tuple[tuple[str, Mapping[str, Any]], ...] = (
+    ("pal_interaction_msgs/TtsAction", {"rawtext": {"text": "$value", "lang_id": "en_GB"}}),
+    ("tts_msgs/action/TTS", {"input": "$value", "locale": "en_US"}),
+    ("communication_skills/action/Say", {"input": "$value"}),
+    (
+        "sound_play/SoundRequestAction",
+        {"sound_request": {"sound": -3, "command": 1, "volume": 1.0, "arg": "$value", "arg2": ""}},
+    ),
+    ("naoqi_bridge_msgs/SpeechWithFeedbackAction", {"say": "$value"}),
+)
+_NAVIGATION = ("move_base_msgs/MoveBaseAction", "nav2_msgs/action/NavigateToPose")
+_STOP_SERVICES = ("std_srvs/SetBool",)
+_PAIRED_SERVICES = ("std_srvs/Trigger", "std_srvs/Empty")
+_HEAD_TYPES = {
+    "trajectory_msgs/JointTrajectory": "joint_trajectory",
+    "naoqi_bridge_msgs/JointAnglesWithSpeed": "joint_angles",
+}
+_PAN_JOINTS = ("head_1_joint", "headyaw", "head_pan_joint", "head_pan", "head_yaw", "pan_joint", "neck_pan")
+_TILT_JOINTS = ("head_2_joint", "headpitch", "head_tilt_joint", "head_tilt", "head_pitch", "tilt_joint", "neck_tilt")
+
+
+class _Ranking:
+    """Candidates from one offer, best first, those in ``namespace`` before others."""
+
+    def __init__(self, offer: Offer, namespace: str) -> None:
+        self._offer = offer
+        self._namespace = namespace
+
+    def topics(self, kind: _Kind) -> list[Candidate]:
+        found = [
+            self._rated(kind, topic, found_type)
+            for topic, found_type in self._offer.topics.items()
+            if any(same_type(found_type, wanted) for wanted in kind.types)
+        ]
+        return _best_first(found)
+
+    def navigation(self) -> list[Candidate]:
+        found = []
+        for action, found_type in self._offer.actions.items():
+            last = action.rsplit("/", 1)[-1]
+            if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
+                certainty, why = 0.95, f"an action server of {found_type}"
+            elif not found_type and last in ("move_base", "navigate_to_pose"):
+                certainty, why = 0.75, "an action server of the usual name"
+            else:
+                continue
+            found.append(self._in_namespace(Candidate(action, found_type, certainty, why)))
+        return _best_first(found)
+
+    def voices(self) -> list[Candidate]:
+        found = []
+        for action, found_type in self._offer.actions.items():
+            if any(same_type(found_type, known) for known, _ in _SPEECH_ACTIONS):
+                found.append(Candidate(action, found_type, 0.95, "a speech action: it tells when it has finished"))
+        for topic, found_type in self._offer.topics.items():
+            spoken = same_type(found_type, "std_msgs/String") and _SPEECH_WORDS.search(topic)
+            if spoken and not _HEARING_WORDS.search(topic):
+                last = topic.rsplit("/", 1)[-1]
+                certainty = 0.8 if last in ("tts", "speech", "say") else 0.55
+                found.append(Candidate(topic, found_type, certainty, f"text, and named '{last}'"))
+        return _best_first(self._in_namespace(candidate) for candidate in found)
+
+    def emergency_stops(self) -> list[Candidate]:
+        """Services and command topics; a pair of services is written ``SET | CLEAR``."""
+        found = []
+        services = self._offer.services
+        for service, found_type in services.items():
+            if not _STOP_WORDS.search(service):
+                continue
+            if any(same_type(found_type, known) for known in _STOP_SERVICES):
+                found.append(
+                    Candidate(service, found_type, 0.9, "a service of std_srvs/SetBool with a name of its kind")
+                )
+            elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
+                release = _release_of(service, services)
+                if release is not None:
+                    why = f"two services of {found_type}: one stops, the other releases"
+                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, why))
+        return _best_first(self._in_namespace(candidate) for candidate in found)
+
+    def heads(self) -> list[Candidate]:
+        joints = _head_joints(self._offer)
+        found = []
+        for topic, found_type in self._offer.topics.items():
+            kind = next((kind for known, kind in _HEAD_TYPES.items() if same_type(found_type, known)), None)
+            if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
+                continue
+            if joints is None:
+                why = "its type fits, but no head joints were heard among the joint states"
+                found.append(Candidate(topic, found_type, 0.3, why))
+            else:
+                found.append(Candidate(topic, found_type, 0.85, f"moves joints, and {joints[0]} and {joints[1]} exist"))
+        return _best_first(self._in_namespace(candidate) for candidate in found)
+
+    def map_nodes(self, service: str) -> list[Candidate]:
+        found = []
+        for name, found_type in self._offer.services.items():
+            node, _, last = name.rpartition("/")
+            if last == service and node:
+                found.append(Candidate(node, found_type, 0.9, f"has the service {name}"))
+        return _best_first(self._in_namespace(candidate) for candidate in found)
+
+    def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
+        words = [word for word in topic.lower().split("/") if word]
+        last = words[-1] if words else ""
+        reasons = [f"carries {found_type}"]
+        if last in kind.names:
+            certainty = 0.95 - 0.03 * kind.names.index(last)
+            reasons.append(f"is named '{last}'")
+        elif any(name in last for name in kind.names):
+            certainty = 0.65
+            reasons.append(f"its name holds '{next(name for name in kind.names if name in last)}'")
+        else:
+            certainty = 0.45
+        doubts = [word for word in kind.against if _has_word(words, word)]
+        if doubts:
+            certainty -= 0.4
+            reasons.append(f"but '{doubts[0]}' speaks against it")
+        # A short name is the robot's own; long ones belong to a part of it.
+        certainty -= 0.02 * max(0, len(words) - 1)
+        count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
+        if count == 0 and kind.published:
+            certainty -= 0.25
+            reasons.append("but nothing publishes it now")
+        elif count:
+            certainty += 0.03
+        return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), ", ".join(reasons)))
+
+    def _in_namespace(self, candidate: Candidate) -> Candidate:
+        # tf is common to all robots of a server unless one has its own.
+        shared = candidate.value in ("/tf", "/tf_static", "/map")
+        if shared or not self._namespace:
+            return candidate
+        if f"{candidate.value}/".startswith(f"/{self._namespace}/"):
+            return replace(candidate, confidence=_clipped(candidate.confidence + 0.1))
+        return replace(
+            candidate,
+            confidence=_clipped(candidate.confidence - 0.5),
+            why=f"{candidate.why}, but it is not in the namespace {self._namespace}",
+        )
+
+
+def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float = 0.4) -> FieldProposal:
+    best = candidates[0] if candidates and candidates[0].confidence >= least else None
+    if best is not None:
+        why = best.why[:1].upper() + best.why[1:] + "."
+    elif candidates:
+        why = f"{len(candidates)} of this type, none with a name that fits."
+    else:
+        why = "The robot offers nothing of this kind."
+    return FieldProposal(key, label, best.value if best else "", tuple(candidates), why)
+
+
+def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
+    best = _distinct_cameras(candidates)[index]
+    # Only the first is proposed on a doubt: each further picture costs bandwidth.
+    value = best.value if index == 0 or best.confidence >= 0.7 else ""
+    why = best.why[:1].upper() + best.why[1:] + "."
+    return FieldProposal(f"cameras.{index}", f"Camera {index + 1}", value, tuple(candidates), why)
+
+
+def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """The best topic of each camera: one may offer its raw and its rectified picture."""
+    cameras: dict[str, Candidate] = {}
+    for candidate in candidates:
+        cameras.setdefault(candidate.value.removesuffix("/compressed").rpartition("/")[0], candidate)
+    return list(cameras.values())
+
+
+def _namespaces(offer: Offer) -> tuple[str, ...]:
+    """What stands before the velocity topics of several robots, or of one whose names all begin with it."""
+    velocity = _TOPICS_FIRST[0]
+    tops: dict[str, int] = {}
+    for topic, found_type in offer.topics.items():
+        prefix, _, last = topic.strip("/").rpartition("/")
+        if last in ("cmd_vel", "odom", "scan") and prefix and "/" not in prefix:
+            listens = any(same_type(found_type, wanted) for wanted in velocity.types)
+            tops[prefix] = tops.get(prefix, 0) + (2 if listens else 1)
+    # A namespace holds a robot: something to drive and something to know where it is.
+    found = sorted(
+        (prefix for prefix, points in tops.items() if points >= 3), key=lambda prefix: (-tops[prefix], prefix)
+    )
+    return tuple(["", *found] if "/cmd_vel" in offer.topics and found else found)
+
+
+def _notes(offer: Offer, fields: Iterable[FieldProposal]) -> Iterator[str]:
+    values = {proposal.field: proposal.value for proposal in fields}
+    yield (
+        f"Speeds begin slow, at {CAUTIOUS.forward_mps} m/s. "
+        "Set 'limits' and 'footprint' in the file to those of the robot."
+    )
+    if not values.get("velocity"):
+        yield "Nothing was found to drive with; choose the topic by hand if the robot listens to one."
+    if _runs_on_simulation_time(offer):
+        yield "The robot publishes /clock, so its time is that of a simulator."
+    if values.get("cameras.0"):
+        yield "Where the camera is cannot be asked: add 'model' to it, and clicks in the video find the floor."
+    if values.get("velocity") and _has_multiplexer(offer):
+        yield "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."
+
+
+def _has_multiplexer(offer: Offer) -> bool:
+    return any("twist_mux" in topic or "vel_mux" in topic or topic.endswith("joy_priority") for topic in offer.topics)
+
+
+def _runs_on_simulation_time(offer: Offer) -> bool:
+    return same_type(offer.topics.get("/clock", ""), "rosgraph_msgs/Clock") and offer.publishers.get("/clock", 1) > 0
+
+
+def _frames(offer: Offer) -> TransformFrames:
+    def first(*names: str) -> str:
+        """The one that was heard, with whatever namespace it has."""
+        for name in names:
+            found = [frame for frame in offer.frames if frame == name or frame.endswith(f"/{name}")]
+            if found:
+                return min(found, key=len)
+        return names[0]
+
+    return TransformFrames(first("map"), first("odom"), first("base_link", "base_footprint"))
+
+
+def _cameras(offer: Offer, chosen: Mapping[str, str]) -> Iterator[CameraTopic]:
+    names: set[str] = set()
+    for index in range(MOST_CAMERAS):
+        topic = chosen.get(f"cameras.{index}")
+        if not topic:
+            continue
+        base = topic.removesuffix("/compressed").rpartition("/")[0]
+        info = f"{base}/camera_info"
+        known = same_type(offer.topics.get(info, ""), "sensor_msgs/CameraInfo")
+        words = [word for word in base.split("/") if word not in ("", "rgb", "color", "image", "camera")]
+        name = re.sub(r"[^A-Za-z0-9_-]", "", words[-1] if words else "front") or "front"
+        if name in names:
+            name = f"{name}-{index + 1}"
+        names.add(name)
+        yield CameraTopic(name, topic, info=info if known else None)
+
+
+def _speech(offer: Offer, chosen: Mapping[str, str]) -> SpeechInterface | None:
+    name = chosen.get("speech")
+    if not name:
+        return None
+    found_type = offer.actions.get(name, "")
+    for known, goal in _SPEECH_ACTIONS:
+        if same_type(found_type, known):
+            return SpeechInterface(action=SpeechAction(name, found_type, goal))
+    return SpeechInterface(name, chosen.get("speech.speaking") or None, chosen.get("speech.stop") or None)
+
+
+def _emergency_stop(offer: Offer, topic: str | None, service: str | None) -> EmergencyStopInterface | None:
+    if service is None:
+        return EmergencyStopInterface(topic) if topic else None
+    stops, _, releases = service.partition(" | ")
+    if not releases:
+        return EmergencyStopInterface(topic, service=stops)
+    empty = same_type(offer.services.get(stops, ""), "std_srvs/Empty")
+    return EmergencyStopInterface(
+        topic,
+        set_service=stops,
+        clear_service=releases,
+        service_type="std_srvs/Empty" if empty else "std_srvs/Trigger",
+    )
+
+
+def _head(offer: Offer, topic: str | None) -> HeadInterface | None:
+    joints = _head_joints(offer)
+    if topic is None or joints is None:
+        return None
+    found_type = offer.topics.get(topic, "")
+    angles = same_type(found_type, "naoqi_bridge_msgs/JointAnglesWithSpeed")
+    states = [name for name, kind in offer.topics.items() if same_type(kind, "sensor_msgs/JointState")]
+    named = [name for name in states if name.endswith("/joint_states")] or states or ["/joint_states"]
+    # The narrow ranges of the default suit most heads; how a joint counts cannot be asked.
+    return HeadInterface(
+        "joint_angles" if angles else "joint_trajectory", topic, joints[0], joints[1], min(named, key=len)
+    )
+
+
+def _head_joints(offer: Offer) -> tuple[str, str] | None:
+    """(pan, tilt) among the joints that were heard."""
+
+    def find(known: tuple[str, ...]) -> str | None:
+        lower = {joint.lower().rsplit("/", 1)[-1]: joint for joint in offer.joints}
+        return next((lower[name] for name in known if name in lower), None)
+
+    pan, tilt = find(_PAN_JOINTS), find(_TILT_JOINTS)
+    return (pan, tilt) if pan and tilt else None
+
+
+def _release_of(service: str, services: Mapping[str, str]) -> str | None:
+    """The service that releases what ``service`` stops, of the same type."""
+    folder, _, last = service.rpartition("/")
+    pairs: tuple[tuple[str, str], ...] = (
+        ("set", "clear"), ("set", "reset"), ("set", "release"), ("stop", "release"), ("stop", "reset"),
+        ("trigger", "reset"), ("trigger", "clear"), ("engage", "release"), ("on", "off"), ("enable", "disable"),
+    )  # fmt: skip
+    for stops, releases in pairs:
+        if stops in last:
+            release = f"{folder}/{last.replace(stops, releases)}"
+            if release != service and release in services and same_type(services[release], services[service]):
+                return release
+    return None
+
+
+def _has_word(words: Iterable[str], wanted: str) -> bool:
+    """Whether ``wanted`` is a word, or a part between underscores of one."""
+    return any(wanted == word or wanted in word.split("_") or (len(wanted) > 5 and wanted in word) for word in words)
+
+
+def _best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
+    return sorted(candidates, key=lambda candidate: (-candidate.confidence, len(candidate.value), candidate.value))
+
+
+def _clipped(confidence: float) -> float:
+    return round(min(max(confidence, 0.0), 1.0), 3)
