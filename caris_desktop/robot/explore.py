@@ -162,8 +162,16 @@ async def take_offer(ros: SafeRos) -> Offer:
     asked = [topic for topic, kind in inventory.topics.items() if _is_of_interest(kind)][:_MOST_ASKED]
     publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
+    # A topic without either is one whose nodes the robot does not tell.
+    told = [topic for topic in asked if publishers[topic] or subscribers[topic]]
     return Offer(
-        inventory.topics, services, actions, dialect, distribution, publishers=publishers, subscribers=subscribers
+        inventory.topics,
+        services,
+        actions,
+        dialect,
+        distribution,
+        publishers={topic: publishers[topic] for topic in told},
+        subscribers={topic: subscribers[topic] for topic in told},
     )
 
 

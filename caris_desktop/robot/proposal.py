@@ -176,7 +176,8 @@ def profile_of(
 class _Kind:
     """How a topic is recognized: its types, then its last word (best first), then words that speak against it.
 
-    Below ``least`` confidence it is a candidate and not proposed. ``published``: the robot publishes it.
+    Below ``least`` confidence it is a candidate and not proposed. ``published``: the robot publishes it. ``about`` must
+    be found somewhere in the name.
     """
 
     field: str
@@ -186,8 +187,10 @@ class _Kind:
     against: tuple[str, ...] = ()
     least: float = 0.4
     published: bool = True
+    about: re.Pattern[str] | None = None
 
 
+_SPEECH_WORDS = re.compile(r"(^|[/_])(tts|speech|say|speak|speaking|talk|voice)([/_]|$)", re.IGNORECASE)
 _TOPICS_FIRST = (
     _Kind(
         "velocity", "Driving", ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
@@ -242,7 +245,7 @@ _SPEECH_TOPICS = (
     ),
     _Kind(
         "speech.stop", "Voice: be quiet", ("std_msgs/Empty",), ("stop", "tts_stop", "stop_speaking", "shut_up"),
-        least=0.7, published=False,
+        least=0.7, published=False, about=_SPEECH_WORDS,
     ),
 )  # fmt: skip
 _STOP_STATE = _Kind(
@@ -250,7 +253,6 @@ _STOP_STATE = _Kind(
     ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_stopped"),
 )  # fmt: skip
 _STOP_WORDS = re.compile(r"e_?stop|emergency|motor_?power|runstop", re.IGNORECASE)
-_SPEECH_WORDS = re.compile(r"(^|[/_])(tts|speech|say|speak|talk|voice)([/_]|$)", re.IGNORECASE)
 _HEARING_WORDS = re.compile(
     r"recogni|asr|stt|heard|result|status|feedback|event|viseme|speaking|grammar", re.IGNORECASE
 )
@@ -288,6 +290,7 @@ class _Ranking:
             self._rated(kind, topic, found_type)
             for topic, found_type in self._offer.topics.items()
             if any(same_type(found_type, wanted) for wanted in kind.types)
+            and (kind.about is None or kind.about.search(topic))
         ]
         return _best_first(found)
 
