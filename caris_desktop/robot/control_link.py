@@ -16,6 +16,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, RobotPose
+from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
 from caris_desktop.robot.head import RobotHead
@@ -30,7 +31,7 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.voice import RobotVoice
+from caris_desktop.robot.voice import make_voice
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
     encode_twist,
@@ -80,8 +81,16 @@ class ControlLink:
             emit=self._goal_changed,
             unconfirmed=self._report_unconfirmed_cancel,
         )
-        self._voice = RobotVoice(self._ros, self._dialect, profile.speech, emit=self._put)
+        self._voice = make_voice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, emit=self._put)
+        self._controls = RobotControls(
+            self._ros,
+            self._dialect,
+            profile.controls,
+            emit=self._put,
+            unusable=self._report_unusable_reading,
+            in_background=self._in_background,
+        )
         self._maps = RobotMaps(
             self._ros,
             self._dialect,
@@ -171,6 +180,10 @@ class ControlLink:
                 self._maps.request(command)
             case commands.MoveHead(pan_rad=pan_rad, tilt_rad=tilt_rad):
                 self._refused("The head does not turn", self._head.move(pan_rad, tilt_rad))
+            case commands.OfferControls(controls=controls):
+                self._controls.offer(controls)
+            case commands.UseControl():
+                self._controls.use(command)
             case commands.Say(utterance_id=utterance_id, text=text):
                 self._voice.say(utterance_id, text)
             case commands.Silence():
@@ -318,6 +331,7 @@ class ControlLink:
         if held:
             self._send_zero_first()
         self._head.hold_still(held)
+        self._controls.hold_still(held)
 
     def cancel_goals(self, reason: str) -> None:
         self._navigator.cancel_all(reason)
@@ -335,6 +349,7 @@ class ControlLink:
         self._navigator.link_connected()
         self._emergency_stop.link_connected()
         self._sensors.link_connected()
+        self._controls.link_connected()
         self._in_background(self._look_around())
 
     def link_silent(self) -> None:
@@ -366,6 +381,7 @@ class ControlLink:
         self._navigator.link_lost()
         self._voice.link_lost()
         self._head.link_lost()
+        self._controls.link_lost()
         self._maps.link_lost()
         self._sensors.link_lost()
         self._measurement.link_lost()
@@ -417,6 +433,15 @@ class ControlLink:
                     "Start it on the robot, or correct the names in the robot profile.",
                 )
             )
+
+    def _report_unusable_reading(self, title: str, reason: str) -> None:
+        self._report.problems.count(
+            f"reading {title}",
+            severity="warning",
+            what=f"{{count}} message(s) of the robot cannot be shown as {title}: {reason}.",
+            meaning="What the Robot panel shows of it stays as it is.",
+            advice="Check the control's topic and field in the robot profile or the scenario.",
+        )
 
     def _report_unconfirmed_cancel(self) -> None:
         self._put(

@@ -38,17 +38,31 @@ class LatchedTopics:
         self._known[topic.name] = (topic, heard)
         topic.subscribe(heard)
 
+        if self._dialect is Dialect.ROS2 and self._ros.is_connected:
+            self._silent[topic.name] = (topic, heard)
+            self._begin()
+
+    def unsubscribe(self, topic: SafeTopic) -> None:
+        """End a subscription that was made here."""
+        self._known.pop(topic.name, None)
+        self._silent.pop(topic.name, None)
+        topic.unsubscribe()
+
     def link_connected(self) -> None:
         self.link_lost()
         if self._dialect is Dialect.ROS2 and self._known:
             self._silent = dict(self._known)
-            self._watch = asyncio.get_running_loop().create_task(self._look_after())
+            self._begin()
 
     def link_lost(self) -> None:
         """Also to be called when the link ends."""
         if self._watch is not None:
             self._watch.cancel()
             self._watch = None
+
+    def _begin(self) -> None:
+        if self._watch is None or self._watch.done():
+            self._watch = asyncio.get_running_loop().create_task(self._look_after())
 
     async def _look_after(self) -> None:
         pause_s = FIRST_LOOK_S

@@ -3,17 +3,22 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.events import UtteranceChanged, UtteranceState
-from caris_desktop.robot.profile import SpeechInterface
+from caris_desktop.domain.controls import filled
+from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, UtteranceState
+from caris_desktop.robot.action_client import make_action_client
+from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.ros.actions import Ending
 from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.fields import Message
 from caris_desktop.ros.messages import decode_bool, encode_string
 
 STARTS_WITHIN_S = 4.0
+STARTED_UNTOLD_S = 1.0
 LONGEST_UTTERANCE_S = 120.0
 
 
@@ -29,7 +34,122 @@ def estimated_duration_s(text: str) -> float:
     return 0.4 + 0.066 * len(text)
 
 
-class RobotVoice:
+class RobotVoice(Protocol):
+    """The robot's own voice, however it is reached."""
+
+    def say(self, utterance_id: str, text: str) -> None:
+        """Ask the robot to say it now, or behind what it is saying."""
+
+    def silence(self) -> bool:
+        """Interrupt, where the robot can be interrupted. False where it cannot."""
+
+    def link_lost(self) -> None:
+        """What was to be said counts as failed."""
+
+
+def make_voice(
+    ros: SafeRos, dialect: Dialect, speech: SpeechInterface | None, *, emit: Callable[[UtteranceChanged], None]
+) -> RobotVoice:
+    """The voice that the profile describes."""
+    if speech is not None and speech.action is not None:
+        return ActionVoice(ros, dialect, speech.action, emit=emit)
+    return TopicVoice(ros, dialect, speech, emit=emit)
+
+
+class ActionVoice:
+    """Speaks through an action, whose own result is the end of the utterance.
+
+    One goal at a time: a usual action server drops the one that it has when another comes. ``emit`` as in
+    :class:`TopicVoice`.
+    """
+
+    def __init__(
+        self, ros: SafeRos, dialect: Dialect, action: SpeechAction, *, emit: Callable[[UtteranceChanged], None]
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._ros = ros
+        self._dialect = dialect
+        self._goal = action.goal
+        self._emit = emit
+        self._waiting: deque[_Utterance] = deque()
+        self._wire_id: str | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._client = make_action_client(ros, dialect, action.name, action.type, self)
+
+    def say(self, utterance_id: str, text: str) -> None:
+        utterance = _Utterance(utterance_id, text)
+        if not self._ros.is_connected:
+            _tell(self._emit, utterance, "failed", "the robot is not connected")
+            return
+        self._waiting.append(utterance)
+        if len(self._waiting) == 1:
+            self._send_next()
+
+    def silence(self) -> bool:
+        if not self._ros.is_connected:
+            return False
+        if self._wire_id is not None:
+            self._client.cancel(self._wire_id)
+        self._end_all("interrupted", "")
+        return True
+
+    def link_lost(self) -> None:
+        self._end_all("failed", "the link to the robot was lost")
+
+    def goal_active(self, wire_id: str) -> None:
+        if wire_id == self._wire_id and not self._waiting[0].started:
+            self._waiting[0] = replace(self._waiting[0], started=True)
+            _tell(self._emit, self._waiting[0], "started", "")
+            self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up("the robot did not report that it finished"))
+
+    def goal_feedback(self, wire_id: str, _: Message) -> None:
+        self.goal_active(wire_id)
+
+    def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
+        if wire_id != self._wire_id:
+            return
+        if ending == "reached":
+            # A short word may be over before the robot has told that it began.
+            self.goal_active(wire_id)
+        states: dict[Ending, UtteranceState] = {"reached": "finished", "cancelled": "interrupted", "failed": "failed"}
+        self._finish(states[ending], detail)
+
+    def _send_next(self) -> None:
+        self._wire_id = self._client.send(self._waiting[0].utterance_id, filled(self._goal, self._waiting[0].text))
+        if self._wire_id is None:
+            self._end_all("failed", "the robot is not connected")
+        elif self._dialect is Dialect.ROS1:
+            self._wait(STARTS_WITHIN_S, lambda: self._give_up("the robot did not report that it speaks"))
+        else:
+            # rosbridge itself does not tell that a goal was accepted, and answers when it was not.
+            wire_id = self._wire_id
+            self._wait(STARTED_UNTOLD_S, lambda: self.goal_active(wire_id))
+
+    def _give_up(self, detail: str) -> None:
+        if self._wire_id is not None:
+            self._client.cancel(self._wire_id)
+        self._finish("failed", detail)
+
+    def _finish(self, state: UtteranceState, detail: str) -> None:
+        self._wire_id = None
+        self._wait(None, None)
+        _tell(self._emit, self._waiting.popleft(), state, detail)
+        if self._waiting:
+            self._send_next()
+
+    def _end_all(self, state: UtteranceState, detail: str) -> None:
+        self._wire_id = None
+        self._wait(None, None)
+        while self._waiting:
+            _tell(self._emit, self._waiting.popleft(), state, detail)
+
+    def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._loop.call_later(delay_s, then) if delay_s is not None and then is not None else None
+
+
+class TopicVoice:
     """Speaks through a topic, and follows along: by the robot's ``speaking`` topic, or else by an estimate.
 
     ``emit`` gets an UtteranceChanged for each utterance when it starts and when it ends, however it ends. Who asked
@@ -132,16 +252,14 @@ class RobotVoice:
         self._timer = self._loop.call_later(delay_s, then) if delay_s is not None and then is not None else None
 
     def _tell(self, utterance: _Utterance, state: UtteranceState, detail: str) -> None:
-        self._emit(
-            UtteranceChanged(
-                now_ns(),
-                utterance.utterance_id,
-                "robot",
-                utterance.text,
-                # Who asked for it knows the origin; to the robot everything is typed.
-                "typed",
-                state,
-                voice="robot",
-                detail=detail,
-            )
+        _tell(self._emit, utterance, state, detail)
+
+
+def _tell(emit: Callable[[UtteranceChanged], None], utterance: _Utterance, state: UtteranceState, detail: str) -> None:
+    # Who asked for it knows the origin; to the robot everything is typed.
+    origin: UtteranceOrigin = "typed"
+    emit(
+        UtteranceChanged(
+            now_ns(), utterance.utterance_id, "robot", utterance.text, origin, state, voice="robot", detail=detail
         )
+    )

@@ -1,0 +1,380 @@
+"""The controls of the Robot panel: what the wizard uses is published, called or sent as a goal; readings come back."""
+
+import asyncio
+import logging
+import math
+import re
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import UseControl
+from caris_desktop.domain.controls import (
+    CallService,
+    ControlEffect,
+    ControlValue,
+    PublishMessage,
+    RobotControl,
+    SendActionGoal,
+    filled,
+)
+from caris_desktop.domain.events import ControlUsed, RequestState
+from caris_desktop.domain.sensing import ControlReadings
+from caris_desktop.robot.action_client import ActionClient, make_action_client
+from caris_desktop.robot.latched import LatchedTopics
+from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.actions import Ending
+from caris_desktop.ros.definitions import plain_name
+from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.fields import Message, MessageError, message_of
+
+logger = logging.getLogger(__name__)
+
+READINGS_EVERY_S = 0.2
+# A gesture may take its time to begin; a server that is not there never does.
+NO_ANSWER_S = 4.0
+SERVICE_WAIT_S = 20.0
+LONGEST_TEXT_SHOWN = 500
+_STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
+_INDEX = re.compile(r"\[([0-9]+)\]")
+
+Path = tuple[str | int, ...]
+
+
+def parse_path(text: str) -> Path:
+    """``status[0].level`` as ("status", 0, "level").
+
+    Raises
+    ------
+    ValueError
+        When it is not a path to a field.
+    """
+    steps: list[str | int] = []
+    for piece in text.split("."):
+        found = _STEP.fullmatch(piece)
+        if found is None:
+            raise ValueError(f"{text!r} is not a path to a field")
+        steps.append(found[1])
+        steps += [int(index) for index in _INDEX.findall(found[2])]
+    return tuple(steps)
+
+
+def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
+    """What of a message is shown; None where the robot tells no finite value.
+
+    Raises
+    ------
+    MessageError
+        When the message has no such field, or something else than one value there.
+    """
+    value = message
+    for step in path:
+        try:
+            if isinstance(step, str):
+                value = message_of(value, "the message")[step]
+            elif isinstance(value, (list, np.ndarray, bytes)):
+                value = value[step]
+            else:
+                raise MessageError(f"there is no list that has an entry {step}")
+        except (KeyError, IndexError) as error:
+            raise MessageError(f"there is no field {step!r}") from error
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, (bool, str)):
+        return value[:LONGEST_TEXT_SHOWN] if isinstance(value, str) else value
+    if value is None:
+        return None
+    if not isinstance(value, (int, float)):
+        raise MessageError("the field holds more than one value")
+    try:
+        number = float(value) * scale
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+@dataclass(slots=True)
+class _Goal:
+    """A goal that a control has sent."""
+
+    command: UseControl
+    heard: bool = False
+
+
+@dataclass(slots=True)
+class _Server:
+    """An action server that controls use, and the goals that it has from us. A ``GoalListener``."""
+
+    tell: Callable[[UseControl, RequestState, str], None]
+    client: ActionClient | None = None
+    goals: dict[str, _Goal] = field(default_factory=dict)
+
+    def goal_active(self, wire_id: str) -> None:
+        if wire_id in self.goals:
+            self.goals[wire_id].heard = True
+
+    def goal_feedback(self, wire_id: str, _: Message) -> None:
+        self.goal_active(wire_id)
+
+    def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
+        goal = self.goals.pop(wire_id, None)
+        if goal is not None:
+            state: RequestState = "succeeded" if ending == "reached" else "failed"
+            self.tell(goal.command, state, detail or ("it was cancelled" if ending == "cancelled" else ""))
+
+
+class RobotControls:
+    """Obeys UseControl for the profile's controls and those that the scenario offers.
+
+    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times a second. ``unusable`` is
+    called with a control's title and a reason when a message does not hold what the control wants to show.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        own: tuple[RobotControl, ...],
+        *,
+        emit: Callable[[Any], None],
+        unusable: Callable[[str, str], None],
+        in_background: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._ros = ros
+        self._dialect = dialect
+        self._own = own
+        self._emit = emit
+        self._unusable = unusable
+        self._in_background = in_background
+        self._types = MessageTypes(ros, dialect)
+        self._latched = LatchedTopics(ros, dialect)
+        self._controls: dict[str, RobotControl] = {}
+        self._publishers: dict[tuple[str, str], SafeTopic] = {}
+        self._servers: dict[tuple[str, str], _Server] = {}
+        self._readings: list[SafeTopic] = []
+        self._values: dict[str, ControlValue] = {}
+        self._told_s = -math.inf
+        self._timer: asyncio.TimerHandle | None = None
+        self._held = False
+        self.offer(())
+
+    # What there is
+
+    def offer(self, controls: tuple[RobotControl, ...]) -> None:
+        """These of the scenario from now on, beside the profile's own; one of the same id takes its place."""
+        offered = {control.id: control for control in (*self._own, *controls)}
+        if offered == self._controls:
+            return
+        self._controls = offered
+        self._listen()
+        wanted = [control.effect for control in offered.values()]
+        topics = {(effect.topic, effect.type) for effect in wanted if isinstance(effect, PublishMessage)}
+        for key in [key for key in self._publishers if key not in topics]:
+            self._publishers.pop(key).unadvertise()
+        for topic, type_ in topics - self._publishers.keys():
+            # Now and not at the first use: a publisher reaches its subscribers only after a moment.
+            publisher = SafeTopic(self._ros, topic, self._spelled(type_))
+            publisher.advertise()
+            self._publishers[topic, type_] = publisher
+        actions = {(effect.action, effect.type) for effect in wanted if isinstance(effect, SendActionGoal)}
+        for key in [key for key in self._servers if key not in actions]:
+            server = self._servers.pop(key)
+            self._fail_goals(server, "the scenario has changed", cancel=True)
+            if server.client is not None:
+                server.client.close()
+        for action, type_ in actions - self._servers.keys():
+            server = self._servers[action, type_] = _Server(self._tell)
+            server.client = make_action_client(self._ros, self._dialect, action, type_, server)
+        self._learn_types()
+
+    def link_connected(self) -> None:
+        self._latched.link_connected()
+        self._learn_types()
+
+    def link_lost(self) -> None:
+        self._latched.link_lost()
+        self._types.forget()
+        self._values.clear()
+        for server in self._servers.values():
+            self._fail_goals(server, "the link to the robot was lost", cancel=False)
+
+    def hold_still(self, held: bool) -> None:
+        """The emergency stop: what the robot does by itself is cancelled, and no goal is sent until it is cleared."""
+        self._held = held
+        if held:
+            for server in self._servers.values():
+                self._fail_goals(server, "the emergency stop was set", cancel=True)
+
+    def _spelled(self, type_: str) -> str:
+        package, _, name = plain_name(type_).partition("/")
+        return type_name(self._dialect, package, name)
+
+    def _learn_types(self) -> None:
+        if self._ros.is_connected:
+            wanted = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
+            for kind, type_ in sorted(wanted):
+                self._in_background(self._learn(kind, type_))
+
+    async def _learn(self, kind: TypeKind, type_: str) -> None:
+        await self._types.definition(kind, type_)
+
+    # Uses
+
+    def use(self, command: UseControl) -> None:
+        """Begin to do what the wizard asked for."""
+        self._tell(command, "requested", "")
+        control = self._controls.get(command.control)
+        if control is None or control.effect is None:
+            self._tell(command, "failed", "neither the robot's profile nor the scenario has such a control")
+            return
+        if not self._ros.is_connected:
+            self._tell(command, "failed", "the robot is not connected")
+            return
+        if self._types.known(*_kind_and_type(control.effect)):
+            self._check_and_do(command, control, control.effect)
+        else:
+            self._in_background(self._learn_and_do(command, control, control.effect))
+
+    async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
+        await self._types.definition(*_kind_and_type(effect))
+        if self._ros.is_connected:
+            self._check_and_do(command, control, effect)
+        else:
+            self._tell(command, "failed", "the link to the robot was lost")
+
+    def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
+        try:
+            definition = self._types.definition_now(*_kind_and_type(effect))
+            content = filled(_template(effect), command.value)
+            message = fitted(content, definition, rounds=control.kind == "slider")
+        except MessageMismatchError as error:
+            logger.warning("Control %s: %s", control.id, error)
+            self._tell(command, "failed", f"nothing was sent, for {error}")
+            return
+        match effect:
+            case PublishMessage(topic=topic, type=type_):
+                sent = self._publishers[topic, type_].publish(message)
+                self._tell(command, "succeeded" if sent else "failed", "" if sent else "the robot is not connected")
+            case CallService():
+                self._in_background(self._call(command, effect, message))
+            case SendActionGoal():
+                self._send_goal(command, effect, message)
+
+    async def _call(self, command: UseControl, effect: CallService, request: Message) -> None:
+        package, _, name = plain_name(effect.type).partition("/")
+        kind = service_type_name(self._dialect, package, name)
+        try:
+            answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
+        except ServiceCallError as error:
+            self._tell(command, "failed", str(error))
+            return
+        # What Trigger, SetBool and most of their kin answer.
+        succeeded = answer.get("success", True) is not False
+        said = answer.get("message")
+        detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
+        self._tell(command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else "it refused"))
+
+    def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
+        if self._held:
+            self._tell(command, "failed", "the emergency stop is set")
+            return
+        server = self._servers[effect.action, effect.type]
+        wire_id = server.client.send(command.control, goal) if server.client is not None else None
+        if wire_id is None:
+            self._tell(command, "failed", "the robot is not connected")
+            return
+        server.goals[wire_id] = _Goal(command)
+        if self._dialect is Dialect.ROS1:
+            # In ROS 2 a goal that nobody takes is answered; in ROS 1 it is silence.
+            self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
+
+    def _give_up(self, server: _Server, wire_id: str) -> None:
+        goal = server.goals.get(wire_id)
+        if goal is not None and not goal.heard:
+            del server.goals[wire_id]
+            if server.client is not None:
+                server.client.cancel(wire_id)
+            self._tell(goal.command, "failed", f"the robot did not answer within {NO_ANSWER_S:g} s")
+
+    def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
+        goals, server.goals = server.goals, {}
+        for wire_id, goal in goals.items():
+            if cancel and server.client is not None:
+                server.client.cancel(wire_id)
+            self._tell(goal.command, "failed", detail)
+
+    def _tell(self, command: UseControl, state: RequestState, detail: str) -> None:
+        self._emit(ControlUsed(now_ns(), command.request_id, command.control, command.value, state, detail))
+
+    # Readings
+
+    def _listen(self) -> None:
+        for topic in self._readings:
+            self._latched.unsubscribe(topic)
+        self._readings.clear()
+        self._values = {name: value for name, value in self._values.items() if name in self._controls}
+        by_topic: dict[tuple[str, str], list[RobotControl]] = {}
+        for control in self._controls.values():
+            if control.reading is not None:
+                by_topic.setdefault((control.reading.topic, control.reading.type), []).append(control)
+        for (name, type_), controls in by_topic.items():
+            throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
+            topic = SafeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
+            self._readings.append(topic)
+            self._latched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
+
+    def _take_value(self, control: str, value: ControlValue | None) -> None:
+        if value is None or (control in self._values and self._values[control] == value):
+            return
+        self._values[control] = value
+        if self._timer is None:
+            self._timer = self._loop.call_at(max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._tell_values)
+
+    def _tell_values(self) -> None:
+        self._timer = None
+        if self._values:
+            self._told_s = self._loop.time()
+            self._emit(ControlReadings(now_ns(), dict(self._values)))
+
+
+def _reader(
+    controls: list[RobotControl],
+    take: Callable[[str, ControlValue | None], None],
+    unusable: Callable[[str, str], None],
+) -> Callable[[Any], None]:
+    """What takes the messages of one topic for the controls that show something of it."""
+    paths = [
+        (control, parse_path(control.reading.field), control.reading.scale)
+        for control in controls
+        if control.reading is not None
+    ]
+
+    def read(message: Any) -> None:
+        for control, path, scale in paths:
+            try:
+                take(control.id, value_at(message, path, scale))
+            except MessageError as error:
+                unusable(control.title, str(error))
+
+    return read
+
+
+def _kind_and_type(effect: ControlEffect) -> tuple[TypeKind, str]:
+    match effect:
+        case PublishMessage(type=type_):
+            return "message", type_
+        case CallService(type=type_):
+            return "service", type_
+        case SendActionGoal(type=type_):
+            return "goal", type_
+
+
+def _template(effect: ControlEffect) -> Mapping[str, Any]:
+    match effect:
+        case PublishMessage(message=template) | CallService(request=template) | SendActionGoal(goal=template):
+            return template

@@ -1,0 +1,262 @@
+"""Whether what is to be sent to the robot has the form that its type demands, as the robot itself tells the type."""
+
+import asyncio
+import logging
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.ros.actions import action_package_and_name
+from caris_desktop.ros.definitions import (
+    FLOATS,
+    INTEGER_RANGES,
+    TEXTS,
+    TIMES,
+    TRUTHS,
+    Definition,
+    FieldType,
+    plain_name,
+    shipped_definition,
+)
+from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
+
+logger = logging.getLogger(__name__)
+
+TypeKind = Literal["message", "service", "goal"]
+
+LARGEST_FLOAT32 = 3.4028235e38
+LONGEST_TEXT = 20_000
+LONGEST_LIST = 10_000
+_MOST_TYPEDEFS = 500
+_MOST_FIELDS = 1_000
+_DEEPEST = 20
+
+
+class MessageMismatchError(ValueError):
+    """A message does not fit its type; the text says which field, what it is and what it must be."""
+
+
+class MessageTypes:
+    """The types of one robot: asked for once in a connection, or else taken from the ones that we know."""
+
+    def __init__(self, ros: SafeRos, dialect: Dialect) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
+
+    def forget(self) -> None:
+        """The link was lost; what answers next may be another robot."""
+        # What is being asked fails by itself, and who waits for it goes on then.
+        self._learnt.clear()
+
+    def known(self, kind: TypeKind, type_: str) -> bool:
+        """Whether :meth:`definition` has its answer at once."""
+        task = self._learnt.get((kind, type_))
+        return task is not None and task.done() and not task.cancelled()
+
+    def definition_now(self, kind: TypeKind, type_: str) -> Definition | None:
+        """What is known already; None also where nothing is."""
+        task = self._learnt.get((kind, type_))
+        return task.result() if task is not None and task.done() and not task.cancelled() else None
+
+    async def definition(self, kind: TypeKind, type_: str) -> Definition | None:
+        """The fields of a message, of a service's request or of an action's goal; None where nobody knows them."""
+        task = self._learnt.get((kind, type_))
+        if task is None:
+            task = asyncio.get_running_loop().create_task(self._learn(kind, type_))
+            self._learnt[kind, type_] = task
+        return await asyncio.shield(task)
+
+    async def _learn(self, kind: TypeKind, type_: str) -> Definition | None:
+        package, name = action_package_and_name(type_) if kind == "goal" else _package_and_name(type_)
+        service, spelled = "message_details", type_name(self._dialect, package, name)
+        if kind == "service":
+            service, spelled = "service_request_details", service_type_name(self._dialect, package, name)
+        elif kind == "goal" and self._dialect is Dialect.ROS1:
+            spelled = type_name(self._dialect, package, f"{name}Goal")
+        elif kind == "goal":
+            service, spelled = "action_goal_details", action_type_name(self._dialect, package, name)
+        try:
+            answer = await self._ros.ask(f"/rosapi/{service}", f"rosapi/{service}", {"type": spelled})
+            return definition_from_rosapi(answer.get("typedefs"))
+        except (ServiceCallError, ValueError, TypeError) as error:
+            logger.debug("%s: %s", spelled, error)
+        return shipped_definition(f"{package}/{name}Goal" if kind == "goal" else f"{package}/{name}")
+
+
+def definition_from_rosapi(typedefs: Any) -> Definition:
+    """From the answer of rosapi's message_details and its kin; the first typedef is the type asked for.
+
+    Raises
+    ------
+    ValueError, TypeError
+        When it is not such an answer, or an empty one.
+    """
+    if not isinstance(typedefs, list) or not 0 < len(typedefs) <= _MOST_TYPEDEFS:
+        raise ValueError("rosapi tells no fields")
+    told: dict[str, tuple[FieldType, ...]] = {}
+    first: tuple[FieldType, ...] | None = None
+    for typedef in typedefs:
+        if not isinstance(typedef, dict) or not isinstance(typedef.get("type"), str):
+            raise TypeError("rosapi's answer is no list of types")
+        names, types, lengths = (typedef.get(key) for key in ("fieldnames", "fieldtypes", "fieldarraylen"))
+        lists = [names, types, lengths]
+        if not all(isinstance(items, list) and len(items) <= _MOST_FIELDS for items in lists):
+            raise ValueError(f"rosapi does not tell the fields of {typedef['type']}")
+        fields = tuple(
+            FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
+            for name, kind, length in zip(*lists, strict=True)
+        )
+        told[plain_name(typedef["type"])] = fields
+        first = fields if first is None else first
+    return Definition(first or (), told)
+
+
+def fitted(message: Mapping[str, Any], definition: Definition | None, *, rounds: bool = False) -> dict[str, Any]:
+    """``message`` as it may be sent: whole numbers where the type wants them. Fields may be left out.
+
+    ``definition`` None checks only that it can be sent at all. ``rounds`` takes the nearest whole number instead of
+    refusing one that is not whole.
+
+    Raises
+    ------
+    MessageMismatchError
+        For an unknown field, a value of the wrong kind and one out of range.
+    """
+    if definition is None:
+        _check_plain(message, "the message", 0)
+        return dict(message)
+    return _message(message, definition.fields, definition, "", rounds)
+
+
+def _message(
+    value: Any, fields: tuple[FieldType, ...], definition: Definition, where: str, rounds: bool
+) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise MessageMismatchError(f"{_named(where)} must be a group of fields, but it is {_told(value)}")
+    if where.count(".") > _DEEPEST:
+        raise MessageMismatchError(f"{_named(where)} lies too deep")
+    by_name = {field.name: field for field in fields}
+    sent = {}
+    for name, item in value.items():
+        field = by_name.get(name)
+        inside = f"{where}.{name}" if where else str(name)
+        if field is None:
+            allowed = ", ".join(sorted(by_name)[:12]) or "none at all"
+            raise MessageMismatchError(f"there is no field {inside!r}; the robot knows {allowed}")
+        sent[name] = _field(item, field, definition, inside, rounds)
+    return sent
+
+
+def _field(value: Any, field: FieldType, definition: Definition, where: str, rounds: bool) -> Any:
+    if field.length is None:
+        return _single(value, field.type, definition, where, rounds)
+    if field.type in ("uint8", "char", "byte", "octet") and isinstance(value, (str, bytes)):
+        return value
+    if not isinstance(value, (list, tuple)):
+        raise MessageMismatchError(f"{_named(where)} must be a list, but it is {_told(value)}")
+    if field.length and len(value) != field.length:
+        raise MessageMismatchError(f"{_named(where)} must have {field.length} entries, but it has {len(value)}")
+    if len(value) > LONGEST_LIST:
+        raise MessageMismatchError(f"{_named(where)} has {len(value)} entries, which is too many")
+    return [_single(item, field.type, definition, f"{where}[{index}]", rounds) for index, item in enumerate(value)]
+
+
+def _single(value: Any, type_: str, definition: Definition, where: str, rounds: bool) -> Any:
+    plain = plain_name(type_)
+    base = plain.partition("<")[0]
+    if base in INTEGER_RANGES:
+        return _whole_number(value, INTEGER_RANGES[base], where, rounds)
+    if base in FLOATS:
+        return _number(value, base, where)
+    if base in TRUTHS:
+        if not isinstance(value, bool):
+            raise MessageMismatchError(f"{_named(where)} must be true or false, but it is {_told(value)}")
+        return value
+    if base in TEXTS:
+        if not isinstance(value, str):
+            raise MessageMismatchError(f"{_named(where)} must be a text, but it is {_told(value)}")
+        if len(value) > LONGEST_TEXT:
+            raise MessageMismatchError(f"{_named(where)} is longer than {LONGEST_TEXT} characters")
+        return value
+    if plain in TIMES:
+        return _time(value, where)
+    fields = definition.nested.get(plain) or definition.nested.get("std_msgs/Header" if plain == "Header" else plain)
+    if fields is None:
+        # A type within the type that nobody explains: it is the robot that will say no.
+        _check_plain(value, _named(where), 0)
+        return value
+    return _message(value, fields, definition, where, rounds)
+
+
+def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool) -> int:
+    lowest, highest = range_
+    if isinstance(value, float) and math.isfinite(value) and (rounds or value.is_integer()):
+        value = round(value)
+    if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
+        raise MessageMismatchError(
+            f"{_named(where)} must be a whole number from {lowest} to {highest}, but it is {_told(value)}"
+        )
+    return value
+
+
+def _number(value: Any, type_: str, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise MessageMismatchError(f"{_named(where)} must be a number, but it is {_told(value)}")
+    try:
+        number = float(value)
+    except OverflowError as error:
+        raise MessageMismatchError(f"{_named(where)} is too large") from error
+    if not math.isfinite(number) or (type_ in ("float32", "float") and abs(number) > LARGEST_FLOAT32):
+        raise MessageMismatchError(f"{_named(where)} must be a finite number, but it is {_told(value)}")
+    return number
+
+
+def _time(value: Any, where: str) -> Any:
+    names = ({"secs", "nsecs"}, {"sec", "nanosec"})
+    parts = value if isinstance(value, Mapping) else {}
+    whole = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
+    # rosbridge of ROS 1 puts the time of the robot for this word.
+    if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
+        raise MessageMismatchError(f"{_named(where)} must be a time of whole seconds and nanoseconds")
+    return value
+
+
+def _check_plain(value: Any, where: str, depth: int) -> None:
+    """That the value can be written as JSON at all."""
+    if depth > _DEEPEST:
+        raise MessageMismatchError(f"{where} lies too deep")
+    if isinstance(value, Mapping):
+        for item in value.values():
+            _check_plain(item, where, depth + 1)
+    elif isinstance(value, (list, tuple)):
+        if len(value) > LONGEST_LIST:
+            raise MessageMismatchError(f"{where} has a list of {len(value)} entries, which is too many")
+        for item in value:
+            _check_plain(item, where, depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise MessageMismatchError(f"{where} has a number that is not finite")
+    elif value is not None and not isinstance(value, (bool, int, float, str)):
+        raise MessageMismatchError(f"{where} has a value that cannot be sent: {_told(value)}")
+
+
+def _package_and_name(type_: str) -> tuple[str, str]:
+    package, _, name = plain_name(type_).partition("/")
+    return package, name
+
+
+def _named(where: str) -> str:
+    return f"the field {where!r}" if where else "the message"
+
+
+def _told(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"the text {value[:40]!r}"
+    if isinstance(value, (int, float)):
+        return str(value)[:40]
+    return "a list" if isinstance(value, (list, tuple)) else "a group of fields"
