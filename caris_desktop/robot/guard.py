@@ -19,8 +19,8 @@ from caris_desktop.robot.profile import RobotProfile
 
 SIDE_MARGIN_M = 0.05
 """Room kept all around for the LIDAR's noise and for what sticks out above its plane."""
-LEGS_MARGIN_M = 0.12
-"""More room around what stands free and is no wider than a person: feet, hips and bags reach beyond the legs."""
+LEGS_MARGIN_M, LEGS_STOP_M = 0.05, 0.08
+"""More room beside and before what may be somebody's legs: feet, hips and bags reach beyond them."""
 TURNING_STOP_M = 0.03
 """The stop distance of a part of the footprint that only turns towards something."""
 BLIND_FRACTION = 0.3
@@ -31,11 +31,12 @@ _REPORTED_M = 2.0
 _REMEMBERED_WITHIN_M = 3.0
 # Below the first speed the robot stops; it starts again once the second one is allowed, so that noise moves nothing.
 _CREEP_MPS, _START_MPS = 0.03, 0.07
-_LEGS_WIDE_M, _STANDS_FREE_M = 0.45, 0.12
+_LEGS_WIDE_M, _STANDS_FREE_M, _ROUND, _FEWEST_BEAMS = 0.45, 0.12, 0.12, 4
 # No thing to touch can be this deep inside the robot; the robot's own parts can.
 _DEEP_M, _DEEP_OWN_AFTER_S, _OWN_AFTER_M, _SAME_RANGE_M = 0.05, 1.0, 0.3, 0.03
 _NEAR_FIELD_M = 0.5
 _UNSEEN_WIDTH_M = 0.1
+_NOISE_M = 0.015
 _BESIDE_M = 0.1
 _VIEWS, _VIEW_EVERY_M, _VIEW_EVERY_RAD = 12, 0.3, 0.35
 _ODOMETRY_FRESH_S = 0.3
@@ -178,9 +179,9 @@ class ObstacleGuard:
             angle_min_rad, increment_rad = angle_min_rad + (len(ranges_m) - 1) * increment_rad, -increment_rad
         if not len(ranges_m) or not increment_rad > 0.0 or not math.isfinite(angle_min_rad):
             return
-        looks = ~np.isnan(ranges_m)
         with np.errstate(invalid="ignore"):
-            # A reading below the least range is a beam without an answer, as is one beyond the greatest.
+            # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
+            looks = ranges_m >= 0.0
             measured = (ranges_m >= max(scan.range_min_m, 1e-3)) & (ranges_m <= scan.range_max_m)
         measured &= np.isfinite(ranges_m)
         at_laser = np.where(measured, ranges_m, 0.0)
@@ -248,17 +249,19 @@ class ObstacleGuard:
             abs(twist.turn_radps) / self._limits.turn_deceleration_radps2,
         )
         horizon_s = max(
-            reaction_s + braking_s + self._settings.stop_distance_m / fastest_mps, _REPORTED_M / fastest_mps
+            reaction_s + braking_s + (self._settings.stop_distance_m + LEGS_STOP_M) / fastest_mps,
+            _REPORTED_M / fastest_mps,
         )
         within_m = self._footprint.radius_m + SIDE_MARGIN_M + LEGS_MARGIN_M + horizon_s * fastest_mps
         points, legs = self._points_near(within_m, now_s)
         fraction, distance_m = 1.0, math.inf
-        for kind, wanted_m in ((points[~legs], SIDE_MARGIN_M), (points[legs], SIDE_MARGIN_M + LEGS_MARGIN_M)):
+        kinds = ((points[~legs], SIDE_MARGIN_M, 0.0), (points[legs], SIDE_MARGIN_M + LEGS_MARGIN_M, LEGS_STOP_M))
+        for kind, wanted_m, more_m in kinds:
             if not len(kind):
                 continue
             gaps_m = self._footprint.gap_m(kind)
             # Where less room is left than the margin, it is kept as it is: the robot may go along a wall.
-            margin_m = min(max(float(gaps_m.min()) - 0.005, 0.0), wanted_m)
+            margin_m = min(max(float(gaps_m.min()) - _NOISE_M, 0.0), wanted_m)
             contact_s = self._footprint.contact_s(kind, twist, margin_m=margin_m)
             reached = contact_s < horizon_s
             if not reached.any():
@@ -271,9 +274,8 @@ class ObstacleGuard:
                 ),
                 1e-6,
             )
-            stop_m = np.maximum(
-                self._settings.stop_distance_m * np.minimum(1.0, speed_mps / approach_mps), TURNING_STOP_M
-            )
+            stop_m = (self._settings.stop_distance_m + more_m) * np.minimum(1.0, speed_mps / approach_mps)
+            stop_m = np.maximum(stop_m, TURNING_STOP_M)
             room_s = float((contact_s - stop_m / approach_mps).min())
             fraction = min(fraction, _stopping_fraction(room_s, reaction_s, braking_s))
             ways_m = np.where(contact_s > 0.0, contact_s * approach_mps + margin_m, np.maximum(gaps_m, 0.0))
@@ -515,7 +517,10 @@ def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: 
 def _stands_free(
     points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, whole: bool
 ) -> NDArray[np.bool_]:
-    """Which points belong to something that stands free before what is behind it and is no wider than a person."""
+    """Which points belong to something round that stands free before what is behind it and is no wider than a person.
+
+    The end of a wall beside a door stands free as well, but it is flat.
+    """
     count = len(ranges_m)
     free = np.zeros(count, dtype=bool)
     depth = np.where(measured, ranges_m, np.inf)
@@ -530,9 +535,13 @@ def _stands_free(
         firsts, lasts = firsts[1:], lasts[1:]
         lasts, firsts = lasts[lasts < count - 1], firsts[lasts < count - 1]
     nearer = (rise[firsts - 1] < 0.0) & (rise[lasts] > 0.0) & measured[firsts]
-    widths_m = np.hypot(*(points_in_laser[firsts] - points_in_laser[lasts]).T)
-    for first, last in zip(
-        firsts[nearer & (widths_m <= _LEGS_WIDE_M)], lasts[nearer & (widths_m <= _LEGS_WIDE_M)], strict=True
-    ):
-        free[np.arange(first, last + 1)] = True
+    chords = points_in_laser[lasts] - points_in_laser[firsts]
+    widths_m = np.hypot(chords[:, 0], chords[:, 1])
+    for index in np.flatnonzero(nearer & (widths_m <= _LEGS_WIDE_M)):
+        beams = np.arange(firsts[index], lasts[index] + 1)
+        across = points_in_laser[beams] - points_in_laser[firsts[index]]
+        # The beams run counter-clockwise, so that what bulges towards the LIDAR lies to the left of the chord.
+        bulge = chords[index, 0] * across[:, 1] - chords[index, 1] * across[:, 0]
+        if len(beams) >= _FEWEST_BEAMS and float(bulge.mean()) > _ROUND * float(widths_m[index]) ** 2:
+            free[beams] = True
     return free
