@@ -137,8 +137,10 @@ def clearance_m(x_m: float, y_m: float) -> float:
 
 def gap_m(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) -> float:
     """Free distance from the edge of a body to whatever is nearest, people included; negative inside of it."""
-    gaps = [math.hypot(x_m - px, y_m - py) - pr for px, py, pr in people.tolist()]
-    return min([clearance_m(x_m, y_m), *gaps]) - radius_m
+    nearest_m = clearance_m(x_m, y_m)
+    for person_x, person_y, person_radius in people.tolist():
+        nearest_m = min(nearest_m, math.hypot(x_m - person_x, y_m - person_y) - float(person_radius))
+    return nearest_m - radius_m
 
 
 def _at_most(speed: float, moved: float) -> float:

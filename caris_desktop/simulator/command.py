@@ -6,21 +6,28 @@ import contextlib
 import logging
 import os
 import signal
+import ssl
 import sys
 import threading
-import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
-from caris_desktop.ros.dialect import Dialect
+from caris_desktop.simulator import wardrobe
 from caris_desktop.simulator.base import STEP_S
 from caris_desktop.simulator.camera import CameraProcess
 from caris_desktop.simulator.camera_model import RATE_HZ
+from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
-from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
+from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.robot import Robot
-from caris_desktop.simulator.robot_topics import CAMERA_TOPIC, RobotTopics
+from caris_desktop.simulator.robot_clock import RobotClock
+from caris_desktop.simulator.robot_topics import RobotTopics
 from caris_desktop.simulator.rosapi import offer_rosapi
+from caris_desktop.simulator.security import SECRET_CHARS, tls_context
+from caris_desktop.simulator.sent_log import SentLog
 from caris_desktop.simulator.server import BridgeServer
+from caris_desktop.simulator.wiring import Wiring
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +39,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of ``simulate``."""
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this computer only)")
-    parser.add_argument("--ros", type=int, choices=(1, 2), default=1, help="which ROS the robot speaks (default: 1)")
+    parser.add_argument(
+        "--dress",
+        choices=wardrobe.dress_names(),
+        default=wardrobe.DEFAULT,
+        help="whose names and types the robot wears (default: generic)",
+    )
+    parser.add_argument(
+        "--ros", type=int, choices=(1, 2), help="which ROS the robot speaks (default: that of its dress, or 1)"
+    )
+    parser.add_argument("--namespace", metavar="NAME", help="put before the names that its dress leaves relative")
+    parser.add_argument("--holonomic", action="store_true", help="the base can move sideways, whatever its dress")
+    parser.add_argument(
+        "--simulation-time", action="store_true", help="publish /clock and stamp with the time of the simulation"
+    )
+    parser.add_argument("--empty", action="store_true", help="nobody walks about")
+    parser.add_argument(
+        "--maps-folder", type=Path, metavar="FOLDER", help="where maps are saved (default: a temporary folder)"
+    )
+    parser.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate for wss://")
+    parser.add_argument("--tls-key", type=Path, metavar="FILE", help="the certificate's private key")
+    parser.add_argument(
+        "--rosauth-secret-env",
+        metavar="NAME",
+        help="let in only who authenticates with the secret in this environment variable",
+    )
+    parser.add_argument("--log", type=Path, metavar="FILE", help="write down each message that is delivered")
     parser.add_argument("--seed", type=int, default=1, help="the same number repeats the same run (default: 1)")
     parser.add_argument("--mute", action="store_true", help="speak without sound")
     parser.add_argument(
@@ -57,26 +89,75 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
+    try:
+        dress, server_settings = _dress_of(args), _server_of(args)
+    except _CannotStart as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
     with contextlib.suppress(KeyboardInterrupt):
-        return asyncio.run(_simulate(args))
+        return asyncio.run(_simulate(args, dress, server_settings))
     return 0
 
 
-async def _simulate(args: argparse.Namespace) -> int:
+class _CannotStart(Exception):  # noqa: N818 - the arguments do not allow it; the text says why
+    """The robot cannot start as asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ServerSettings:
+    tls: ssl.SSLContext | None
+    secret: str | None
+    log: SentLog | None
+
+
+def _dress_of(args: argparse.Namespace) -> Dress:
+    try:
+        return wardrobe.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
+    except wardrobe.NoSuchDress as error:
+        raise _CannotStart(str(error)) from error
+
+
+def _server_of(args: argparse.Namespace) -> _ServerSettings:
+    tls, secret, log = None, None, None
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
+    if args.tls_cert is not None:
+        try:
+            tls = tls_context(args.tls_cert, args.tls_key)
+        except OSError as error:  # ssl.SSLError is one of these
+            raise _CannotStart(
+                f"The certificate {args.tls_cert} with key {args.tls_key} is of no use: {error}."
+            ) from error
+    if args.rosauth_secret_env is not None:
+        secret = os.environ.get(args.rosauth_secret_env)
+        if secret is None or len(secret) != SECRET_CHARS:
+            raise _CannotStart(
+                f"The environment variable {args.rosauth_secret_env} must hold the secret, which has {SECRET_CHARS} "
+                "characters as rosauth demands."
+            )
+    if args.log is not None:
+        try:
+            log = SentLog(args.log)
+        except OSError as error:
+            raise _CannotStart(f"--log {args.log} cannot be written: {error.strerror or error}.") from error
+    return _ServerSettings(tls, secret, log)
+
+
+async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSettings) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    dialect = Dialect.ROS1 if args.ros == 1 else Dialect.ROS2
-    robot = Robot(args.seed)
-    server = BridgeServer()
-    topics = RobotTopics(robot, server, dialect, muted=args.mute, faults=Faults(args.fault_latency_ms / 1000.0))
-    goals = (MoveBaseTopics if dialect is Dialect.ROS1 else NavigateToPoseAction)(robot, server)
-    offer_rosapi(server, dialect)
+    robot = Robot(args.seed, body=dress.body, populated=not args.empty)
+    clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
+    server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log)
+    wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
+    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=MapFiles(args.maps_folder))
+    offer_rosapi(server, dress.dialect, clock=clock, simulation_time=args.simulation_time)
     try:
-        port = await server.start(args.host, args.port)
+        port = await server.start(args.host, args.port, tls=settings.tls)
     except OSError as error:
         sys.stderr.write(
             f"The simulated robot cannot listen on {args.host} port {args.port}: {error.strerror or error}. "
@@ -84,11 +165,12 @@ async def _simulate(args: argparse.Namespace) -> int:
         )
         return 2
     host = f"[{args.host}]" if ":" in args.host else args.host
-    sys.stdout.write(f"Simulated robot ready at ws://{host}:{port}\n")
+    scheme = "ws" if settings.tls is None else "wss"
+    sys.stdout.write(f"Simulated robot ready at {scheme}://{host}:{port}\n")
     sys.stdout.flush()
     tasks = [
-        asyncio.create_task(_step_forever(robot, topics, goals)),
-        asyncio.create_task(_film_forever(robot, topics, server)),
+        asyncio.create_task(_step_forever(robot, topics)),
+        asyncio.create_task(_film_forever(robot, topics, server, clock)),
     ]
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -96,9 +178,11 @@ async def _simulate(args: argparse.Namespace) -> int:
         if task.done() and task is not waiting:
             task.result()  # a task that ended by itself failed: let the error out
         task.cancel()
-    topics.voice.stop()
+    topics.stop()
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
     await server.stop()
+    if settings.log is not None:
+        settings.log.close()
     return 0
 
 
@@ -113,7 +197,7 @@ def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[]
     threading.Thread(target=wait, name="stdin", daemon=True).start()
 
 
-async def _step_forever(robot: Robot, topics: RobotTopics, goals: MoveBaseTopics | NavigateToPoseAction) -> None:
+async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     while True:
@@ -124,11 +208,10 @@ async def _step_forever(robot: Robot, topics: RobotTopics, goals: MoveBaseTopics
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
         robot.step()
-        goals.publish_due()
         topics.publish_due()
 
 
-async def _film_forever(robot: Robot, topics: RobotTopics, server: BridgeServer) -> None:
+async def _film_forever(robot: Robot, topics: RobotTopics, server: BridgeServer, clock: RobotClock) -> None:
     loop = asyncio.get_running_loop()
     camera = CameraProcess()
     frozen: bytes | None = None
@@ -138,9 +221,9 @@ async def _film_forever(robot: Robot, topics: RobotTopics, server: BridgeServer)
             due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
             await asyncio.sleep(due_s - loop.time())
             faults = topics.faults
-            if faults.camera_silent or not server.has_subscribers(CAMERA_TOPIC):
+            if faults.camera_silent or not server.has_subscribers(topics.camera_topic):
                 continue
-            stamp_ns = time.time_ns()
+            stamp_ns = clock.now_ns()
             if not (faults.camera_frozen and frozen):
                 frozen = await camera.picture(None if faults.camera_black else robot.view())
             topics.publish_picture(frozen, stamp_ns=stamp_ns)

@@ -1,13 +1,20 @@
 """Faults that can be injected while the simulated robot runs, for rehearsal and tests."""
 
+import math
 from dataclasses import dataclass, replace
+
+from caris_desktop.domain.geometry import Pose2D
 
 MAX_LATENCY_MS = 10_000.0
 MAX_DROP_S = 600.0
+MAX_CLOCK_OFFSET_S = 1e9
+MAX_CLOCK_DRIFT_PPM = 1e6
+MAX_MALFORMED = 10_000
 
 HELP = (
-    "latency:<ms>, drop_link[:<seconds>], freeze_camera, black_camera, silent_camera, silent_lidar, full_battery, "
-    "empty_battery, clear"
+    "latency:<ms>, throttle_kbps:<kbit/s>, drop_link[:<seconds>], freeze_camera, black_camera, silent_camera, "
+    "silent_lidar, wrong_frame_ids, malformed:<count>, clock_offset:<seconds>, clock_drift:<millionths>, "
+    "full_battery, empty_battery, press_stop_button, release_stop_button, pose:<x>,<y>,<heading in degrees>, clear"
 )
 
 
@@ -20,6 +27,10 @@ class Faults:
     camera_black: bool = False
     camera_silent: bool = False
     lidar_silent: bool = False
+    frames_wrong: bool = False
+    rate_kbps: float | None = None
+    clock_offset_s: float = 0.0
+    clock_drift_ppm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +40,9 @@ class Injection:
     faults: Faults
     drop_link_s: float | None = None
     battery_fraction: float | None = None
+    malformed: int = 0
+    stop_button: bool | None = None
+    pose_in_map: Pose2D | None = None
 
 
 def inject(faults: Faults, command: str) -> Injection:
@@ -45,6 +59,7 @@ def inject(faults: Faults, command: str) -> Injection:
         "black_camera": replace(faults, camera_black=True),
         "silent_camera": replace(faults, camera_silent=True),
         "silent_lidar": replace(faults, lidar_silent=True),
+        "wrong_frame_ids": replace(faults, frames_wrong=True),
         "clear": Faults(),
     }
     if name in switches and not argument:
@@ -52,18 +67,71 @@ def inject(faults: Faults, command: str) -> Injection:
     if name == "latency":
         latency_ms = _amount(argument, "latency", MAX_LATENCY_MS)
         return Injection(replace(faults, latency_s=latency_ms / 1000.0))
+    if name == "throttle_kbps":
+        return Injection(replace(faults, rate_kbps=_amount(argument, name, 1e9, least=1.0)))
+    if name == "clock_offset":
+        offset_s = _amount(argument, name, MAX_CLOCK_OFFSET_S, least=-MAX_CLOCK_OFFSET_S)
+        return Injection(replace(faults, clock_offset_s=offset_s))
+    if name == "clock_drift":
+        drift_ppm = _amount(argument, name, MAX_CLOCK_DRIFT_PPM, least=-MAX_CLOCK_DRIFT_PPM / 2)
+        return Injection(replace(faults, clock_drift_ppm=drift_ppm))
+    if name == "malformed":
+        return Injection(faults, malformed=int(_amount(argument, name, MAX_MALFORMED)))
     if name == "drop_link":
         return Injection(faults, drop_link_s=_amount(argument or "2", "drop_link", MAX_DROP_S))
+    if name == "pose":
+        return Injection(faults, pose_in_map=_pose(argument))
     if name in ("full_battery", "empty_battery") and not argument:
         return Injection(faults, battery_fraction=1.0 if name == "full_battery" else 0.05)
+    if name in ("press_stop_button", "release_stop_button") and not argument:
+        return Injection(faults, stop_button=name == "press_stop_button")
     raise ValueError(f"'{command}' is no fault; known are {HELP}")
 
 
-def _amount(argument: str, name: str, most: float) -> float:
+def malformed_messages(count: int, scan_topic: str) -> list[str | bytes]:
+    """``count`` messages that no rosbridge should send: broken JSON and CBOR, wrong types, strange numbers."""
+    publish = f'{{"op":"publish","topic":"{scan_topic}","msg":'
+    kinds: tuple[str | bytes, ...] = (
+        '{"op":"publish","topic":',
+        "[]",
+        "null",
+        '{"op":42}',
+        '{"op":"no_such_operation"}',
+        f"{publish}null}}",
+        publish + '{"ranges":"far","angle_min":[]}}',
+        publish + '{"header":{"stamp":"now","frame_id":7},"angle_min":1e999,"angle_increment":NaN,"ranges":[1,"x"]}}',
+        publish
+        + '{"angle_min":0,"angle_increment":0,"range_min":0,"range_max":-1,"ranges":['
+        + "1e308," * 500
+        + "1]}}",
+        '{"op":"fragment","id":"f","num":7,"total":3,"data":"x"}',
+        '{"op":"service_response","service":"/never/asked","values":5,"result":"yes"}',
+        '{"op":"action_result","id":[],"action":null}',
+        "[" * 20_000,
+        b"\xa2\x62op\x67publish\x65topic",
+        b"\xd8\x55\x58\xff\x00",
+        b"\xff\xfe\xfd",
+        b"",
+    )
+    return [kinds[index % len(kinds)] for index in range(count)]
+
+
+def _pose(argument: str) -> Pose2D:
+    parts = argument.split(",")
+    try:
+        x_m, y_m, heading_deg = (float(part) for part in parts)
+    except ValueError:
+        x_m = y_m = heading_deg = math.nan
+    if not all(math.isfinite(value) for value in (x_m, y_m, heading_deg)):
+        raise ValueError("pose needs three numbers: pose:<x>,<y>,<heading in degrees>")
+    return Pose2D(x_m, y_m, math.radians(heading_deg))
+
+
+def _amount(argument: str, name: str, most: float, *, least: float = 0.0) -> float:
     try:
         amount = float(argument)
     except ValueError:
-        amount = -1.0
-    if not 0.0 <= amount <= most:
-        raise ValueError(f"{name} needs a number between 0 and {most:g}")
+        amount = math.nan
+    if not least <= amount <= most:
+        raise ValueError(f"{name} needs a number between {least:g} and {most:g}")
     return amount

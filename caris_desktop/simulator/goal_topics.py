@@ -1,18 +1,25 @@
-"""Navigation goals on ROS: actionlib on ``/move_base`` for ROS 1, the ``/navigate_to_pose`` action for ROS 2."""
+"""Navigation goals on ROS: actionlib on move_base for ROS 1, the NavigateToPose action for ROS 2, and the way there."""
 
 import itertools
 import logging
-import time
+import secrets
 from collections.abc import Callable
+
+import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import actions, messages
 from caris_desktop.ros.actions import GoalStatus
-from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
-from caris_desktop.ros.fields import MessageError, message_of
-from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded, Progress
-from caris_desktop.simulator.robot import Robot
-from caris_desktop.simulator.server import Action, BridgeServer, Message, Service, Topic
+from caris_desktop.ros.dialect import Dialect, action_type_name, encode_time, service_type_name
+from caris_desktop.ros.fields import Message as Fields
+from caris_desktop.ros.fields import MessageError, message_of, part
+from caris_desktop.ros.messages import encode_pose_stamped
+from caris_desktop.ros.navigation_messages import encode_path
+from caris_desktop.simulator.actionlib import ActionlibServer
+from caris_desktop.simulator.dress import Navigation
+from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded
+from caris_desktop.simulator.server import Action, Message, Service
+from caris_desktop.simulator.wiring import Wiring
 
 logger = logging.getLogger(__name__)
 
@@ -33,101 +40,113 @@ _ROS2_STATUS = {
 _STOPPED = "the emergency stop is pressed"
 
 
-class MoveBaseTopics:
-    """The actionlib topics of move_base."""
+class PathTopic:
+    """nav_msgs/Path: on each new way, and empty when there is none any more."""
 
-    def __init__(self, robot: Robot, server: BridgeServer) -> None:
-        self._robot = robot
-        self._server = server
-        self._statuses: dict[str, tuple[GoalStatus, float]] = {}
-        self._numbers = itertools.count(1)
-        self._steps = 0
-        kind = type_name(Dialect.ROS1, "move_base_msgs", "MoveBaseAction")
-        server.topics["/move_base/goal"] = Topic(f"{kind}Goal", on_message=self._on_goal)
-        server.topics["/move_base/cancel"] = Topic("actionlib_msgs/GoalID", on_message=self._on_cancel)
-        server.topics["/move_base/status"] = Topic("actionlib_msgs/GoalStatusArray")
-        server.topics["/move_base/feedback"] = Topic(f"{kind}Feedback")
-        server.topics["/move_base/result"] = Topic(f"{kind}Result")
-        server.topics["/move_base_simple/goal"] = Topic("geometry_msgs/PoseStamped", on_message=self._on_simple_goal)
+    def __init__(self, wiring: Wiring, name: str) -> None:
+        self._wiring = wiring
+        self._topic = wiring.publishes(name, "nav_msgs", "Path")
+        self._told = 0
+        self._told_goal: str | None = None
 
     def publish_due(self) -> None:
-        """Publish results, feedback and status. Called once after every step of the robot."""
+        """Called once after every step of the robot."""
+        robot = self._wiring.robot
+        now = (robot.plans_made, robot.goal_id)
+        if now == (self._told, self._told_goal):
+            return
+        self._told, self._told_goal = now
+        points = np.array(robot.path_in_map, dtype=np.float32).reshape(-1, 2)
+        frame = self._wiring.frame(self._wiring.dress.map_frame)
+        message = encode_path(self._wiring.dialect, points, stamp_ns=self._wiring.stamp_ns(), frame_id=frame)
+        self._wiring.publish(self._topic, message)
+
+
+class MoveBaseTopics:
+    """move_base, or only its simple goal topic."""
+
+    def __init__(self, wiring: Wiring, told: Navigation) -> None:
+        self._wiring = wiring
+        self._robot = wiring.robot
+        self._steps = 0
+        self._numbers = itertools.count(1)
+        self._path = PathTopic(wiring, told.path) if told.path else None
+        self._server: ActionlibServer | None = None
+        if told.name is not None:
+            self._server = ActionlibServer(
+                wiring, told.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
+            )
+        wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
+
+    def publish_due(self) -> None:
+        """Publish results, feedback, status and the way. Called once after every step of the robot."""
         self._steps += 1
         for ended in self._robot.take_ended_goals():
             self._finish(GoalStatus(ended.goal_id, _ROS1_STATUS[ended.ending], ended.detail))
-        if self._steps % _STATUS_EVERY_STEPS == 0:
-            self._publish_feedback(self._robot.progress())
-            self._publish_status()
-
-    def _publish_feedback(self, progress: Progress | None) -> None:
-        if progress is not None:
+        if self._path is not None:
+            self._path.publish_due()
+        if self._server is None:
+            return
+        progress = self._robot.progress()
+        if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None:
             status = GoalStatus(progress.goal_id, actions.ACTIVE, f"{progress.distance_left_m:.2f} m left")
-            feedback = actions.encode_move_base_feedback(status, self._robot.pose_in_map, stamp_ns=time.time_ns())
-            self._server.publish("/move_base/feedback", feedback)
-
-    def _publish_status(self) -> None:
-        now_s = self._robot.now_s
-        self._statuses = {
-            goal_id: (status, since_s)
-            for goal_id, (status, since_s) in self._statuses.items()
-            if status.ending is None or now_s - since_s < _FINISHED_LISTED_S
-        }
-        statuses = [status for status, _ in self._statuses.values()]
-        array = actions.encode_goal_status_array(statuses, stamp_ns=time.time_ns())
-        self._server.publish("/move_base/status", array)
+            pose = encode_pose_stamped(Dialect.ROS1, self._robot.pose_in_map, stamp_ns=self._wiring.stamp_ns())
+            self._server.progress(status, {"base_position": pose})
+        self._server.publish_due()
 
     def _finish(self, status: GoalStatus) -> None:
-        self._statuses[status.goal_id] = (status, self._robot.now_s)
-        # the status first: a client counts a goal as finished once it has both
-        self._publish_status()
-        self._server.publish("/move_base/result", actions.encode_move_base_result(status, stamp_ns=time.time_ns()))
+        if self._server is not None:
+            self._server.finish(status, {})
 
-    def _on_goal(self, message: Message) -> None:
-        goal_id, target = actions.decode_move_base_goal(_with_goal_id(message))
-        self._start(goal_id, target)
+    def _on_goal(self, goal_id: str, goal: Message) -> None:
+        target = part(goal, "target_pose", "MoveBaseGoal")
+        self._start(goal_id, messages.decode_pose_stamped(target, stamp_ns=0).pose_in_map)
 
     def _on_simple_goal(self, message: Message) -> None:
-        self._start("", messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map)
+        goal_id = f"simple-{next(self._numbers)}"
+        self._start(goal_id, messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map)
 
     def _start(self, goal_id: str, target: Pose2D) -> None:
-        goal_id = goal_id or f"goal-{next(self._numbers)}"
         logger.info("Goal %s: %s", goal_id, target)
         if not self._robot.go(goal_id, target):
             self._finish(GoalStatus(goal_id, actions.REJECTED, _STOPPED))
-            return
-        if self._robot.goal_id == goal_id:
-            self._statuses[goal_id] = (GoalStatus(goal_id, actions.ACTIVE), self._robot.now_s)
-            self._publish_status()
+        elif self._server is not None and self._robot.goal_id == goal_id:
+            self._server.accept(goal_id)
 
-    def _on_cancel(self, message: Message) -> None:
-        wanted = message.get("id") or ""
-        if not isinstance(wanted, str):
-            raise MessageError("GoalID.id must be a text")
-        # an empty id means every goal, as does the empty message that actionlib clients send
+    def _on_cancel(self, wanted: str) -> None:
         if wanted in ("", self._robot.goal_id):
             self._robot.cancel_goal()
 
 
 class NavigateToPoseAction:
-    """The NavigateToPose action of ROS 2, as rosbridge carries it."""
+    """The NavigateToPose action of ROS 2, as rosbridge carries it, and the status topic that ROS gives every action."""
 
-    def __init__(self, robot: Robot, server: BridgeServer) -> None:
-        self._robot = robot
+    def __init__(self, wiring: Wiring, told: Navigation) -> None:
+        if told.name is None:
+            raise ValueError("a robot of ROS 2 navigates by an action")
+        self._wiring = wiring
+        self._robot = wiring.robot
         self._replies: dict[str, Callable[[Message], None]] = {}
+        self._statuses: dict[str, tuple[int, float]] = {}
+        self._uuids: dict[str, bytes] = {}
         self._numbers = itertools.count(1)
         self._steps = 0
+        self._path = PathTopic(wiring, told.path) if told.path else None
+        name = wiring.dress.absolute(told.name)
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
-        server.actions["/navigate_to_pose"] = Action(kind, self._start, self._cancel)
+        wiring.server.actions[name] = Action(kind, self._start, self._cancel)
         cancel_type = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
-        server.services["/navigate_to_pose/_action/cancel_goal"] = Service(cancel_type, self._cancel_service)
-        pose_type = type_name(Dialect.ROS2, "geometry_msgs", "PoseStamped")
-        server.topics["/goal_pose"] = Topic(pose_type, on_message=self._on_goal_pose)
+        wiring.server.services[f"{name}/_action/cancel_goal"] = Service(cancel_type, self._cancel_service)
+        self._status = wiring.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
+        wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
 
     def publish_due(self) -> None:
-        """Send results and feedback. Called once after every step of the robot."""
+        """Send results, feedback and the way. Called once after every step of the robot."""
         self._steps += 1
         for ended in self._robot.take_ended_goals():
             self._finish(ended)
+        if self._path is not None:
+            self._path.publish_due()
         progress = self._robot.progress()
         if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None and progress.goal_id in self._replies:
             values = actions.encode_navigate_to_pose_feedback(
@@ -135,11 +154,12 @@ class NavigateToPoseAction:
                 distance_left_m=progress.distance_left_m,
                 time_left_s=progress.distance_left_m / CRUISE_MPS,
                 elapsed_s=progress.elapsed_s,
-                stamp_ns=time.time_ns(),
+                stamp_ns=self._wiring.stamp_ns(),
             )
             self._replies[progress.goal_id]({"op": "action_feedback", "values": values})
 
     def _finish(self, ended: GoalEnded) -> None:
+        self._set_status(ended.goal_id, _ROS2_STATUS[ended.ending])
         reply = self._replies.pop(ended.goal_id, None)
         if reply is not None:
             values = {"error_code": 0 if ended.ending == "reached" else 100, "error_msg": ended.detail}
@@ -151,26 +171,52 @@ class NavigateToPoseAction:
             raise MessageError(f"a goal with the id '{goal_id}' is under way already")
         logger.info("Goal %s: %s", goal_id, target)
         self._replies[goal_id] = reply
+        self._go(goal_id, target)
+
+    def _go(self, goal_id: str, target: Pose2D) -> None:
         if not self._robot.go(goal_id, target):
             self._finish(GoalEnded(goal_id, "aborted", _STOPPED))
+        elif self._robot.goal_id == goal_id:
+            self._set_status(goal_id, actions.ROS2_EXECUTING)
 
     def _cancel(self, goal_id: str) -> None:
         if goal_id == self._robot.goal_id:
             self._robot.cancel_goal()
 
     def _cancel_service(self, arguments: Message) -> Message:
-        """action_msgs/CancelGoal, for every goal: who asks through rosbridge never learns the uuid of one."""
-        if not actions.means_every_goal(arguments):
+        """action_msgs/CancelGoal, for every goal or for one by the uuid that the status topic tells."""
+        running = self._robot.goal_id
+        if not actions.means_every_goal(arguments) and _uuid_in(arguments) != self._uuids.get(running or ""):
             return {"return_code": actions.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}
         self._robot.cancel_goal()
-        return {"return_code": actions.CANCEL_ACCEPTED, "goals_canceling": []}
+        canceling = [self._goal_info(running)] if running is not None else []
+        return {"return_code": actions.CANCEL_ACCEPTED, "goals_canceling": canceling}
 
     def _on_goal_pose(self, message: Message) -> None:
         target = messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map
-        self._robot.go(f"goal_pose-{next(self._numbers)}", target)
+        self._go(f"goal_pose-{next(self._numbers)}", target)
+
+    def _set_status(self, goal_id: str, status: int) -> None:
+        now_s = self._robot.now_s
+        self._uuids.setdefault(goal_id, secrets.token_bytes(16))
+        self._statuses[goal_id] = (status, now_s)
+        for old, (old_status, since_s) in list(self._statuses.items()):
+            if old_status >= actions.ROS2_SUCCEEDED and now_s - since_s > _FINISHED_LISTED_S:
+                del self._statuses[old], self._uuids[old]
+        entries = [
+            {"goal_info": self._goal_info(listed), "status": listed_status}
+            for listed, (listed_status, _) in self._statuses.items()
+        ]
+        self._wiring.publish(self._status, {"status_list": entries})
+
+    def _goal_info(self, goal_id: str) -> Fields:
+        uuid = list(self._uuids.get(goal_id, bytes(16)))
+        return {"goal_id": {"uuid": uuid}, "stamp": encode_time(Dialect.ROS2, self._wiring.stamp_ns())}
 
 
-def _with_goal_id(message: Message) -> Message:
-    """ROS itself fills what a client leaves out; a goal without an id gets one here."""
-    goal_id = {"id": "", **message_of(message.get("goal_id", {}), "MoveBaseActionGoal.goal_id")}
-    return {**message, "goal_id": goal_id}
+def _uuid_in(arguments: Message) -> bytes | None:
+    info = message_of(arguments.get("goal_info", {}), "CancelGoal.goal_info")
+    uuid = message_of(info.get("goal_id", {}), "CancelGoal.goal_info.goal_id").get("uuid")
+    if isinstance(uuid, list) and all(isinstance(octet, int) and 0 <= octet <= 255 for octet in uuid):
+        return bytes(uuid)
+    return uuid if isinstance(uuid, bytes) else None

@@ -1,6 +1,7 @@
 """The map that the robot draws while it explores."""
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,7 +15,17 @@ RESOLUTION_M = 0.05
 WIDTH, HEIGHT = round(MAP_SIZE_M[0] / RESOLUTION_M), round(MAP_SIZE_M[1] / RESOLUTION_M)
 _HIT, _MISS, _LIMIT = 6, 2, 40
 _OCCUPIED_FROM, _FREE_FROM = 4, -2
+_CELLS_WORTH_TELLING = 10
 _SHIFT = 4  # cv2 draws with this many binary digits below a pixel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapChange:
+    """A rectangle of new cells: int8, shape (height, width), whose first belongs at column ``left``, row ``bottom``."""
+
+    left: int
+    bottom: int
+    cells: NDArray[np.int8]
 
 
 class Mapper:
@@ -61,14 +72,57 @@ class Mapper:
         cells[self._known & (self._evidence >= _OCCUPIED_FROM)] = 100
         return cells
 
+    def grid(self, *, stamp_ns: int) -> OccupancyGrid:
+        """The whole map."""
+        origin = Pose2D(MAP_ORIGIN_M[0], MAP_ORIGIN_M[1], 0.0)
+        return OccupancyGrid(stamp_ns, stamp_ns, RESOLUTION_M, origin, self.cells())
+
     def grid_if_changed(self, *, stamp_ns: int) -> OccupancyGrid | None:
         """The map, unless hardly a cell changed since it was last given."""
+        grid = self.grid(stamp_ns=stamp_ns)
+        if self._published is not None and int(np.count_nonzero(grid.cells != self._published)) < _CELLS_WORTH_TELLING:
+            return None
+        self._published = grid.cells
+        return grid
+
+    def change(self) -> "MapChange | None":
+        """What changed since the last time that anything was given, as one rectangle; None when hardly a cell did."""
         cells = self.cells()
-        if self._published is not None and int(np.count_nonzero(cells != self._published)) < 10:
+        before = self._published if self._published is not None else np.full_like(cells, -1)
+        rows, columns = np.nonzero(cells != before)
+        if len(rows) < _CELLS_WORTH_TELLING:
             return None
         self._published = cells
-        origin = Pose2D(MAP_ORIGIN_M[0], MAP_ORIGIN_M[1], 0.0)
-        return OccupancyGrid(stamp_ns, stamp_ns, RESOLUTION_M, origin, cells)
+        bottom, top = int(rows.min()), int(rows.max()) + 1
+        left, right = int(columns.min()), int(columns.max()) + 1
+        return MapChange(left, bottom, cells[bottom:top, left:right].copy())
+
+    def snapshot(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        """Everything the mapper knows, to be restored later: evidence, and which cells are known."""
+        return self._evidence.copy(), self._known.copy()
+
+    def restore(self, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> None:
+        """Go on from a snapshot.
+
+        Raises
+        ------
+        ValueError
+            When it is not one of this building.
+        """
+        if evidence.shape != (HEIGHT, WIDTH) or known.shape != (HEIGHT, WIDTH):
+            raise ValueError(f"the map is not {WIDTH} x {HEIGHT} cells")
+        self._evidence = np.clip(evidence, -_LIMIT, _LIMIT).astype(np.int16)
+        self._known = known.astype(bool)
+
+    def replace(self, cells: NDArray[np.int8]) -> None:
+        """Take a finished map: int8, shape (HEIGHT, WIDTH), -1 unknown, 0 free, 100 occupied.
+
+        Raises
+        ------
+        ValueError
+            When it has another size.
+        """
+        self.restore(np.where(cells > 50, _LIMIT, -_LIMIT).astype(np.int16), cells >= 0)
 
     @property
     def known_share(self) -> float:

@@ -14,20 +14,18 @@ UNBOUNDED_LENGTH = 200
 MAX_ANSWERS = 2000
 
 
-class Socket(Protocol):
-    """Where messages go; ``send`` waits while the other side does not take them."""
-
-    async def send(self, message: str | bytes) -> None: ...
-
-
 class Published:
-    """One message of a topic, encoded at most once in each format, however many clients take it."""
+    """One message of a topic, encoded at most once in each format, however many clients take it.
 
-    __slots__ = ("_cbor", "_json", "message", "topic")
+    ``sequence`` counts the messages of its topic from 1.
+    """
 
-    def __init__(self, topic: str, message: dict[str, Any]) -> None:
+    __slots__ = ("_cbor", "_json", "message", "sequence", "topic")
+
+    def __init__(self, topic: str, message: dict[str, Any], *, sequence: int = 0) -> None:
         self.topic = topic
         self.message = message
+        self.sequence = sequence
         self._json: str | None = None
         self._cbor: bytes | None = None
 
@@ -42,6 +40,19 @@ class Published:
         if self._cbor is None:
             self._cbor = rosbridge.encode_cbor({"op": "publish", "topic": self.topic, "msg": self.message})
         return self._cbor
+
+    def size_bytes(self, piece: str | bytes) -> int:
+        """The size of the whole message in the format of ``piece``, without what fragments add."""
+        return len(self.cbor) if isinstance(piece, bytes) else len(self.json)
+
+
+class Sender(Protocol):
+    """Where messages go; ``send`` waits while the other side does not take them.
+
+    ``of`` is the message whose last piece this is; None for any other piece.
+    """
+
+    async def send(self, message: str | bytes, of: Published | None = None) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +96,7 @@ class Outbox:
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
-        self._answers: deque[str] = deque()
+        self._answers: deque[str | bytes] = deque()
         self._streams: dict[str, _Stream] = {}
         self._order = itertools.count()
         self._fragment_ids = itertools.count()
@@ -138,13 +149,18 @@ class Outbox:
         self._filled.set()
         return True
 
-    async def send_all(self, socket: Socket) -> None:
-        """Send what comes, until cancelled or the socket closes (whose error is passed on)."""
+    def raw(self, content: str | bytes) -> None:
+        """Queue anything, well-formed or not."""
+        self._answers.append(content)
+        self._filled.set()
+
+    async def send_all(self, sender: Sender) -> None:
+        """Send what comes, until cancelled or the sender fails (whose error is passed on)."""
         while True:
             self._filled.clear()
-            pieces, wait_s = self._take()
-            for piece in pieces:
-                await socket.send(piece)
+            pieces, published, wait_s = self._take()
+            for number, piece in enumerate(pieces, 1):
+                await sender.send(piece, published if number == len(pieces) else None)
             if pieces:
                 continue
             try:
@@ -152,10 +168,10 @@ class Outbox:
             except TimeoutError:
                 continue
 
-    def _take(self) -> tuple[list[str | bytes], float | None]:
-        """What to send next, or how long until a throttle lets something through."""
+    def _take(self) -> tuple[list[str | bytes], Published | None, float | None]:
+        """What to send next and what of, or how long until a throttle lets something through."""
         if self._answers:
-            return [self._answers.popleft()], None
+            return [self._answers.popleft()], None, None
         now_s, wait_s = self._clock(), None
         first: _Stream | None = None
         for stream in self._streams.values():
@@ -167,11 +183,11 @@ class Outbox:
             elif first is None or stream.waiting[0][0] < first.waiting[0][0]:
                 first = stream
         if first is None:
-            return [], wait_s
+            return [], None, wait_s
         _, published = first.waiting.popleft()
         if first.queue_length:
             first.sent_s = now_s
-        return self._encoded(first, published), None
+        return self._encoded(first, published), published, None
 
     def _encoded(self, stream: _Stream, published: Published) -> list[str | bytes]:
         if stream.cbor:

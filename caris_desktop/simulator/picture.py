@@ -30,6 +30,9 @@ Corner = tuple[float, float, float]  # depth, to the right, height above the flo
 _NEAR_M = 0.12
 _FARTHEST_PERSON_M = 14.0
 _MIDDLE_X, _MIDDLE_Y = (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0
+MOST_TILT_RAD = 0.75
+_TILT_STEP_RAD = 0.01
+_MOST_PIXELS = 1_200_000
 _BITS = 4  # cv2 draws with this many binary digits below a pixel
 _SHADES = {"west": 0.80, "east": 0.86, "south": 0.95, "north": 0.90, "top": 1.06, "bottom": 0.6}
 _BOB_M = 0.025
@@ -54,6 +57,60 @@ class _Thing:
     person: Seen | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Lens:
+    """A pinhole that looks along the floor: everything is drawn with upright walls upright."""
+
+    width_px: int
+    height_px: int
+    focal_px: float
+    middle_x_px: float
+    middle_y_px: float
+    eye_height_m: float
+
+
+class _Rays:
+    """What a lens sees of each column and row, calculated once."""
+
+    def __init__(self, lens: _Lens) -> None:
+        self.lens = lens
+        self.right = (np.arange(lens.width_px) - lens.middle_x_px) / lens.focal_px
+        rows = (np.arange(lens.height_px) - lens.middle_y_px)[:, None]
+        self.rows = rows.astype(np.float32)
+        to_plane_m = np.where(rows > 0, lens.eye_height_m, WALL_HEIGHT_M - lens.eye_height_m)
+        self.row_depth = (to_plane_m * lens.focal_px / np.abs(rows)).astype(np.float32)
+        self.plane_left = np.where(rows > 0, wall_paper.FLOOR_AT[0], wall_paper.CEILING_AT[0]).astype(np.float32)
+
+
+def _level_lens(height_m: float) -> _Lens:
+    return _Lens(WIDTH_PX, HEIGHT_PX, FOCAL_PX, _MIDDLE_X, _MIDDLE_Y, height_m)
+
+
+def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
+    """A level lens wide and high enough for a tilted picture, and where each pixel of that lies in it (3 x 3)."""
+    cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
+    turned = np.array([(1.0, 0.0, 0.0), (0.0, cos, sin), (0.0, -sin, cos)])
+    to_ray = np.array([(1 / FOCAL_PX, 0, -_MIDDLE_X / FOCAL_PX), (0, 1 / FOCAL_PX, -_MIDDLE_Y / FOCAL_PX), (0, 0, 1)])
+    corners = np.array([(x, y, 1.0) for x in (-1, WIDTH_PX) for y in (-1, HEIGHT_PX)])
+    seen = corners @ (turned @ to_ray).T
+    seen /= seen[:, 2:]
+    left, top = seen[:, :2].min(axis=0).tolist()
+    right, bottom = seen[:, :2].max(axis=0).tolist()
+    # what is enlarged most is near and needs no more detail than this
+    focal_px = FOCAL_PX * min(1.0, math.sqrt(_MOST_PIXELS / ((right - left) * (bottom - top))) / FOCAL_PX)
+    lens = _Lens(
+        width_px=math.ceil((right - left) * focal_px) + 2,
+        height_px=math.ceil((bottom - top) * focal_px) + 2,
+        focal_px=focal_px,
+        middle_x_px=-left * focal_px + 0.5,
+        # no row looks exactly at the horizon, where floor and ceiling have no depth
+        middle_y_px=math.floor(-top * focal_px) + 0.5,
+        eye_height_m=height_m,
+    )
+    to_pixel = np.array([(focal_px, 0, lens.middle_x_px), (0, focal_px, lens.middle_y_px), (0, 0, 1)])
+    return lens, to_pixel @ turned @ to_ray
+
+
 class Painter:
     """Draws pictures of the building.
 
@@ -69,20 +126,26 @@ class Painter:
         self._things = _furniture() + _lintels()
         self._outlines = corners_of(thing.outline for thing in self._things)
         self._people = [_pyramid(cut_out) for cut_out in cut_outs]
-        columns = (np.arange(WIDTH_PX) - _MIDDLE_X) / FOCAL_PX
-        self._right = columns
-        rows = (np.arange(HEIGHT_PX) - _MIDDLE_Y)[:, None]
-        self._rows = rows.astype(np.float32)
-        depth = np.where(rows > 0, MOUNT_HEIGHT_M, WALL_HEIGHT_M - MOUNT_HEIGHT_M) * FOCAL_PX / np.abs(rows)
-        self._row_depth = depth.astype(np.float32)
-        left = np.where(rows > 0, wall_paper.FLOOR_AT[0], wall_paper.CEILING_AT[0])
-        self._plane_left = left.astype(np.float32)
+        self._rays = _Rays(_level_lens(MOUNT_HEIGHT_M))
 
     def paint(self, view: View) -> Image:
-        """The picture, BGR, uint8, shape (480, 640, 3)."""
+        """The picture, BGR, uint8, shape (480, 640, 3). Tilts beyond 0.75 rad are drawn as 0.75 rad."""
+        tilt_rad = round(min(max(view.tilt_rad, -MOST_TILT_RAD), MOST_TILT_RAD) / _TILT_STEP_RAD) * _TILT_STEP_RAD
+        if tilt_rad == 0.0:
+            return self._paint_level(view, _level_lens(view.height_m))
+        # a camera that only turns about its own centre sees the level picture seen from elsewhere: a homography
+        lens, from_picture = _lens_around(tilt_rad, view.height_m)
+        level = self._paint_level(view, lens)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(cv2.warpPerspective(level, from_picture, (WIDTH_PX, HEIGHT_PX), flags=flags), dtype=np.uint8)
+
+    def _paint_level(self, view: View, lens: _Lens) -> Image:
         camera = view.map_from_camera
+        if self._rays.lens != lens:
+            self._rays = _Rays(lens)
+        right = self._rays.right
         cos, sin = math.cos(camera.heading_rad), math.sin(camera.heading_rad)
-        eye = _Eye(camera.x_m, camera.y_m, cos, sin, cos + self._right * sin, sin - self._right * cos)
+        eye = _Eye(camera.x_m, camera.y_m, cos, sin, cos + right * sin, sin - right * cos, lens)
         picture, depth = self._background(eye)
         things = self._visible(eye, depth)
         things += [
@@ -98,10 +161,10 @@ class Painter:
         return picture
 
     def _background(self, eye: "_Eye") -> tuple[Image, Floats]:
-        """Walls, floor and ceiling, and the depth of the wall in each column, shape (640,)."""
-        x_m, y_m, ray_x, ray_y = eye.x_m, eye.y_m, eye.ray_x, eye.ray_y
+        """Walls, floor and ceiling, and the depth of the wall in each column, shape (width,)."""
+        x_m, y_m, ray_x, ray_y, lens, rays = eye.x_m, eye.y_m, eye.ray_x, eye.ray_y, eye.lens, self._rays
         entry, _, every_through_x = entry_and_exit(x_m, y_m, ray_x, ray_y, self._walls)
-        wall, every = entry.argmin(axis=0), np.arange(WIDTH_PX)
+        wall, every = entry.argmin(axis=0), np.arange(lens.width_px)
         depth = np.minimum(entry[wall, every], 1e3)
         through_x = every_through_x[wall, every]
         hit_x, hit_y = x_m + depth * ray_x, y_m + depth * ray_y
@@ -109,17 +172,17 @@ class Painter:
         corner = self._strips[wall, side]
         along = np.where(through_x, hit_y - self._walls[wall, 1], hit_x - self._walls[wall, 0])
         wall_u = (corner[:, 0] + along * PX_PER_M).astype(np.float32)
-        wall_v0 = (corner[:, 1] + (WALL_HEIGHT_M - MOUNT_HEIGHT_M) * PX_PER_M).astype(np.float32)
-        wall_v1 = (depth / FOCAL_PX * PX_PER_M).astype(np.float32)
-        on_plane = self._row_depth < depth.astype(np.float32)
-        plane_x = ((x_m - MAP_ORIGIN_M[0]) * FLOOR_PX_PER_M + self._plane_left) + self._row_depth * (
+        wall_v0 = (corner[:, 1] + (WALL_HEIGHT_M - lens.eye_height_m) * PX_PER_M).astype(np.float32)
+        wall_v1 = (depth / lens.focal_px * PX_PER_M).astype(np.float32)
+        on_plane = rays.row_depth < depth.astype(np.float32)
+        plane_x = ((x_m - MAP_ORIGIN_M[0]) * FLOOR_PX_PER_M + rays.plane_left) + rays.row_depth * (
             ray_x * FLOOR_PX_PER_M
         ).astype(np.float32)
-        plane_y = np.float32((y_m - MAP_ORIGIN_M[1]) * FLOOR_PX_PER_M) + self._row_depth * (
+        plane_y = np.float32((y_m - MAP_ORIGIN_M[1]) * FLOOR_PX_PER_M) + rays.row_depth * (
             ray_y * FLOOR_PX_PER_M
         ).astype(np.float32)
         map_x = np.where(on_plane, plane_x, wall_u[None, :]).astype(np.float32, copy=False)
-        map_y = np.where(on_plane, plane_y, wall_v0 + self._rows * wall_v1).astype(np.float32, copy=False)
+        map_y = np.where(on_plane, plane_y, wall_v0 + rays.rows * wall_v1).astype(np.float32, copy=False)
         picture = cv2.remap(self._sheet, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(picture), depth
 
@@ -132,20 +195,22 @@ class Painter:
         ahead, right = eye.relative(person.x_m, person.y_m)
         if not self._people:
             return
+        lens = eye.lens
         levels = self._people[person.looks % len(self._people)]
-        height_px = FOCAL_PX * person.height_m / ahead
+        height_px = lens.focal_px * person.height_m / ahead
         level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
         scale = height_px / level.shape[0]
         bob = _BOB_M * abs(math.sin(person.stride_rad)) if person.walking else 0.0
-        middle = _MIDDLE_X + FOCAL_PX * right / ahead
-        feet = _MIDDLE_Y + FOCAL_PX * (MOUNT_HEIGHT_M - bob) / ahead
+        middle = lens.middle_x_px + lens.focal_px * right / ahead
+        feet = lens.middle_y_px + lens.focal_px * (lens.eye_height_m - bob) / ahead
         left = middle - level.shape[1] * scale / 2.0
         top = feet - height_px
-        x0, x1 = max(0, math.floor(left)), min(WIDTH_PX, math.ceil(left + level.shape[1] * scale))
-        y0, y1 = max(0, math.floor(top)), min(HEIGHT_PX, math.ceil(feet))
+        x0, x1 = max(0, math.floor(left)), min(lens.width_px, math.ceil(left + level.shape[1] * scale))
+        y0, y1 = max(0, math.floor(top)), min(lens.height_px, math.ceil(feet))
         if x1 - x0 < 2 or y1 - y0 < 2:
             return
-        _shadow(picture, middle, FOCAL_PX * MOUNT_HEIGHT_M / ahead + _MIDDLE_Y, FOCAL_PX / ahead, depth < ahead)
+        ground = lens.middle_y_px + lens.focal_px * lens.eye_height_m / ahead
+        _shadow(picture, middle, ground, lens.focal_px / ahead, hidden=depth < ahead, lens=lens)
         to_picture = np.array([[scale, 0.0, left - x0], [0.0, scale, top - y0]])
         drawn = cv2.warpAffine(level, to_picture, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR)
         drawn[:, depth[x0:x1] < ahead] = 0
@@ -164,11 +229,11 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
         (points, _shaded(part.colour, _SHADES[side]))
         for part in _bottom_up(thing.parts, eye)
         for side, corners in _sides_seen(part, eye)
-        if (points := _projected(corners)) is not None
+        if (points := _projected(corners, eye.lens)) is not None
     ]
     if not shapes:
         return
-    x0, y0, x1, y1 = _bounds([points for points, _ in shapes])
+    x0, y0, x1, y1 = _bounds([points for points, _ in shapes], eye.lens)
     if x0 >= x1 or y0 >= y1 or hidden[x0:x1].all():
         return
     kept = [(columns, picture[y0:y1, columns].copy()) for columns in _runs(hidden, x0, x1)]
@@ -177,12 +242,12 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     for decal in thing.decals:
         for side, corners in _sides_seen(thing.outline, eye):
             if side == decal.side:
-                _paste(picture, corners, decal)
+                _paste(picture, corners, decal, eye.lens)
     for columns, pixels in kept:
         picture[y0:y1, columns] = pixels
 
 
-def _bounds(shapes: list[NDArray[np.float32]]) -> tuple[int, int, int, int]:
+def _bounds(shapes: list[NDArray[np.float32]], lens: _Lens) -> tuple[int, int, int, int]:
     """The part of the picture that the shapes and their soft edges touch: left, top, right, bottom."""
     points = np.concatenate(shapes)
     left, top = np.floor(points.min(axis=0)).tolist()
@@ -190,8 +255,8 @@ def _bounds(shapes: list[NDArray[np.float32]]) -> tuple[int, int, int, int]:
     return (
         int(max(0, left - 2)),
         int(max(0, top - 2)),
-        int(min(WIDTH_PX, right + 3)),
-        int(min(HEIGHT_PX, bottom + 3)),
+        int(min(lens.width_px, right + 3)),
+        int(min(lens.height_px, bottom + 3)),
     )
 
 
@@ -203,7 +268,7 @@ def _runs(hidden: NDArray[np.bool_], start: int, end: int) -> list[slice]:
 
 @dataclass(frozen=True, slots=True)
 class _Eye:
-    """Where the camera stands and looks; rays of each column, shape (640,), with the depth as their unit."""
+    """Where the camera stands and looks; rays of each column, shape (width,), with the depth as their unit."""
 
     x_m: float
     y_m: float
@@ -211,6 +276,7 @@ class _Eye:
     sin: float
     ray_x: Floats
     ray_y: Floats
+    lens: _Lens
 
     def relative(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Depth along the optical axis, and distance to the right."""
@@ -274,22 +340,24 @@ def _sides_seen(box: Box, eye: _Eye) -> list[tuple[str, list[Corner]]]:
         (ld, lr), (rd, rr) = eye.relative(*left), eye.relative(*right)
         corners = [(ld, lr, box.high_m), (rd, rr, box.high_m), (rd, rr, box.low_m), (ld, lr, box.low_m)]
         seen.append((side, corners))
-    if box.high_m < MOUNT_HEIGHT_M or box.low_m > MOUNT_HEIGHT_M:
-        side, level = ("top", box.high_m) if box.high_m < MOUNT_HEIGHT_M else ("bottom", box.low_m)
+    eye_m = eye.lens.eye_height_m
+    if box.high_m < eye_m or box.low_m > eye_m:
+        side, level = ("top", box.high_m) if box.high_m < eye_m else ("bottom", box.low_m)
         ring = ((box.x0_m, box.y0_m), (box.x1_m, box.y0_m), (box.x1_m, box.y1_m), (box.x0_m, box.y1_m))
         seen.insert(0, (side, [(*eye.relative(x, y), level) for x, y in ring]))
     return seen
 
 
-def _projected(corners: list[Corner]) -> NDArray[np.float32] | None:
+def _projected(corners: list[Corner], lens: _Lens) -> NDArray[np.float32] | None:
     """Pixels of a flat shape, cut off just before the camera; None where nothing of it is in front."""
     if all(corner[0] < _NEAR_M for corner in corners):
         return None
     if any(corner[0] < _NEAR_M for corner in corners):
         corners = _cut_before_camera(corners)
+    focal, middle_x, middle_y = lens.focal_px, lens.middle_x_px, lens.middle_y_px
     return np.array(
         [
-            (_MIDDLE_X + FOCAL_PX * right / depth, _MIDDLE_Y + FOCAL_PX * (MOUNT_HEIGHT_M - height) / depth)
+            (middle_x + focal * right / depth, middle_y + focal * (lens.eye_height_m - height) / depth)
             for depth, right, height in corners
         ],
         dtype=np.float32,
@@ -320,17 +388,17 @@ def _fill(picture: Image, points: NDArray[np.float32], colour: Colour) -> None:
     cv2.polylines(picture, [fixed], True, dark, 1, cv2.LINE_AA, _BITS)
 
 
-def _paste(picture: Image, corners: list[Corner], decal: _Decal) -> None:
+def _paste(picture: Image, corners: list[Corner], decal: _Decal, lens: _Lens) -> None:
     left, top, right, bottom = decal.share
     inset = [_between(corners, u, v) for u, v in ((left, top), (right, top), (right, bottom), (left, bottom))]
     if any(corner[0] < _NEAR_M for corner in inset):
         return
-    points = _projected(inset)
+    points = _projected(inset, lens)
     if points is None:
         return
     x0, y0 = np.floor(points.min(axis=0)).astype(int).tolist()
     x1, y1 = np.ceil(points.max(axis=0)).astype(int).tolist()
-    x0, y0, x1, y1 = max(0, x0), max(0, y0), min(WIDTH_PX, x1), min(HEIGHT_PX, y1)
+    x0, y0, x1, y1 = max(0, x0), max(0, y0), min(lens.width_px, x1), min(lens.height_px, y1)
     if x1 - x0 < 3 or y1 - y0 < 3:
         return
     height, width = decal.picture.shape[:2]
@@ -349,11 +417,12 @@ def _between(corners: list[Corner], u: float, v: float) -> Corner:
     return ld + u * (rd - ld), lr + u * (rr - lr), high + v * (low - high)
 
 
-def _shadow(picture: Image, x: float, y: float, px_per_m: float, hidden: NDArray[np.bool_]) -> None:
+def _shadow(picture: Image, x: float, y: float, px_per_m: float, *, hidden: NDArray[np.bool_], lens: _Lens) -> None:
     """The dark spot where somebody stands."""
-    half_width, half_height = 0.34 * px_per_m, 0.34 * px_per_m * min(0.5, px_per_m / FOCAL_PX * MOUNT_HEIGHT_M)
-    x0, x1 = max(0, int(x - half_width)), min(WIDTH_PX, int(x + half_width) + 1)
-    y0, y1 = max(0, int(y - half_height)), min(HEIGHT_PX, int(y + half_height) + 1)
+    flat = min(0.5, px_per_m / lens.focal_px * lens.eye_height_m)
+    half_width, half_height = 0.34 * px_per_m, max(1.0, 0.34 * px_per_m * flat)
+    x0, x1 = max(0, int(x - half_width)), min(lens.width_px, int(x + half_width) + 1)
+    y0, y1 = max(0, int(y - half_height)), min(lens.height_px, int(y + half_height) + 1)
     if x1 - x0 < 2 or y1 - y0 < 2:
         return
     across = ((np.arange(x0, x1) - x) / half_width) ** 2

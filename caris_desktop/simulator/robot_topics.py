@@ -1,35 +1,42 @@
-"""The robot's face on ROS: which topics and services it has, and what is published when."""
+"""The robot's face on ROS: which topics and services its dress has, and what is published when."""
 
 import logging
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.ros import messages
-from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.fields import message_of, text, truth
+from caris_desktop.ros.fields import MessageError, message_of, number, text, truth
+from caris_desktop.ros.navigation_messages import encode_clock
+from caris_desktop.simulator import encoding
 from caris_desktop.simulator import faults as fault_commands
-from caris_desktop.simulator.camera_model import sees
+from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
+from caris_desktop.simulator.dress import BatteryTopic, SpeechAction, SpeechTopics, StopService, VelocityInput
+from caris_desktop.simulator.encoding import Placement
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
-from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
-from caris_desktop.simulator.lidar import ROBOT_FROM_LASER
-from caris_desktop.simulator.robot import ROBOT_FROM_CAMERA, Robot
-from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service, Topic
+from caris_desktop.simulator.gadgets import Gadgets
+from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
+from caris_desktop.simulator.head_topics import HeadOnRos
+from caris_desktop.simulator.map_files import MapFiles
+from caris_desktop.simulator.map_topics import MapOnRos
+from caris_desktop.simulator.server import CallFailed, Message
 from caris_desktop.simulator.speech import Voice
+from caris_desktop.simulator.speech_topics import SpeechOnAction, SpeechOnTopics
+from caris_desktop.simulator.wiring import Wiring
 
 logger = logging.getLogger(__name__)
 
-CAMERA_TOPIC = "/camera/image_raw/compressed"
-CAMERA_FRAME = "camera"
+CLOCK_TOPIC = "/clock"
+_AT_BASE = Pose2D(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Periodic:
-    """Something published every ``steps`` simulation steps; ``wanted`` says whether it is worth building."""
+    """Something published every ``steps`` simulation steps; without a ``topic`` whether or not anybody takes it."""
 
     steps: int
     topic: str
@@ -39,130 +46,226 @@ class _Periodic:
 class RobotTopics:
     """Publishes the robot's sensors on a :class:`BridgeServer` and obeys its command topics and services."""
 
-    def __init__(self, robot: Robot, server: BridgeServer, dialect: Dialect, *, muted: bool, faults: Faults) -> None:
-        self._robot = robot
-        self._server = server
-        self._dialect = dialect
+    def __init__(
+        self, wiring: Wiring, *, muted: bool, simulation_time: bool = False, maps: MapFiles | None = None
+    ) -> None:
+        self._wiring = wiring
+        self._robot = wiring.robot
         self._steps = 0
         self._twists_received = 0
         self._last_twist_s: float | None = None
-        self.voice = Voice(self._on_speaking, muted=muted)
-        self.faults = faults
-        server.latency_s = faults.latency_s
-        self._offer_topics()
-        self._offer_services()
-        self._periodic = (
-            _Periodic(2, "/odom", self._publish_odometry),
-            _Periodic(2, "/tf", self._publish_transforms),
-            _Periodic(5, "", self._publish_scan),
-            _Periodic(5, "/amcl_pose", self._publish_pose),
-            _Periodic(50, "", self._publish_map),
-            _Periodic(50, "/battery_state", self._publish_battery),
-        )
-        self._server.publish("/emergency_stop", messages.encode_bool(False))
-        self._server.publish("/tts/speaking", messages.encode_bool(False))
-        self._publish_static_transforms()
+        self._stop_state: str | None = None
+        self._periodic: list[_Periodic] = []
+        self._head = HeadOnRos(wiring)
+        self._map = MapOnRos(wiring, maps or MapFiles())
+        self._goals = self._navigation()
+        self._speech = self._speech_of_dress(muted=muted)
+        self._gadgets = Gadgets(wiring) if wiring.dress.gadgets else None
+        self._offer_sensors()
+        self._offer_commands()
+        self._offer_simulator()
+        if simulation_time:
+            wiring.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
+            self._every(1, CLOCK_TOPIC, self._publish_clock)
+        self._apply_faults(wiring.faults)
+
+    @property
+    def faults(self) -> Faults:
+        """What is broken at the moment."""
+        return self._wiring.faults
+
+    @property
+    def voice(self) -> Voice | None:
+        return self._speech.voice if self._speech is not None else None
+
+    @property
+    def camera_topic(self) -> str:
+        """Where the pictures go."""
+        return self._camera
 
     def publish_due(self) -> None:
         """Publish what this step brings. Called once after every step of the robot."""
         self._steps += 1
         for entry in self._periodic:
-            if self._steps % entry.steps == 0 and (not entry.topic or self._server.has_subscribers(entry.topic)):
+            if self._steps % entry.steps == 0 and (not entry.topic or self._wiring.wanted(entry.topic)):
                 entry.publish()
+        self._map.publish_due()
+        self._head.publish_due()
+        for part in (self._goals, self._speech, self._gadgets):
+            if part is not None:
+                part.publish_due()
 
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
-        """Publish one camera picture."""
-        self._server.publish(
-            CAMERA_TOPIC,
-            messages.encode_compressed_image(self._dialect, jpeg, stamp_ns=stamp_ns, frame_id=CAMERA_FRAME),
+        """Publish one camera picture and, where somebody wants it, what the camera is like."""
+        wiring = self._wiring
+        frame = wiring.frame(wiring.dress.camera.frame)
+        picture = messages.encode_compressed_image(wiring.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
+        wiring.publish(self._camera, picture)
+        if wiring.wanted(self._camera_info):
+            self._publish_camera_info()
+
+    def stop(self) -> None:
+        """Be silent, and let nothing happen later."""
+        if self.voice is not None:
+            self.voice.stop()
+        if self._gadgets is not None:
+            self._gadgets.stop()
+
+    def _every(self, steps: int, topic: str, publish: Callable[[], None]) -> None:
+        self._periodic.append(_Periodic(steps, topic, publish))
+
+    def _navigation(self) -> MoveBaseTopics | NavigateToPoseAction | None:
+        told = self._wiring.dress.navigation
+        if told is None:
+            return None
+        kind = MoveBaseTopics if self._wiring.dialect.value == 1 else NavigateToPoseAction
+        return kind(self._wiring, told)
+
+    def _speech_of_dress(self, *, muted: bool) -> SpeechOnTopics | SpeechOnAction | None:
+        match self._wiring.dress.speech:
+            case SpeechTopics() as told:
+                return SpeechOnTopics(self._wiring, told, muted=muted)
+            case SpeechAction() as told:
+                return SpeechOnAction(self._wiring, told, muted=muted)
+        return None
+
+    def _offer_sensors(self) -> None:
+        wiring, dress = self._wiring, self._wiring.dress
+        self._odometry = wiring.publishes(dress.odometry, "nav_msgs", "Odometry")
+        self._tf = wiring.publishes(dress.tf, "tf2_msgs", "TFMessage")
+        self._tf_static = wiring.publishes(dress.tf_static, "tf2_msgs", "TFMessage", latched=True)
+        self._camera = wiring.publishes(dress.camera.image, "sensor_msgs", "CompressedImage")
+        self._camera_info = wiring.publishes(dress.camera.info, "sensor_msgs", "CameraInfo")
+        self._scan = wiring.publishes(dress.scan, "sensor_msgs", "LaserScan") if dress.scan else None
+        self._every(2, self._odometry, self._publish_odometry)
+        self._every(2, self._tf, self._publish_transforms)
+        self._every(5, "", self._publish_scan)
+        if dress.pose:
+            pose = wiring.publishes(dress.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
+            # latched, so that it is worth publishing also while nobody listens yet
+            self._every(5, "", lambda: self._publish_pose(pose))
+        if dress.battery:
+            battery = dress.battery
+            package, kind = (
+                ("std_msgs", "Float32") if battery.kind == "Float32 percent" else ("sensor_msgs", "BatteryState")
+            )
+            name = wiring.publishes(battery.topic, package, kind, latched=True)
+            self._every(50, "", lambda: self._publish_battery(name, battery))
+        self._publish_static_transforms()
+
+    def _offer_commands(self) -> None:
+        wiring, dress = self._wiring, self._wiring.dress
+        for velocity in dress.velocity:
+            self._offer_velocity(velocity)
+        if dress.initial_pose:
+            wiring.obeys(dress.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
+        if dress.stop_state:
+            self._stop_state = wiring.publishes(dress.stop_state, "std_msgs", "Bool", latched=True)
+            wiring.publish(self._stop_state, messages.encode_bool(False))
+        if dress.stop_service:
+            told = dress.stop_service
+            wiring.serves(told.name, told.package, told.type, lambda arguments: self._set_stop(told, arguments))
+
+    def _offer_velocity(self, velocity: VelocityInput) -> None:
+        kind = "TwistStamped" if velocity.type == "TwistStamped" else "Twist"
+        others = ("geometry_msgs/TwistStamped", "geometry_msgs/msg/TwistStamped") if velocity.type == "either" else ()
+        self._wiring.obeys(
+            velocity.topic, "geometry_msgs", kind, lambda message: self._on_twist(velocity, message), other_types=others
         )
 
-    def _offer_topics(self) -> None:
-        publishes: tuple[tuple[str, str, str, bool], ...] = (
-            ("/scan", "sensor_msgs", "LaserScan", False),
-            ("/odom", "nav_msgs", "Odometry", False),
-            ("/tf", "tf2_msgs", "TFMessage", False),
-            ("/tf_static", "tf2_msgs", "TFMessage", True),
-            ("/amcl_pose", "geometry_msgs", "PoseWithCovarianceStamped", True),
-            ("/map", "nav_msgs", "OccupancyGrid", True),
-            (CAMERA_TOPIC, "sensor_msgs", "CompressedImage", False),
-            ("/battery_state", "sensor_msgs", "BatteryState", True),
-            ("/emergency_stop", "std_msgs", "Bool", True),
-            ("/tts/speaking", "std_msgs", "Bool", True),
-        )
-        obeys: tuple[tuple[str, str, str, Callable[[Message], None]], ...] = (
-            ("/cmd_vel", "geometry_msgs", "Twist", self._on_twist),
-            ("/tts", "std_msgs", "String", self._on_say),
-            ("/tts/stop", "std_msgs", "Empty", lambda _: self.voice.stop()),
-            ("/simulator/fault", "std_msgs", "String", self._on_fault),
-        )
-        for name, package, kind, latched in publishes:
-            self._server.topics[name] = Topic(type_name(self._dialect, package, kind), latched)
-        for name, package, kind, on_message in obeys:
-            self._server.topics[name] = Topic(type_name(self._dialect, package, kind), on_message=on_message)
+    def _offer_simulator(self) -> None:
+        wiring = self._wiring
+        wiring.obeys("/simulator/fault", "std_msgs", "String", self._on_fault)
+        wiring.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
+        wiring.serves("/simulator/state", "simulator", "State", lambda _: self._state())
+        wiring.serves("/simulator/reset_pose", "simulator", "ResetPose", self._reset_pose)
 
-    def _offer_services(self) -> None:
-        offers: tuple[tuple[str, str, str, Callable[[Message], Message]], ...] = (
-            ("/emergency_stop/set", "std_srvs", "SetBool", self._set_emergency_stop),
-            ("/simulator/fault", "simulator", "Fault", self._inject_fault),
-            ("/simulator/state", "simulator", "State", lambda _: self._state()),
-        )
-        for name, package, kind, call in offers:
-            self._server.services[name] = Service(service_type_name(self._dialect, package, kind), call)
+    def _publish_clock(self) -> None:
+        self._wiring.publish(CLOCK_TOPIC, encode_clock(self._wiring.dialect, self._wiring.stamp_ns()))
 
     def _publish_odometry(self) -> None:
-        stamp_ns = time.time_ns()
-        odometry = self._robot.odometry(stamp_ns=stamp_ns)
-        self._server.publish("/odom", messages.encode_odometry(self._dialect, odometry, stamp_ns=stamp_ns))
+        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
+        message = messages.encode_odometry(
+            wiring.dialect,
+            self._robot.odometry(stamp_ns=stamp_ns),
+            stamp_ns=stamp_ns,
+            frame_id=wiring.frame(wiring.dress.odom_frame),
+            child_frame_id=wiring.frame(wiring.dress.odometry_frame),
+        )
+        wiring.publish(self._odometry, message)
 
     def _publish_transforms(self) -> None:
-        stamp_ns = time.time_ns()
-        transforms = [
-            ("map", "odom", self._robot.map_from_odom),
-            ("odom", "base_link", self._robot.odometry(stamp_ns=stamp_ns).pose_in_odom),
-        ]
-        self._server.publish("/tf", messages.encode_tf_message(self._dialect, transforms, stamp_ns=stamp_ns))
+        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
+        dress = wiring.dress
+        odom = wiring.frame(dress.odom_frame)
+        odom_from_base = self._robot.odometry(stamp_ns=stamp_ns).pose_in_odom
+        placements = [Placement(odom, wiring.frame(dress.base_frame), odom_from_base), *self._head.turning_frames()]
+        if dress.pose is not None:
+            # only a robot that localises itself knows where it is in a map
+            placements.insert(0, Placement(wiring.frame(dress.map_frame), odom, self._robot.map_from_odom))
+        wiring.publish(self._tf, encoding.transforms(wiring.dialect, placements, stamp_ns=stamp_ns))
 
     def _publish_static_transforms(self) -> None:
-        transforms = [
-            ("base_link", LASER_FRAME, ROBOT_FROM_LASER),
-            ("base_link", CAMERA_FRAME, ROBOT_FROM_CAMERA),
-        ]
-        message = messages.encode_tf_message(self._dialect, transforms, stamp_ns=time.time_ns())
-        self._server.publish("/tf_static", message)
+        wiring, dress = self._wiring, self._wiring.dress
+        base, lidar = wiring.frame(dress.base_frame), self._robot.body.lidar
+        placements = [Placement(base, wiring.frame(name), _AT_BASE) for name in dress.same_as_base]
+        if lidar is not None and self._robot.body.laser_frame not in (dress.base_frame, *dress.same_as_base):
+            placements.append(Placement(base, wiring.frame(self._robot.body.laser_frame), lidar.robot_from_laser))
+        placements.append(self._head.camera_mount())
+        message = encoding.transforms(wiring.dialect, placements, stamp_ns=wiring.stamp_ns())
+        wiring.publish(self._tf_static, message)
 
     def _publish_scan(self) -> None:
-        stamp_ns = time.time_ns()
+        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
         scan = self._robot.scan(stamp_ns=stamp_ns)
-        if not self.faults.lidar_silent and self._server.has_subscribers("/scan"):
-            self._server.publish("/scan", messages.encode_laser_scan(self._dialect, scan, stamp_ns=stamp_ns))
+        if self._scan is not None and not self.faults.lidar_silent and wiring.wanted(self._scan):
+            scan = replace(scan, frame_id=wiring.frame(scan.frame_id))
+            wiring.publish(self._scan, messages.encode_laser_scan(wiring.dialect, scan, stamp_ns=stamp_ns))
 
-    def _publish_pose(self) -> None:
+    def _publish_pose(self, topic: str) -> None:
+        wiring = self._wiring
         message = messages.encode_pose_with_covariance_stamped(
-            self._dialect, self._robot.pose_in_map, stamp_ns=time.time_ns()
+            wiring.dialect,
+            self._robot.pose_in_map,
+            stamp_ns=wiring.stamp_ns(),
+            frame_id=wiring.frame(wiring.dress.map_frame),
         )
-        self._server.publish("/amcl_pose", message)
+        wiring.publish(topic, message)
 
-    def _publish_map(self) -> None:
-        stamp_ns = time.time_ns()
-        grid = self._robot.mapper.grid_if_changed(stamp_ns=stamp_ns)
-        if grid is not None:
-            self._server.publish("/map", messages.encode_occupancy_grid(self._dialect, grid, stamp_ns=stamp_ns))
-
-    def _publish_battery(self) -> None:
-        stamp_ns = time.time_ns()
-        fraction = self._robot.battery_fraction
+    def _publish_battery(self, topic: str, told: BatteryTopic) -> None:
+        wiring, stamp_ns, fraction = self._wiring, self._wiring.stamp_ns(), self._robot.battery_fraction
+        if told.kind == "Float32 percent":
+            wiring.publish(topic, {"data": 100.0 * fraction})
+            return
         message = messages.encode_battery_state(
-            self._dialect,
-            BatteryState(stamp_ns, fraction),
-            stamp_ns=stamp_ns,
-            voltage_v=22.0 + 3.2 * fraction,
+            wiring.dialect, BatteryState(stamp_ns, fraction), stamp_ns=stamp_ns, voltage_v=22.0 + 3.2 * fraction
         )
-        self._server.publish("/battery_state", message)
+        if told.kind == "BatteryState percent":
+            message["percentage"] = 100.0 * fraction
+        wiring.publish(topic, message)
 
-    def _on_twist(self, message: Message) -> None:
+    def _publish_camera_info(self) -> None:
+        wiring = self._wiring
+        message = encoding.camera_info(
+            wiring.dialect,
+            width_px=WIDTH_PX,
+            height_px=HEIGHT_PX,
+            focal_px=FOCAL_PX,
+            stamp_ns=wiring.stamp_ns(),
+            frame_id=wiring.frame(wiring.dress.camera.frame),
+        )
+        wiring.publish(self._camera_info, message)
+
+    def _on_twist(self, velocity: VelocityInput, message: Message) -> None:
+        stamped = velocity.type == "TwistStamped" or (velocity.type == "either" and "twist" in message)
+        unknown = set(message) - ({"header", "twist"} if stamped else {"linear", "angular"})
+        if unknown:
+            # as rosbridge does with a message of another type
+            raise MessageError(
+                f"{velocity.topic}: the message has a field '{min(unknown)}' that its type does not have"
+            )
         # TwistStamped wraps the same twist; ROS itself fills fields that a client leaves out with zero
-        plain = message_of(message["twist"], "TwistStamped.twist") if "twist" in message else message
+        plain = message_of(message.get("twist", {}), "TwistStamped.twist") if stamped else message
         axes = {"x": 0.0, "y": 0.0, "z": 0.0}
         whole = {part: axes | message_of(plain.get(part, {}), f"Twist.{part}") for part in ("linear", "angular")}
         twist = messages.decode_twist(whole)
@@ -170,18 +273,14 @@ class RobotTopics:
         self._last_twist_s = time.monotonic()
         self._robot.drive(twist)
 
-    def _on_say(self, message: Message) -> None:
-        if not self.voice.say(messages.decode_string(message)):
-            logger.warning("A sentence was not taken: it is empty, or too many wait already")
-
-    def _on_speaking(self, speaking: bool) -> None:
-        self._server.publish("/tts/speaking", messages.encode_bool(speaking))
+    def _on_initial_pose(self, message: Message) -> None:
+        self._robot.assume_pose(messages.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map)
 
     def _on_fault(self, message: Message) -> None:
         try:
             self._inject(messages.decode_string(message))
-        except ValueError as error:
-            raise messages.MessageError(str(error)) from error
+        except (ValueError, CallFailed) as error:
+            raise MessageError(str(error)) from error
 
     def _inject_fault(self, arguments: Message) -> Message:
         try:
@@ -193,24 +292,53 @@ class RobotTopics:
     def _inject(self, command: str) -> None:
         injection = fault_commands.inject(self.faults, command)
         logger.info("Injected fault: %s", command)
-        self.faults = injection.faults
-        self._server.latency_s = injection.faults.latency_s
+        self._apply_faults(injection.faults)
         if injection.battery_fraction is not None:
             self._robot.battery_fraction = injection.battery_fraction
         if injection.drop_link_s is not None:
-            self._server.drop_link(injection.drop_link_s)
+            self._wiring.server.drop_link(injection.drop_link_s)
+        if injection.malformed:
+            scan = self._scan or self._odometry
+            self._wiring.server.send_raw(fault_commands.malformed_messages(injection.malformed, scan))
+        if injection.stop_button is not None:
+            self._stop_robot(injection.stop_button)
+        if injection.pose_in_map is not None:
+            self._place(injection.pose_in_map)
 
-    def _set_emergency_stop(self, arguments: Message) -> Message:
-        stopped = truth(arguments, "data", "args")
-        self._robot.set_emergency_stop(stopped)
-        self._server.publish("/emergency_stop", messages.encode_bool(stopped))
+    def _apply_faults(self, faults: Faults) -> None:
+        before, self._wiring.faults = self._wiring.faults, faults
+        self._wiring.server.latency_s = faults.latency_s
+        self._wiring.server.rate_bytes_s = None if faults.rate_kbps is None else faults.rate_kbps * 125.0
+        clock_before = (before.clock_offset_s, before.clock_drift_ppm)
+        if (faults.clock_offset_s, faults.clock_drift_ppm) != clock_before:
+            self._wiring.clock.disagree(offset_s=faults.clock_offset_s, drift_ppm=faults.clock_drift_ppm)
+        if faults.frames_wrong != before.frames_wrong:
+            self._publish_static_transforms()
+
+    def _reset_pose(self, arguments: Message) -> Message:
+        heading_rad = math.radians(number(arguments, "heading_deg", "args")) if "heading_deg" in arguments else 0.0
+        self._place(Pose2D(number(arguments, "x", "args"), number(arguments, "y", "args"), heading_rad))
+        return {"success": True, "message": ""}
+
+    def _place(self, pose: Pose2D) -> None:
+        if not self._robot.place(pose):
+            raise CallFailed(f"the robot does not fit at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m")
+
+    def _set_stop(self, told: StopService, arguments: Message) -> Message:
+        stopped = truth(arguments, told.field, "args") is told.stopping
+        self._stop_robot(stopped)
         return {"success": True, "message": "latched" if stopped else "cleared"}
+
+    def _stop_robot(self, stopped: bool) -> None:
+        self._robot.set_emergency_stop(stopped)
+        if self._stop_state is not None:
+            self._wiring.publish(self._stop_state, messages.encode_bool(stopped))
 
     def _state(self) -> Message:
         """The truth, for tests and for looking inside: nothing here is on any topic of the robot."""
-        truth_ = self._robot.truth
-        pose = truth_.pose_in_map
-        camera = self._robot.view().map_from_camera
+        robot, truth_ = self._robot, self._robot.truth
+        view = robot.view()
+        camera = view.map_from_camera
         people = [
             {
                 "x_m": person.x_m,
@@ -219,25 +347,34 @@ class RobotTopics:
                 "walking": person.walking,
                 "in_view": sees(camera, person.x_m, person.y_m),
             }
-            for person in self._robot.people
+            for person in robot.people
         ]
         return {
-            "time_s": self._robot.now_s,
-            "pose": _pose(pose),
-            "believed_pose": _pose(self._robot.pose_in_map),
+            "dress": self._wiring.dress.name,
+            "time_s": robot.now_s,
+            "pose": _pose(truth_.pose_in_map),
+            "believed_pose": _pose(robot.pose_in_map),
+            "localised": robot.localised,
             "speed_mps": truth_.forward_mps,
+            "speed_left_mps": truth_.left_mps,
             "speed_radps": truth_.turn_radps,
             "touching": truth_.touching,
             "collisions": truth_.collisions,
-            "emergency_stopped": self._robot.emergency_stopped,
-            "goal_id": self._robot.goal_id or "",
-            "speaking": self.voice.speaking or "",
+            "touches": robot.touches,
+            "gap_m": robot.gap_m,
+            "min_gap_m": robot.min_gap_m if math.isfinite(robot.min_gap_m) else None,
+            "emergency_stopped": robot.emergency_stopped,
+            "goal_id": robot.goal_id or "",
+            "head": {"pan_rad": robot.head.pan_rad, "tilt_rad": robot.head.tilt_rad},
+            "mapping_paused": robot.mapping_paused,
+            "speaking": (self.voice.speaking if self.voice is not None else None) or "",
             "twists_received": self._twists_received,
             "last_twist_age_s": None if self._last_twist_s is None else time.monotonic() - self._last_twist_s,
             "people": people,
             "anybody_in_view": any(person["in_view"] for person in people),
-            "known_map_share": self._robot.mapper.known_share,
+            "known_map_share": robot.mapper.known_share,
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
+            "panel": self._gadgets.state if self._gadgets is not None else {},
         }
 
 

@@ -1,16 +1,21 @@
 """The listing services of rosapi, about a :class:`BridgeServer`."""
 
-import time
+from collections.abc import Callable
 
 from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_type_name
 from caris_desktop.ros.fields import text
+from caris_desktop.simulator import typedefs
+from caris_desktop.simulator.robot_clock import RobotClock
 from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service
 
 NODE = "/simulated_robot"
 
 
-def offer_rosapi(server: BridgeServer, dialect: Dialect) -> None:
+def offer_rosapi(
+    server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None, simulation_time: bool = False
+) -> None:
     """Add the ``/rosapi/...`` services to ``server``."""
+    robot_clock = clock or RobotClock()
 
     def offer(path: str, type_: str, call: object) -> None:
         if callable(call):
@@ -71,23 +76,41 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect) -> None:
         return {"subscribers": sorted(client.name for client in server.clients if client.outbox.takes(wanted))}
 
     def get_time(_: Message) -> Message:
-        return {"time": encode_time(dialect, time.time_ns())}
+        return {"time": encode_time(dialect, robot_clock.now_ns())}
 
     def action_servers(_: Message) -> Message:
         names = set(server.actions)
-        if dialect is Dialect.ROS1 and "/move_base/status" in server.topics:
-            names.add("/move_base")
+        # as rosapi finds those of ROS 1: by their topics
+        for topic in server.topics:
+            base, leaf = topic.rsplit("/", 1)
+            if leaf == "goal" and all(f"{base}/{other}" in server.topics for other in ("cancel", "status", "result")):
+                names.add(base)
         return {"action_servers": sorted(names)}
 
     def action_type(arguments: Message) -> Message:
-        action = server.actions.get(name_in(arguments, "action"))
-        return {"type": action.type if action else ""}
+        name = name_in(arguments, "action")
+        action, goal = server.actions.get(name), server.topics.get(f"{name}/goal")
+        if action is not None:
+            return {"type": action.type}
+        return {"type": goal.type.removesuffix("Goal") if goal and goal.type.endswith("ActionGoal") else ""}
+
+    def message_details(arguments: Message) -> Message:
+        return {"typedefs": typedefs.message_typedefs(dialect, name_in(arguments, "type"))}
+
+    def service_details(part: int) -> Callable[[Message], Message]:
+        return lambda arguments: {"typedefs": typedefs.service_typedefs(dialect, name_in(arguments, "type"), part)}
 
     def get_ros_version(_: Message) -> Message:
         return {"version": dialect.value, "distro": "noetic" if dialect is Dialect.ROS1 else "jazzy"}
 
     def get_param(arguments: Message) -> Message:
-        raise CallFailed(f"there is no parameter '{name_in(arguments, 'name')}'")
+        name = name_in(arguments, "name")
+        if name.strip("/") == "use_sim_time":
+            return {"value": "true" if simulation_time else "false"}
+        raise CallFailed(f"there is no parameter '{name}'")
+
+    def has_param(arguments: Message) -> Message:
+        return {"exists": name_in(arguments, "name").strip("/") == "use_sim_time"}
 
     offer("topics", "Topics", topics)
     offer("topic_type", "TopicType", topic_type)
@@ -105,5 +128,12 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect) -> None:
     offer("action_type", "ActionType", action_type)
     offer("get_ros_version", "GetROSVersion", get_ros_version)
     offer("get_param", "GetParam", get_param)
-    offer("get_param_names", "GetParamNames", lambda _: {"names": []})
-    offer("has_param", "HasParam", lambda _: {"exists": False})
+    offer("get_param_names", "GetParamNames", lambda _: {"names": ["/use_sim_time"]})
+    offer("has_param", "HasParam", has_param)
+    offer("message_details", "MessageDetails", message_details)
+    offer("service_request_details", "ServiceRequestDetails", service_details(0))
+    offer("service_response_details", "ServiceResponseDetails", service_details(1))
+    if dialect is Dialect.ROS2:
+        offer("action_goal_details", "ActionGoalDetails", service_details(0))
+        offer("action_result_details", "ActionResultDetails", service_details(1))
+        offer("action_feedback_details", "ActionFeedbackDetails", service_details(2))

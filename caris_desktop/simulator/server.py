@@ -5,7 +5,9 @@ import contextlib
 import itertools
 import logging
 import socket
-from collections.abc import Callable
+import ssl
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any
@@ -14,10 +16,14 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.fields import MessageError, count, message_of, number, text, text_or_empty
 from caris_desktop.ros.fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json
 from caris_desktop.simulator.outbox import Outbox, Published, Subscription
+from caris_desktop.simulator.security import introduces_itself
+from caris_desktop.simulator.sent_log import SentLog
+from caris_desktop.simulator.wire import Wire
 
 logger = logging.getLogger(__name__)
 
@@ -37,13 +43,18 @@ class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not 
 
 @dataclass(slots=True)
 class Topic:
-    """A topic that somebody publishes or subscribes. ``latched``: late subscribers get the last message."""
+    """A topic that somebody publishes or subscribes. ``latched``: late subscribers get the last message.
+
+    ``other_types`` are accepted besides its own.
+    """
 
     type: str
     latched: bool = False
     last: Published | None = None
+    sequence: int = 0
     publishers: set[str] = field(default_factory=set)
     on_message: Callable[[Message], None] | None = None
+    other_types: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +83,7 @@ class Client:
         self.outbox = Outbox(clock)
         self.fragments = FragmentAssembler(max_bytes=MAX_INCOMING_BYTES)
         self.services: dict[str, str] = {}
+        self.admitted = False
 
     def abort(self) -> None:
         """Cut the socket without a word, as a failing network does."""
@@ -79,20 +91,41 @@ class Client:
 
 
 class BridgeServer:
-    """The server. Everything runs in the event loop that :meth:`start` is called in."""
+    """The server. Everything runs in the event loop that :meth:`start` is called in.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    secret
+        Clients that do not introduce themselves with it, as rosauth demands, are sent away.
+    now_s
+        The robot's clock, by which an introduction is of this moment.
+    log
+        Is told of each message that was delivered.
+    """
+
+    def __init__(
+        self,
+        *,
+        secret: str | None = None,
+        now_s: Callable[[], float] = time.time,
+        log: SentLog | None = None,
+    ) -> None:
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, Service] = {}
         self.actions: dict[str, Action] = {}
         self.clients: set[Client] = set()
         self.latency_s = 0.0
+        self.rate_bytes_s: float | None = None
+        self._secret = secret
+        self._now_s = now_s
+        self._log = log
         self._refused_until_s = 0.0
         self._numbers = itertools.count(1)
         self._forwarded: dict[str, tuple[Client, str | None, str]] = {}
+        self._closing: set[asyncio.Task[None]] = set()
         self._server: Server | None = None
 
-    async def start(self, host: str, port: int) -> int:
+    async def start(self, host: str, port: int, *, tls: ssl.SSLContext | None = None) -> int:
         """Listen, and return the port; 0 chooses a free one.
 
         Raises
@@ -105,6 +138,7 @@ class BridgeServer:
             host,
             port,
             process_request=self._admit,
+            ssl=tls,
             compression=None,
             max_size=MAX_INCOMING_BYTES,
             ping_interval=10.0,
@@ -136,10 +170,23 @@ class BridgeServer:
     def publish(self, name: str, message: Message) -> None:
         """Publish a message of the robot's own, or relay one of a client."""
         topic = self.topics[name]
-        published = Published(name, message)
+        topic.sequence += 1
+        published = Published(name, message, sequence=topic.sequence)
         if topic.latched:
             topic.last = published
         self._later(lambda: self._deliver(published))
+
+    def keep(self, name: str, message: Message) -> None:
+        """Give late subscribers of a latched topic this message, without publishing it to the present ones."""
+        topic = self.topics[name]
+        topic.last = Published(name, message, sequence=topic.sequence)
+
+    def send_raw(self, contents: Iterable[str | bytes]) -> None:
+        """Send every client what is no proper message of the protocol."""
+        for content in contents:
+            for client in self.clients:
+                if client.admitted:
+                    client.outbox.raw(content)
 
     def _deliver(self, published: Published) -> None:
         for client in self.clients:
@@ -175,6 +222,7 @@ class BridgeServer:
             # the system's own buffer would hold seconds of old pictures for a slow client
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         client = Client(next(self._numbers), connection, asyncio.get_running_loop().time)
+        client.admitted = self._secret is None
         self.clients.add(client)
         logger.info("%s connected", client.name)
         sender = asyncio.create_task(self._send(client))
@@ -196,19 +244,50 @@ class BridgeServer:
             logger.info("%s is gone", client.name)
 
     async def _send(self, client: Client) -> None:
-        with contextlib.suppress(ConnectionClosed):
-            await client.outbox.send_all(client.connection)
+        def delivered(published: Published, size_bytes: int) -> None:
+            if self._log is not None:
+                self._log.delivered(client.name, published, size_bytes)
+
+        wire = Wire(client.connection, rate_bytes_s=lambda: self.rate_bytes_s, delivered=delivered)
+        try:
+            with contextlib.suppress(ConnectionClosed):
+                await client.outbox.send_all(wire)
+        finally:
+            wire.close()
 
     def _receive(self, client: Client, content: str | bytes) -> None:
         operation: Message = {}
         try:
             operation = decode_json(content) if isinstance(content, str) else self._decode_bytes(content)
+            if not client.admitted:
+                self._admit_by_secret(client, operation)
+                return
             self._handle(client, operation)
         except (ProtocolError, MessageError) as error:
             logger.warning("%s: %s", client.name, error)
+            if not client.admitted:
+                self._send_away(client)
+                return
             status = {"op": "status", "level": "error", "msg": str(error)}
             request_id = operation.get("id")
             self._answer(client, status, request_id if isinstance(request_id, str) else None)
+
+    def _admit_by_secret(self, client: Client, operation: Message) -> None:
+        if (
+            operation["op"] == "auth"
+            and self._secret is not None
+            and introduces_itself(operation, self._secret, now_s=self._now_s())
+        ):
+            client.admitted = True
+            logger.info("%s has authenticated", client.name)
+        else:
+            self._send_away(client)
+
+    def _send_away(self, client: Client) -> None:
+        logger.warning("%s did not authenticate; its connection is closed", client.name)
+        closing = asyncio.create_task(client.connection.close())
+        self._closing.add(closing)
+        closing.add_done_callback(self._closing.discard)
 
     @staticmethod
     def _decode_bytes(content: bytes) -> Message:
@@ -244,8 +323,13 @@ class BridgeServer:
         handlers[name](client, operation)
 
     def _topic(self, name: str, type_: str) -> Topic:
+        """The topic, which comes to be with its first use; like rosbridge, another type than its own is refused."""
         topic = self.topics.setdefault(name, Topic(type_))
         topic.type = topic.type or type_
+        if type_ and not same_type(topic.type, type_) and type_ not in topic.other_types:
+            raise ProtocolError(
+                f"Tried to register topic {name} with type {type_} but it is already established with type {topic.type}"
+            )
         return topic
 
     def _advertise(self, client: Client, operation: Message) -> None:

@@ -25,7 +25,7 @@ class Socket:
         self.gate.set()
         self.sent: list[Any] = []
 
-    async def send(self, message: str | bytes) -> None:
+    async def send(self, message: str | bytes, of: Published | None = None) -> None:
         await self.gate.wait()
         self.sent.append(decode_json(message) if isinstance(message, str) else message)
 

@@ -4,9 +4,11 @@ import contextlib
 import itertools
 import json
 import os
+import ssl
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +26,9 @@ class SimulatedRobot:
     Parameters
     ----------
     ros
-        1 or 2.
+        1 or 2; None leaves it to the dress.
+    dress
+        Whose names and types it wears.
     port
         0 chooses a free one.
     arguments
@@ -36,21 +40,24 @@ class SimulatedRobot:
     def __init__(
         self,
         *arguments: str,
-        ros: int = 1,
+        ros: int | None = None,
+        dress: str = "generic",
         port: int = 0,
         seed: int = 1,
         muted: bool = True,
         environment: dict[str, str] | None = None,
     ) -> None:
-        self.ros = ros
+        self.ros = ros or (2 if dress.startswith("turtlebot") else 1)
+        self.dress = dress
         command = [
             sys.executable,
             "-m",
             "caris_desktop.simulator",
             "--port",
             str(port),
-            "--ros",
-            str(ros),
+            "--dress",
+            dress,
+            *(["--ros", str(ros)] if ros is not None else []),
             "--end-with-stdin",
         ]
         self._process = subprocess.Popen(
@@ -108,11 +115,12 @@ class SimulatedRobot:
 class RosbridgeClient:
     """Plain websocket, plain JSON; nothing of ours in between."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, tls: ssl.SSLContext | None = None) -> None:
         self._open = contextlib.ExitStack()
-        self._socket = self._open.enter_context(connect(address, compression=None, max_size=None))
+        self._socket = self._open.enter_context(connect(address, compression=None, max_size=None, ssl=tls))
         self._ids = itertools.count()
         self.received: list[dict[str, Any] | bytes] = []
+        self.received_s: list[float] = []
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
@@ -178,4 +186,12 @@ class RosbridgeClient:
     def _listen(self) -> None:
         with contextlib.suppress(ConnectionClosed):
             for content in self._socket:
-                self.received.append(json.loads(content) if isinstance(content, str) else bytes(content))
+                self.received_s.append(time.monotonic())
+                self.received.append(_decoded(content) if isinstance(content, str) else bytes(content))
+
+
+def _decoded(content: str) -> Any:
+    try:
+        return json.loads(content)
+    except ValueError:
+        return content.encode()

@@ -1,0 +1,104 @@
+"""An actionlib server on plain topics: goal and cancel in, status, feedback and result out."""
+
+from collections.abc import Callable
+
+from caris_desktop.ros import actions
+from caris_desktop.ros.actions import GoalStatus
+from caris_desktop.ros.fields import MessageError, message_of
+from caris_desktop.simulator.server import Message
+from caris_desktop.simulator.wiring import Wiring
+
+_STATUS_EVERY_STEPS = 10
+_FINISHED_LISTED_S = 5.0
+
+
+class ActionlibServer:
+    """One action server of ROS 1.
+
+    Parameters
+    ----------
+    name, package, kind
+        Such as ``/tts``, ``pal_interaction_msgs``, ``Tts``.
+    on_goal
+        Told the id and the goal; it calls :meth:`accept`, and :meth:`finish` when it is over.
+    on_cancel
+        Told the id to cancel, empty for every goal.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        name: str,
+        package: str,
+        kind: str,
+        *,
+        on_goal: Callable[[str, Message], None],
+        on_cancel: Callable[[str], None],
+    ) -> None:
+        self._wiring = wiring
+        self._on_goal = on_goal
+        self._on_cancel = on_cancel
+        self._statuses: dict[str, tuple[GoalStatus, float]] = {}
+        self._steps = 0
+        self._goals = 0
+        self.name = wiring.dress.absolute(name)
+        wiring.obeys(f"{self.name}/goal", package, f"{kind}ActionGoal", self._on_goal_message)
+        wiring.obeys(f"{self.name}/cancel", "actionlib_msgs", "GoalID", self._on_cancel_message)
+        self._status = wiring.publishes(f"{self.name}/status", "actionlib_msgs", "GoalStatusArray")
+        self._feedback = wiring.publishes(f"{self.name}/feedback", package, f"{kind}ActionFeedback")
+        self._result = wiring.publishes(f"{self.name}/result", package, f"{kind}ActionResult")
+
+    def publish_due(self) -> None:
+        """Called once after every step of the robot."""
+        self._steps += 1
+        if self._steps % _STATUS_EVERY_STEPS == 0:
+            self._publish_status()
+
+    def new_id(self) -> str:
+        """An id for a goal that came without one."""
+        self._goals += 1
+        return f"{self.name.strip('/')}-{self._goals}"
+
+    def accept(self, goal_id: str) -> None:
+        """The goal is under way."""
+        self._statuses[goal_id] = (GoalStatus(goal_id, actions.ACTIVE), self._wiring.robot.now_s)
+        self._publish_status()
+
+    def finish(self, status: GoalStatus, result: Message) -> None:
+        """The goal is over."""
+        self._statuses[status.goal_id] = (status, self._wiring.robot.now_s)
+        # the status first: a client counts a goal as finished once it has both
+        self._publish_status()
+        stamp_ns = self._wiring.stamp_ns()
+        self._wiring.publish(self._result, actions.encode_action_result(status, result, stamp_ns=stamp_ns))
+
+    def progress(self, status: GoalStatus, feedback: Message) -> None:
+        """Tell how far the goal has come."""
+        stamp_ns = self._wiring.stamp_ns()
+        self._wiring.publish(self._feedback, actions.encode_action_feedback(status, feedback, stamp_ns=stamp_ns))
+
+    def _on_goal_message(self, message: Message) -> None:
+        goal = message_of(message.get("goal", {}), "ActionGoal.goal")
+        # ROS itself fills what a client leaves out
+        goal_id = message_of(message.get("goal_id", {}), "ActionGoal.goal_id").get("id") or self.new_id()
+        if not isinstance(goal_id, str):
+            raise MessageError("ActionGoal.goal_id.id must be a text")
+        self._on_goal(goal_id, goal)
+
+    def _on_cancel_message(self, message: Message) -> None:
+        wanted = message.get("id") or ""
+        if not isinstance(wanted, str):
+            raise MessageError("GoalID.id must be a text")
+        # an empty id means every goal, as does the empty message that actionlib clients send
+        self._on_cancel(wanted)
+
+    def _publish_status(self) -> None:
+        now_s = self._wiring.robot.now_s
+        self._statuses = {
+            goal_id: (status, since_s)
+            for goal_id, (status, since_s) in self._statuses.items()
+            if status.ending is None or now_s - since_s < _FINISHED_LISTED_S
+        }
+        statuses = [status for status, _ in self._statuses.values()]
+        array = actions.encode_goal_status_array(statuses, stamp_ns=self._wiring.stamp_ns())
+        self._wiring.publish(self._status, array)

@@ -1,0 +1,125 @@
+"""What a dress says of a robot: its topics, services, actions, types and frames, as its makers publish them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.simulator.robot import Body
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityInput:
+    """A topic that moves the base. ``either``: TwistStamped is understood as well, on a topic that says Twist."""
+
+    topic: str
+    type: Literal["Twist", "TwistStamped", "either"] = "Twist"
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryTopic:
+    """How the charge is told: sensor_msgs/BatteryState of 0..1 or of 0..100, or std_msgs/Float32 of 0..100."""
+
+    topic: str
+    kind: Literal["BatteryState", "BatteryState percent", "Float32 percent"] = "BatteryState"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTopics:
+    """A camera: sensor_msgs/CompressedImage on ``image``, sensor_msgs/CameraInfo on ``info``."""
+
+    image: str
+    info: str
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class HeadTopics:
+    """A head, moved by trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed on ``topic``.
+
+    ``tilt_sign`` is -1 where the joint's positive direction is up.
+    """
+
+    kind: Literal["JointTrajectory", "JointAnglesWithSpeed"]
+    topic: str
+    pan_joint: str
+    tilt_joint: str
+    tilt_sign: Literal[1, -1] = 1
+    frames: tuple[str, str] = ("head_1_link", "head_2_link")
+
+
+@dataclass(frozen=True, slots=True)
+class SpeechTopics:
+    """A voice that takes std_msgs/String on ``topic``. ``speaking`` is Bool, ``stop`` takes Empty."""
+
+    topic: str
+    speaking: str | None = None
+    stop: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SpeechAction:
+    """A voice that is PAL's text-to-speech action (pal_interaction_msgs/TtsAction)."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Navigation:
+    """What takes goals: an action named ``name`` (None: only the simple goal topic), and what it tells of the way."""
+
+    name: str | None
+    simple_goal: str
+    path: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StopService:
+    """A service that cuts and restores the motors: ``field`` of the request is ``stopping`` to stop."""
+
+    name: str
+    package: str
+    type: str
+    field: str
+    stopping: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Dress:
+    """Everything that can be told from outside. Names without a leading slash take the robot's namespace."""
+
+    name: str
+    dialect: Dialect
+    body: Body
+    velocity: tuple[VelocityInput, ...]
+    odometry: str
+    tf: str
+    tf_static: str
+    camera: CameraTopics
+    map_frame: str = "map"
+    odom_frame: str = "odom"
+    base_frame: str = "base_link"
+    odometry_frame: str = "base_link"
+    same_as_base: tuple[str, ...] = ()
+    namespace: str = ""
+    scan: str | None = None
+    pose: str | None = None
+    map: str | None = None
+    map_updates: str | None = None
+    initial_pose: str | None = None
+    battery: BatteryTopic | None = None
+    joint_states: str | None = None
+    head: HeadTopics | None = None
+    speech: SpeechTopics | SpeechAction | None = None
+    navigation: Navigation | None = None
+    stop_state: str | None = None
+    stop_service: StopService | None = None
+    slam_toolbox: str | None = None
+    map_server: str | None = None
+    map_saver: str | None = None
+    gadgets: bool = False
+
+    def absolute(self, name: str) -> str:
+        """The name as it is on the wire."""
+        if name.startswith("/"):
+            return name
+        return f"/{self.namespace}/{name}" if self.namespace else f"/{name}"

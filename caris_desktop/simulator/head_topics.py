@@ -1,0 +1,104 @@
+"""The head on ROS: joint states out, joint commands in, and the frames that turn with it."""
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.joint_messages import (
+    decode_joint_angles_with_speed,
+    decode_joint_trajectory,
+    encode_joint_state,
+)
+from caris_desktop.simulator.dress import HeadTopics
+from caris_desktop.simulator.encoding import Placement
+from caris_desktop.simulator.head import DEFAULT_SPEED_RADPS, Head
+from caris_desktop.simulator.server import Message
+from caris_desktop.simulator.wiring import Wiring
+
+_WHEELS = ("wheel_left_joint", "wheel_right_joint")
+
+
+class HeadOnRos:
+    """Obeys the topic that the dress says; without a head only the wheels are told."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._steps = 0
+        dress = wiring.dress
+        self._joint_states = (
+            wiring.publishes(dress.joint_states, "sensor_msgs", "JointState") if dress.joint_states else None
+        )
+        if dress.head is None:
+            return
+        if dress.head.kind == "JointTrajectory":
+            wiring.obeys(dress.head.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
+        else:
+            wiring.obeys(dress.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
+
+    def publish_due(self) -> None:
+        """Called once after every step of the robot."""
+        self._steps += 1
+        if self._steps % 2 or self._joint_states is None or not self._wiring.wanted(self._joint_states):
+            return
+        angles = dict.fromkeys(_WHEELS, 0.0)
+        if self._wiring.dress.head is not None:
+            head, told = self._wiring.robot.head, self._wiring.dress.head
+            angles |= {told.pan_joint: head.pan_rad, told.tilt_joint: told.tilt_sign * head.tilt_rad}
+        message = encode_joint_state(self._wiring.dialect, angles, stamp_ns=self._wiring.stamp_ns())
+        self._wiring.publish(self._joint_states, message)
+
+    def turning_frames(self) -> list[Placement]:
+        """The frames of the joints as they are turned now."""
+        told, robot = self._wiring.dress.head, self._wiring.robot
+        if told is None:
+            return []
+        camera = robot.body.robot_from_camera
+        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + robot.head.pan_rad)
+        pan_frame, tilt_frame = (self._wiring.frame(name) for name in told.frames)
+        return [
+            Placement(self._wiring.frame(self._wiring.dress.base_frame), pan_frame, pan, robot.body.camera_height_m),
+            Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
+        ]
+
+    def camera_mount(self) -> Placement:
+        """Where the camera sits, on the head or on the body."""
+        wiring = self._wiring
+        frame, body = wiring.frame(wiring.dress.camera.frame), wiring.robot.body
+        if wiring.dress.head is not None:
+            return Placement(wiring.frame(wiring.dress.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
+        return Placement(wiring.frame(wiring.dress.base_frame), frame, body.robot_from_camera, body.camera_height_m)
+
+    def _on_trajectory(self, message: Message) -> None:
+        # the head moves evenly, so the last point says where to and how fast
+        targets, duration_s = decode_joint_trajectory(message)
+        if not targets:
+            raise MessageError("JointTrajectory.points is empty")
+        for name, target_rad in targets.items():
+            left_rad = abs(target_rad - self._now_rad(name))
+            self._turn(name, target_rad, left_rad / duration_s if duration_s else DEFAULT_SPEED_RADPS)
+
+    def _on_angles(self, message: Message) -> None:
+        targets, share = decode_joint_angles_with_speed(message)
+        if not 0.0 < share <= 1.0:
+            raise MessageError("JointAnglesWithSpeed.speed is a share of the fastest, above 0 and at most 1")
+        relative = bool(message.get("relative"))
+        for name, angle_rad in targets.items():
+            target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)
+            self._turn(name, target_rad, share * self._wiring.robot.body.head.fastest_radps)
+
+    def _told(self) -> tuple[HeadTopics, Head]:
+        told = self._wiring.dress.head
+        if told is None:
+            raise MessageError("the robot has no head")
+        return told, self._wiring.robot.head
+
+    def _now_rad(self, joint: str) -> float:
+        told, head = self._told()
+        if joint not in (told.pan_joint, told.tilt_joint):
+            raise MessageError(f"there is no joint '{joint}'; the head has {told.pan_joint} and {told.tilt_joint}")
+        return head.pan_rad if joint == told.pan_joint else told.tilt_sign * head.tilt_rad
+
+    def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
+        told, head = self._told()
+        if joint == told.pan_joint:
+            head.pan_to(target_rad, speed_radps=speed_radps)
+        else:
+            head.tilt_to(told.tilt_sign * target_rad, speed_radps=speed_radps)

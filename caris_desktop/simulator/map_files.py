@@ -1,0 +1,147 @@
+"""Maps on disk: pictures with a description, as map_server keeps them, and what slam_toolbox keeps as a pose graph.
+
+A name may have folders in it, but never leads out of the folder of the maps.
+"""
+
+import re
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M
+from caris_desktop.simulator.mapping import RESOLUTION_M
+
+_FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205
+_FREE_THRESH, _OCCUPIED_THRESH = 0.25, 0.65
+_NAME = re.compile(r"/?[A-Za-z0-9_][A-Za-z0-9 _.-]*(/[A-Za-z0-9_][A-Za-z0-9 _.-]*)*")
+_MOST_CHARS = 200
+_MOST_BYTES = 64 * 1024 * 1024
+
+
+class MapFileError(Exception):
+    """A map cannot be saved or loaded; the text says why."""
+
+
+class NoSuchMap(MapFileError):  # noqa: N818 - it is an answer to the caller, not a fault of the program
+    """There is no map of that name."""
+
+
+class MapFiles:
+    """The maps in ``folder``, which is made when the first one is saved."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+
+    @property
+    def folder(self) -> Path:
+        if self._folder is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="caris-simulator-maps-"))
+        return self._folder
+
+    def save_picture(self, name: str, cells: NDArray[np.int8]) -> Path:
+        """Write NAME.pgm and NAME.yaml, and return the latter; ``cells`` is int8, row 0 at the bottom."""
+        path = self._path(name)
+        picture = np.full(cells.shape, _UNKNOWN, dtype=np.uint8)
+        picture[cells == 0] = _FREE
+        picture[cells > 50] = _OCCUPIED
+        done, content = cv2.imencode(".pgm", picture[::-1])
+        if not done:
+            raise MapFileError(f"the map cannot be written as a picture: {path}")
+        description = {
+            "image": f"{path.name}.pgm",
+            "mode": "trinary",
+            "resolution": RESOLUTION_M,
+            "origin": [*MAP_ORIGIN_M, 0.0],
+            "negate": 0,
+            "occupied_thresh": _OCCUPIED_THRESH,
+            "free_thresh": _FREE_THRESH,
+        }
+        self._write(_with_ending(path, ".pgm"), content.tobytes())
+        described = _with_ending(path, ".yaml")
+        self._write(described, yaml.safe_dump(description, sort_keys=False).encode())
+        return described
+
+    def load_picture(self, name: str) -> NDArray[np.int8]:
+        """The cells of NAME.yaml and its picture: int8, shape (height, width), row 0 at the bottom."""
+        path = _with_ending(self._path(name), ".yaml")
+        try:
+            description: Any = yaml.safe_load(self._read(path).decode())
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise MapFileError(f"{path.name} is no description of a map: {error}") from error
+        if not isinstance(description, dict) or not isinstance(description.get("image"), str):
+            raise MapFileError(f"{path.name} does not name its picture")
+        within = path.parent.relative_to(self.folder.resolve())
+        picture_path = self._path(str(within / description["image"]))
+        content = np.frombuffer(self._read(picture_path), dtype=np.uint8)
+        picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
+        if picture is None:
+            raise MapFileError(f"{picture_path.name} is no picture")
+        cells = np.full(picture.shape, -1, dtype=np.int8)
+        darkness = 1.0 - picture[::-1].astype(np.float64) / 255.0
+        # the grey of the unknown lies just below the free threshold that map_server writes, so it comes first
+        unknown = picture[::-1] == _UNKNOWN
+        cells[(darkness < _FREE_THRESH) & ~unknown] = 0
+        cells[darkness > _OCCUPIED_THRESH] = 100
+        return cells
+
+    def save_graph(self, name: str, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> Path:
+        """Write NAME.posegraph: what the mapper needs to go on from here."""
+        path = _with_ending(self._path(name), ".posegraph")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, evidence=evidence, known=known)
+        except OSError as error:
+            raise MapFileError(f"{path.name} cannot be written: {error.strerror or error}") from error
+        return path
+
+    def load_graph(self, name: str) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        """What :meth:`save_graph` wrote."""
+        path = _with_ending(self._path(name), ".posegraph")
+        if not path.is_file():
+            raise NoSuchMap(f"there is no map '{name}'")
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                return stored["evidence"], stored["known"]
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise MapFileError(f"{path.name} cannot be read: {error}") from error
+
+    def _path(self, name: str) -> Path:
+        folder = self.folder.resolve()
+        if len(name) > _MOST_CHARS or _NAME.fullmatch(name) is None:
+            raise MapFileError(
+                "the name of a map has letters, digits, spaces, '_', '-', '.' and '/', and does not begin with a dot"
+            )
+        path = (folder / name).resolve()
+        if not path.is_relative_to(folder) or path == folder:
+            raise MapFileError(f"'{name}' does not lie in the folder of the maps")
+        return path
+
+    def _write(self, path: Path, content: bytes) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        except OSError as error:
+            raise MapFileError(f"{path.name} cannot be written: {error.strerror or error}") from error
+
+    @staticmethod
+    def _read(path: Path) -> bytes:
+        try:
+            if path.stat().st_size > _MOST_BYTES:
+                raise MapFileError(f"{path.name} is too large for a map")
+            return path.read_bytes()
+        except FileNotFoundError as error:
+            raise NoSuchMap(f"there is no {path.name}") from error
+        except OSError as error:
+            raise MapFileError(f"{path.name} cannot be read: {error.strerror or error}") from error
+
+
+def _with_ending(path: Path, ending: str) -> Path:
+    return path if path.suffix == ending else path.with_name(path.name + ending)

@@ -1,0 +1,105 @@
+"""The voice on ROS: a topic of sentences, or PAL's text-to-speech action."""
+
+import logging
+
+from caris_desktop.ros import actions, messages
+from caris_desktop.ros.actions import GoalStatus
+from caris_desktop.ros.fields import message_of, text_or_empty
+from caris_desktop.simulator.actionlib import ActionlibServer
+from caris_desktop.simulator.dress import SpeechAction, SpeechTopics
+from caris_desktop.simulator.server import Message
+from caris_desktop.simulator.speech import Voice
+from caris_desktop.simulator.wiring import Wiring
+
+logger = logging.getLogger(__name__)
+
+
+class SpeechOnTopics:
+    """std_msgs/String in; Bool while it speaks and Empty to stop it where the dress has them."""
+
+    def __init__(self, wiring: Wiring, told: SpeechTopics, *, muted: bool) -> None:
+        self._wiring = wiring
+        self.voice = Voice(self._on_speaking, muted=muted)
+        wiring.obeys(told.topic, "std_msgs", "String", self._on_say)
+        if told.stop is not None:
+            wiring.obeys(told.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
+        self._speaking = wiring.publishes(told.speaking, "std_msgs", "Bool", latched=True) if told.speaking else None
+        self._on_speaking(False)
+
+    def publish_due(self) -> None:
+        """Nothing is due: what there is to tell is told when it happens."""
+
+    def _on_say(self, message: Message) -> None:
+        if not self.voice.say(messages.decode_string(message)):
+            logger.warning("A sentence was not taken: it is empty, or too many wait already")
+
+    def _on_speaking(self, speaking: bool) -> None:
+        if self._speaking is not None:
+            self._wiring.publish(self._speaking, messages.encode_bool(speaking))
+
+
+class SpeechOnAction:
+    """pal_interaction_msgs/TtsAction: one sentence at a time, a newer goal preempts the one that is spoken."""
+
+    def __init__(self, wiring: Wiring, told: SpeechAction, *, muted: bool) -> None:
+        self.voice = Voice(self._on_speaking, muted=muted)
+        self._goal_id: str | None = None
+        self._text = ""
+        self._begun = False
+        self._server = ActionlibServer(
+            wiring, told.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
+        )
+
+    def publish_due(self) -> None:
+        """Called once after every step of the robot."""
+        self._server.publish_due()
+
+    def _on_goal(self, goal_id: str, goal: Message) -> None:
+        raw = message_of(goal.get("rawtext", {}), "TtsGoal.rawtext")
+        sentence = text_or_empty(raw, "text", "TtsGoal.rawtext").strip()
+        language = text_or_empty(raw, "lang_id", "TtsGoal.rawtext")
+        if not sentence or not language:
+            # PAL's server needs both; without a language it has no voice to speak with
+            missing = "rawtext.text" if not sentence else "rawtext.lang_id"
+            self._server.finish(GoalStatus(goal_id, actions.ABORTED, f"{missing} is empty"), _result("", "aborted"))
+            return
+        self._end(actions.PREEMPTED, "a newer sentence took its place")
+        self._goal_id, self._text, self._begun = goal_id, sentence, False
+        self._server.accept(goal_id)
+        self.voice.say(sentence)
+
+    def _on_cancel(self, wanted: str) -> None:
+        if wanted in ("", self._goal_id):
+            self._end(actions.PREEMPTED, "cancelled")
+
+    def _on_speaking(self, speaking: bool) -> None:
+        if self._goal_id is None:
+            return
+        if speaking:
+            self._begun = True
+            feedback = {
+                "event_type": 1,  # TTS_EVENT_STARTED_PLAYING_UTTERANCE
+                "timestamp": {"secs": 0, "nsecs": 0},
+                "text_said": "",
+                "next_word": self._text.split()[0],
+                "viseme_id": "",
+                "marks": {"type": "", "name": ""},
+            }
+            self._server.progress(GoalStatus(self._goal_id, actions.ACTIVE), feedback)
+        elif self._begun:
+            self._finish(actions.SUCCEEDED, "")
+
+    def _end(self, status: int, detail: str) -> None:
+        if self._goal_id is None:
+            return
+        self._finish(status, detail)
+        self.voice.stop()
+
+    def _finish(self, status: int, detail: str) -> None:
+        if self._goal_id is not None:
+            goal_id, self._goal_id = self._goal_id, None
+            self._server.finish(GoalStatus(goal_id, status, detail), _result(self._text, detail or "succeeded"))
+
+
+def _result(said: str, msg: str) -> Message:
+    return {"text": said, "msg": msg}

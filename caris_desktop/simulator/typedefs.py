@@ -1,0 +1,266 @@
+"""The definitions of the ROS types that the simulated robot uses, as rosapi tells them.
+
+Written as in .msg, .srv and .action files; the parts of a service are divided by ``---``. Types that differ between
+ROS 1 and ROS 2 have both.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.ros.dialect import Dialect
+
+_PRIMITIVES = frozenset(("bool", "byte", "char", "string", "float32", "float64", "time", "duration")) | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+_LINE = re.compile(r"(?P<type>[A-Za-z][\w/]*)(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>\w+)(?:\s*=\s*(?P<value>.*))?")
+
+_BOTH = {
+    "std_msgs/Bool": "bool data",
+    "std_msgs/String": "string data",
+    "std_msgs/Float32": "float32 data",
+    "std_msgs/Empty": "",
+    "std_msgs/ColorRGBA": "float32 r; float32 g; float32 b; float32 a",
+    "geometry_msgs/Vector3": "float64 x; float64 y; float64 z",
+    "geometry_msgs/Point": "float64 x; float64 y; float64 z",
+    "geometry_msgs/Quaternion": "float64 x; float64 y; float64 z; float64 w",
+    "geometry_msgs/Pose": "geometry_msgs/Point position; geometry_msgs/Quaternion orientation",
+    "geometry_msgs/Pose2D": "float64 x; float64 y; float64 theta",
+    "geometry_msgs/PoseStamped": "std_msgs/Header header; geometry_msgs/Pose pose",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose; float64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header; geometry_msgs/PoseWithCovariance pose",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular",
+    "geometry_msgs/TwistStamped": "std_msgs/Header header; geometry_msgs/Twist twist",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist; float64[36] covariance",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header; string child_frame_id; geometry_msgs/Transform transform"
+    ),
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "nav_msgs/Path": "std_msgs/Header header; geometry_msgs/PoseStamped[] poses",
+    "nav_msgs/Odometry": (
+        "std_msgs/Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose; "
+        "geometry_msgs/TwistWithCovariance twist"
+    ),
+    "nav_msgs/OccupancyGrid": "std_msgs/Header header; nav_msgs/MapMetaData info; int8[] data",
+    "map_msgs/OccupancyGridUpdate": (
+        "std_msgs/Header header; int32 x; int32 y; uint32 width; uint32 height; int8[] data"
+    ),
+    "sensor_msgs/LaserScan": (
+        "std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; "
+        "float32 time_increment; float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; "
+        "float32[] intensities"
+    ),
+    "sensor_msgs/CompressedImage": "std_msgs/Header header; string format; uint8[] data",
+    "sensor_msgs/RegionOfInterest": ("uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify"),
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort"
+    ),
+    "trajectory_msgs/JointTrajectory": (
+        "std_msgs/Header header; string[] joint_names; trajectory_msgs/JointTrajectoryPoint[] points"
+    ),
+    "naoqi_bridge_msgs/JointAnglesWithSpeed": (
+        "std_msgs/Header header; string[] joint_names; float32[] joint_angles; float32 speed; uint8 relative"
+    ),
+    "std_srvs/SetBool": "bool data --- bool success; string message",
+    "std_srvs/Trigger": " --- bool success; string message",
+    "std_srvs/Empty": " --- ",
+    "irobot_create_msgs/EStop": "bool e_stop_on --- bool success; string message",
+    "slam_toolbox/Pause": " --- bool status",
+    "nav2_msgs/SaveMap": (
+        "string map_topic; string map_url; string image_format; string map_mode; float32 free_thresh; "
+        "float32 occupied_thresh --- bool result"
+    ),
+    "nav2_msgs/LoadMap": (
+        "string map_url --- uint8 RESULT_SUCCESS=0; uint8 RESULT_MAP_DOES_NOT_EXIST=1; "
+        "uint8 RESULT_INVALID_MAP_DATA=2; uint8 RESULT_INVALID_MAP_METADATA=3; "
+        "uint8 RESULT_UNDEFINED_FAILURE=255; nav_msgs/OccupancyGrid map; uint8 result"
+    ),
+    "slam_toolbox/SerializePoseGraph": (
+        "string filename --- uint8 RESULT_SUCCESS=0; uint8 RESULT_NO_MAP_RECEIEVD=1; "
+        "uint8 RESULT_UNDEFINED_FAILURE=255; uint8 result"
+    ),
+    "slam_toolbox/DeserializePoseGraph": (
+        "int8 UNSET=0; int8 START_AT_FIRST_NODE=1; int8 START_AT_GIVEN_POSE=2; int8 LOCALIZE_AT_POSE=3; "
+        "string filename; int8 match_type; geometry_msgs/Pose2D initial_pose --- "
+    ),
+    "simulator/Fault": "string command --- bool success; string message",
+    "simulator/ResetPose": "float64 x; float64 y; float64 heading_deg --- bool success; string message",
+    "simulator/State": " --- ",
+}
+
+_ROS1 = {
+    "std_msgs/Header": "uint32 seq; time stamp; string frame_id",
+    "rosgraph_msgs/Clock": "time clock",
+    "nav_msgs/MapMetaData": (
+        "time map_load_time; float32 resolution; uint32 width; uint32 height; geometry_msgs/Pose origin"
+    ),
+    "sensor_msgs/CameraInfo": (
+        "std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; "
+        "float64[9] R; float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi"
+    ),
+    "sensor_msgs/BatteryState": (
+        "std_msgs/Header header; float32 voltage; float32 current; float32 charge; float32 capacity; "
+        "float32 design_capacity; float32 percentage; uint8 power_supply_status; uint8 power_supply_health; "
+        "uint8 power_supply_technology; bool present; float32[] cell_voltage; string location; string serial_number"
+    ),
+    "trajectory_msgs/JointTrajectoryPoint": (
+        "float64[] positions; float64[] velocities; float64[] accelerations; float64[] effort; duration time_from_start"
+    ),
+    "actionlib_msgs/GoalID": "time stamp; string id",
+    "actionlib_msgs/GoalStatus": (
+        "uint8 PENDING=0; uint8 ACTIVE=1; uint8 PREEMPTED=2; uint8 SUCCEEDED=3; uint8 ABORTED=4; uint8 REJECTED=5; "
+        "uint8 PREEMPTING=6; uint8 RECALLING=7; uint8 RECALLED=8; uint8 LOST=9; actionlib_msgs/GoalID goal_id; "
+        "uint8 status; string text"
+    ),
+    "actionlib_msgs/GoalStatusArray": "std_msgs/Header header; actionlib_msgs/GoalStatus[] status_list",
+    "move_base_msgs/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
+    "move_base_msgs/MoveBaseFeedback": "geometry_msgs/PoseStamped base_position",
+    "move_base_msgs/MoveBaseResult": "",
+    "pal_interaction_msgs/I18nText": (
+        "string section; string key; string lang_id; pal_interaction_msgs/I18nArgument[] arguments"
+    ),
+    "pal_interaction_msgs/I18nArgument": "string section; string key; string expanded",
+    "pal_interaction_msgs/TtsText": "string text; string lang_id",
+    "pal_interaction_msgs/TtsMark": "string type; string name",
+    "pal_interaction_msgs/TtsGoal": (
+        "pal_interaction_msgs/I18nText text; pal_interaction_msgs/TtsText rawtext; string speakerName; "
+        "float64 wait_before_speaking"
+    ),
+    "pal_interaction_msgs/TtsFeedback": (
+        "uint16 TTS_EVENT_INITIALIZED_ENGINE=1; uint16 event_type; time timestamp; string text_said; string next_word; "
+        "string viseme_id; pal_interaction_msgs/TtsMark marks"
+    ),
+    "pal_interaction_msgs/TtsResult": "string text; string msg",
+}
+for _package, _name in (("move_base_msgs", "MoveBase"), ("pal_interaction_msgs", "Tts")):
+    _ROS1[f"{_package}/{_name}ActionGoal"] = (
+        f"std_msgs/Header header; actionlib_msgs/GoalID goal_id; {_package}/{_name}Goal goal"
+    )
+    for _part in ("Feedback", "Result"):
+        _ROS1[f"{_package}/{_name}Action{_part}"] = (
+            f"std_msgs/Header header; actionlib_msgs/GoalStatus status; {_package}/{_name}{_part} {_part.lower()}"
+        )
+
+_ROS2 = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp; string frame_id",
+    "builtin_interfaces/Time": "int32 sec; uint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec; uint32 nanosec",
+    "unique_identifier_msgs/UUID": "uint8[16] uuid",
+    "rosgraph_msgs/Clock": "builtin_interfaces/Time clock",
+    "nav_msgs/MapMetaData": (
+        "builtin_interfaces/Time map_load_time; float32 resolution; uint32 width; uint32 height; "
+        "geometry_msgs/Pose origin"
+    ),
+    "sensor_msgs/CameraInfo": _ROS1["sensor_msgs/CameraInfo"]
+    .replace("[] D", "[] d")
+    .replace("[9] K", "[9] k")
+    .replace("[9] R", "[9] r")
+    .replace("[12] P", "[12] p"),
+    "sensor_msgs/BatteryState": _ROS1["sensor_msgs/BatteryState"].replace(
+        "float32 current", "float32 temperature; float32 current"
+    ),
+    "trajectory_msgs/JointTrajectoryPoint": (
+        "float64[] positions; float64[] velocities; float64[] accelerations; float64[] effort; "
+        "builtin_interfaces/Duration time_from_start"
+    ),
+    "action_msgs/GoalInfo": "unique_identifier_msgs/UUID goal_id; builtin_interfaces/Time stamp",
+    "action_msgs/GoalStatus": "action_msgs/GoalInfo goal_info; int8 status",
+    "action_msgs/GoalStatusArray": "action_msgs/GoalStatus[] status_list",
+    "action_msgs/CancelGoal": (
+        "action_msgs/GoalInfo goal_info --- int8 return_code; action_msgs/GoalInfo[] goals_canceling"
+    ),
+    "nav2_msgs/NavigateToPose": (
+        "geometry_msgs/PoseStamped pose; string behavior_tree --- uint16 error_code; string error_msg --- "
+        "geometry_msgs/PoseStamped current_pose; builtin_interfaces/Duration navigation_time; "
+        "builtin_interfaces/Duration estimated_time_remaining; int16 number_of_recoveries; float32 distance_remaining"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    type: str
+    name: str
+    length: int
+    value: str | None
+
+
+def message_typedefs(dialect: Dialect, type_: str) -> list[dict[str, Any]]:
+    """rosapi's TypeDefs of a message type and of everything within it; empty where it is not known."""
+    return _typedefs(dialect, _plain(type_), 0)
+
+
+def service_typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
+    """The same of the request (0) or the response (1) of a service; of the goal, result and feedback of an action."""
+    return _typedefs(dialect, _plain(type_), part)
+
+
+def is_known(dialect: Dialect, type_: str) -> bool:
+    """Whether the definition of a type is known."""
+    return _definition(dialect, _plain(type_)) is not None
+
+
+def _definition(dialect: Dialect, type_: str) -> str | None:
+    special = _ROS1 if dialect is Dialect.ROS1 else _ROS2
+    return special.get(type_, _BOTH.get(type_))
+
+
+def _typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
+    told: list[dict[str, Any]] = []
+    waiting, seen = [(type_, part)], {type_}
+    while waiting:
+        name, which = waiting.pop(0)
+        definition = _definition(dialect, name)
+        parts = definition.split("---") if definition is not None else []
+        if which >= len(parts):
+            continue
+        entries = list(_fields(parts[which]))
+        told.append(_typedef(name, entries))
+        for entry in entries:
+            if entry.type not in _PRIMITIVES and entry.type not in seen:
+                seen.add(entry.type)
+                waiting.append((entry.type, 0))
+    return told
+
+
+def _typedef(name: str, entries: list[_Field]) -> dict[str, Any]:
+    fields = [entry for entry in entries if entry.value is None]
+    constants = [entry for entry in entries if entry.value is not None]
+    return {
+        "type": name,
+        "fieldnames": [entry.name for entry in fields],
+        "fieldtypes": [entry.type for entry in fields],
+        "fieldarraylen": [entry.length for entry in fields],
+        "examples": [_example(entry) for entry in fields],
+        "constnames": [entry.name for entry in constants],
+        "constvalues": [entry.value for entry in constants],
+    }
+
+
+def _fields(definition: str) -> Iterator[_Field]:
+    for line in definition.split(";"):
+        found = _LINE.fullmatch(line.strip())
+        if found is None:
+            continue
+        array = found["array"]
+        # as rosapi tells it: -1 is no array, 0 one of any length
+        length = -1 if array is None else int(array.strip("[]").removeprefix("<=") or 0)
+        yield _Field(found["type"], found["name"], length, found["value"])
+
+
+def _example(entry: _Field) -> str:
+    if entry.length >= 0:
+        return "[]"
+    if entry.type in ("string",):
+        return ""
+    if entry.type == "bool":
+        return "False"
+    if entry.type.startswith("float"):
+        return "0.0"
+    return "0" if entry.type in _PRIMITIVES else "{}"
+
+
+def _plain(type_: str) -> str:
+    return "/".join(part for part in type_.split("/") if part not in ("msg", "srv", "action"))

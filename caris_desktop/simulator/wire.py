@@ -1,0 +1,103 @@
+"""The wire to one client: passes messages on at once, or at the pace of a slow link, and notes what was delivered."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from caris_desktop.simulator.outbox import Published
+
+BUFFER_BYTES = 256 * 1024
+"""What a slow link holds before its sender has to wait, as the buffers of a system and of a router do."""
+
+
+class Socket(Protocol):
+    """Where messages go; ``send`` waits while the other side does not take them."""
+
+    async def send(self, message: str | bytes) -> None: ...
+
+
+Delivered = Callable[[Published, int], None]
+"""Told each message of a topic, and its size in bytes, when the last piece of it has been sent."""
+
+
+class Wire:
+    """Sends to ``socket`` in order.
+
+    ``rate_bytes_s`` is asked before each message; None is as fast as the socket takes it. With a rate, each message
+    needs as long as its bytes do, after those that were before it: it arrives late, and none is left out.
+    """
+
+    def __init__(
+        self, socket: Socket, *, rate_bytes_s: Callable[[], float | None], delivered: Delivered | None = None
+    ) -> None:
+        self._socket = socket
+        self._rate_bytes_s = rate_bytes_s
+        self._delivered = delivered
+        self._waiting: deque[tuple[str | bytes, Published | None]] = deque()
+        self._held_bytes = 0
+        self._changed = asyncio.Condition()
+        self._error: Exception | None = None
+        self._pump: asyncio.Task[None] | None = None
+
+    @property
+    def held_bytes(self) -> int:
+        """What the slow link holds."""
+        return self._held_bytes
+
+    async def send(self, message: str | bytes, of: Published | None = None) -> None:
+        """Send, or put on the slow link when that has room; ``of`` is the message that this is the last piece of.
+
+        Raises
+        ------
+        Exception
+            What the socket raises, also when that happened to an earlier message.
+        """
+        if self._rate_bytes_s() is None and not self._held_bytes:
+            await self._socket.send(message)
+            self._note(message, of)
+            return
+        if self._pump is None:
+            self._pump = asyncio.create_task(self._pump_all())
+        async with self._changed:
+            await self._changed.wait_for(lambda: self._error is not None or self._held_bytes < BUFFER_BYTES)
+            if self._error is not None:
+                raise self._error
+            self._waiting.append((message, of))
+            self._held_bytes += _size(message)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Forget what has not been sent."""
+        if self._pump is not None:
+            self._pump.cancel()
+
+    async def _pump_all(self) -> None:
+        while True:
+            async with self._changed:
+                await self._changed.wait_for(lambda: bool(self._waiting))
+            message, of = self._waiting[0]
+            rate_bytes_s = self._rate_bytes_s()
+            if rate_bytes_s is not None:
+                await asyncio.sleep(_size(message) / rate_bytes_s)
+            try:
+                await self._socket.send(message)
+            except Exception as error:  # handed to whoever sends next, who handles it
+                self._error = error
+            else:
+                self._note(message, of)
+            async with self._changed:
+                self._waiting.popleft()
+                self._held_bytes -= _size(message)
+                self._changed.notify_all()
+            if self._error is not None:
+                return
+
+    def _note(self, message: str | bytes, of: Published | None) -> None:
+        if of is not None and self._delivered is not None:
+            self._delivered(of, of.size_bytes(message))
+
+
+def _size(message: str | bytes) -> int:
+    # JSON is almost all ASCII, so that counting characters is near enough and costs nothing
+    return len(message)
