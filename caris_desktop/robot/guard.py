@@ -156,6 +156,8 @@ class ObstacleGuard:
             # Another frame from now on, or the robot was set elsewhere: no known point is where it was.
             self._forget_surroundings()
             self._odometry.clear()
+        else:
+            self._note_travelled(previous.pose_in_odom.inverse() @ odometry.pose_in_odom)
         stamp_ns = odometry.robot_stamp_ns if odometry.robot_stamp_ns is not None else odometry.stamp_ns
         self._odometry.append((stamp_ns, odometry))
         self._odom_from_robot = odometry.pose_in_odom
@@ -203,7 +205,7 @@ class ObstacleGuard:
             uncovered_rad=_angle_to_nearest(looks, increment_rad, whole=whole),
             whole=whole and bool(looks.all()),
         )
-        self._remember_what_left_the_view(view, looks)
+        self._remember_what_left_the_view(view, looks, own)
         legs = _stands_free(points_in_laser, ranges_m, measured, whole=whole)
         self._view = view
         self._keep_view(view)
@@ -346,6 +348,10 @@ class ObstacleGuard:
         twist = newest.twist if newest is not None and fresh else self._sent
         step = moved_by(twist, min(now_s - before_s, 1.0))
         self._odom_from_robot = self._odom_from_robot @ step
+        if not fresh:
+            self._note_travelled(step)
+
+    def _note_travelled(self, step: Pose2D) -> None:
         self._travelled_m += math.hypot(step.x_m, step.y_m) + abs(step.heading_rad) * self._footprint.radius_m
 
     def _pose_at(self, scan: LaserScan) -> Pose2D:
@@ -377,8 +383,10 @@ class ObstacleGuard:
         self._view = None
         self._views.clear()
 
-    def _remember_what_left_the_view(self, view: _View, looks: NDArray[np.bool_]) -> None:
-        """Of the points before this scan keep those where it does not look, and those too near for it to answer."""
+    def _remember_what_left_the_view(self, view: _View, looks: NDArray[np.bool_], own: NDArray[np.bool_]) -> None:
+        """Of the points before this scan keep those where it does not look, and those too near for it to answer; but
+        not those that turn out to be the robot's own body.
+        """
         if self._view is not None:
             before = np.full(len(self._points_in_odom), self._view.stamp_s)
             self._memory_s = np.concatenate((self._memory_s, before))
@@ -395,6 +403,9 @@ class ObstacleGuard:
         within = beam < len(looks)
         beam = np.minimum(beam, len(looks) - 1)
         seen_anew = within & looks[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
+        if own.any():
+            in_robot = transformed(view.odom_from_robot.inverse(), self._memory_in_odom)
+            seen_anew |= within & own[beam] & (self._footprint.gap_m(in_robot) < 0.0)
         keep = ~seen_anew & (distance <= _REMEMBERED_WITHIN_M) & (view.stamp_s - self._memory_s <= MEMORY_S)
         self._memory_in_odom = self._memory_in_odom[keep]
         self._memory_legs = self._memory_legs[keep]
@@ -537,11 +548,13 @@ def _stands_free(
     nearer = (rise[firsts - 1] < 0.0) & (rise[lasts] > 0.0) & measured[firsts]
     chords = points_in_laser[lasts] - points_in_laser[firsts]
     widths_m = np.hypot(chords[:, 0], chords[:, 1])
-    for index in np.flatnonzero(nearer & (widths_m <= _LEGS_WIDE_M)):
+    many = lasts - firsts + 1 >= _FEWEST_BEAMS
+    near = depth[lasts] <= _REMEMBERED_WITHIN_M
+    for index in np.flatnonzero(nearer & many & near & (widths_m <= _LEGS_WIDE_M)):
         beams = np.arange(firsts[index], lasts[index] + 1)
         across = points_in_laser[beams] - points_in_laser[firsts[index]]
         # The beams run counter-clockwise, so that what bulges towards the LIDAR lies to the left of the chord.
         bulge = chords[index, 0] * across[:, 1] - chords[index, 1] * across[:, 0]
-        if len(beams) >= _FEWEST_BEAMS and float(bulge.mean()) > _ROUND * float(widths_m[index]) ** 2:
+        if float(bulge.mean()) > _ROUND * float(widths_m[index]) ** 2:
             free[beams] = True
     return free
