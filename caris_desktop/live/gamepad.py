@@ -14,17 +14,16 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.live.gamepad_mapping import (
-    AT_REST,
     GamepadMapping,
     MappingError,
     RawInputs,
-    StickWish,
     default_mapping,
     mappings_from_text,
     mappings_text,
     pressed_actions,
     stick_wish,
 )
+from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 
@@ -92,7 +91,7 @@ class Gamepads(QObject):
         Takes a GamepadChanged to the record and the panels.
     """
 
-    moved = Signal(object)  # StickWish, on each change
+    moved = Signal(object)  # MotionWish, on each change
     lost = Signal(str)  # why nothing is held any more
     pressed = Signal(str)  # button action
     sampled = Signal(object)  # GamepadSample, for whoever shows the device itself
@@ -114,6 +113,7 @@ class Gamepads(QObject):
         self._taken_ns = 0
         self._down: frozenset[str] = frozenset()
         self._blocked = False
+        self._learning = False
         self._inbox = _Inbox(self._woken.emit)
         self._reader: _Reader | None = None
         self._woken.connect(self._take, Qt.ConnectionType.QueuedConnection)
@@ -147,7 +147,7 @@ class Gamepads(QObject):
         return self._newest
 
     @property
-    def wish(self) -> StickWish:
+    def wish(self) -> MotionWish:
         """What the sticks ask for now."""
         return self._wish
 
@@ -168,6 +168,10 @@ class Gamepads(QObject):
         self._lose("The gamepad was set up differently")
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
+
+    def set_learning(self, *, learning: bool) -> None:
+        """While a binding is being learned only the stop buttons do what they are set to."""
+        self._learning = learning
 
     def reset_mapping(self) -> None:
         """Go back to the mapping that the device comes with."""
@@ -209,7 +213,8 @@ class Gamepads(QObject):
         new, self._down = down - self._down, down
         # The stops go first, whatever else was pressed with them.
         for action in sorted(new, key=lambda name: (name not in ("emergency_stop", "stop"), name)):
-            self.pressed.emit(action)
+            if not self._learning or action in ("stop", "emergency_stop"):
+                self.pressed.emit(action)
 
     def _take_sticks(self, sample: GamepadSample) -> None:
         self._newest = sample

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, get_args
 
+from caris_desktop.live.motion_wish import MotionWish
+
 MAPPINGS_VERSION: Final = 1
 
 AxisAction = Literal["forward", "left", "turn", "pan", "tilt", "boost", "slow"]
@@ -95,24 +97,6 @@ class GamepadMapping:
         return replace(self, axes=axes, buttons=buttons)
 
 
-@dataclass(frozen=True, slots=True)
-class StickWish:
-    """What the sticks ask for: each -1..1, left and up positive for the base, pan left and tilt down for the head."""
-
-    forward: float = 0.0
-    left: float = 0.0
-    turn: float = 0.0
-    pan: float = 0.0
-    tilt: float = 0.0
-
-    @property
-    def moving(self) -> bool:
-        return self != AT_REST
-
-
-AT_REST = StickWish()
-
-
 def default_mapping(
     controller: Mapping[str, str] | None, *, axis_count: int, button_count: int, hat_count: int
 ) -> GamepadMapping:
@@ -141,7 +125,7 @@ def default_mapping(
     )
 
 
-def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> StickWish:
+def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> MotionWish:
     """What ``raw`` asks for after dead zone, curve and triggers."""
     actions: tuple[AxisAction, ...] = ("forward", "left", "turn", "pan", "tilt")
     values = {action: axis_value(mapping.bound(action), raw) for action in actions}
@@ -149,7 +133,7 @@ def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> StickWish:
         values[first], values[second] = shaped(values[first], values[second], mapping.dead_zone, mapping.curve)
     values["left"], _ = shaped(values["left"], 0.0, mapping.dead_zone, mapping.curve)
     speed = speed_share(mapping, raw)
-    return StickWish(
+    return MotionWish(
         forward=_rounded(values["forward"] * speed),
         left=_rounded(values["left"] * speed),
         turn=_rounded(values["turn"] * speed),
@@ -226,14 +210,25 @@ def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
         return ""
     for index, value in enumerate(now.axes):
         rest = before.axes[index] if index < len(before.axes) else None
-        moved = (value or 0.0) - (rest or 0.0)
-        if rest is not None and rest < -0.9:
-            # A trigger: it rests at its end, and its whole way counts.
+        if value is None:
+            continue
+        moved = value - (rest or 0.0)
+        if rest is None or rest < -0.9:
+            # A trigger rests at its end, and its whole way counts; what has not been heard of may be one.
             if moved > _MOVED_BY:
                 return f"a{index}"
         elif abs(moved) > _MOVED_BY:
             return f"a{index}" if moved > 0 else f"a{index}~"
     return ""
+
+
+def with_rests(before: RawInputs, now: RawInputs) -> RawInputs:
+    """``before`` with the first that was heard of each axis since: a trigger's end, else the middle."""
+    axes = list(before.axes) + [None] * (len(now.axes) - len(before.axes))
+    for index, value in enumerate(now.axes):
+        if axes[index] is None and value is not None:
+            axes[index] = value if value < -0.9 else 0.0
+    return replace(before, axes=tuple(axes))
 
 
 _HAT_WORDS = {1: "up", 2: "right", 4: "down", 8: "left"}

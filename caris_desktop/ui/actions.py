@@ -4,8 +4,9 @@ A permission that a scenario switches off removes the action: no button, no menu
 """
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from PySide6.QtCore import QObject, Qt, Signal
@@ -13,14 +14,17 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.scenario.model import Permissions, Scenario
+from caris_desktop.ui.key_positions import modifier_name
 
 logger = logging.getLogger(__name__)
 
 Permission = Literal["photos", "video_recording", "driving", "assistant", "naming_people"]
 Kind = Literal["command", "hold", "safety"]
 Condition = Literal["always", "recording", "video", "answer"]
+Feature = Literal["sideways", "head"]
 
 PHRASE_COUNT = 8
+PLACE_COUNT = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +33,9 @@ class ActionSpec:
 
     ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
     ``safety`` to the application event filter that also works over dialogs. ``callback`` names the handler
-    that a command calls, with ``argument`` if there is one.
+    that a command calls, with ``argument`` if there is one. ``by_position``: letters and digits among the keys mean the
+    places of those keys on a US keyboard, whatever the present layout types there; hold-to-drive listens for them.
+    ``needs`` is what the robot must have.
     """
 
     id: str
@@ -43,7 +49,15 @@ class ActionSpec:
     callback: str = ""
     argument: Any = None
     group: str = ""
-    repeats: bool = False
+    by_position: bool = False
+    needs: Feature | None = None
+
+
+def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
+    bare = tuple(key for key in (letter, arrow) if key)
+    return ActionSpec(
+        action_id, text, icon, tuple(f"Alt+{key}" for key in bare), bare, "driving", "hold", by_position=True, **more
+    )
 
 
 ACTIONS: tuple[ActionSpec, ...] = (
@@ -52,29 +66,38 @@ ACTIONS: tuple[ActionSpec, ...] = (
         "emergency_stop", "Emergency stop", "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
         callback="emergency_stop", group="Safety",
     ),
-    ActionSpec(
-        "drive_forward", "Drive forward", "arrow-up", ("Alt+W", "Alt+Up"), ("W", "Up"), "driving", "hold",
-        group="Driving (hold)",
+    _held("drive_forward", "Drive forward", "arrow-up", "W", "Up", group="Driving (hold)"),
+    _held("drive_back", "Drive backward", "arrow-down", "S", "Down", group="Driving (hold)"),
+    _held("turn_left", "Turn left", "arrow-left", "A", "Left", group="Driving (hold)"),
+    _held("turn_right", "Turn right", "arrow-right", "D", "Right", group="Driving (hold)"),
+    _held(
+        "strafe_left", "Move sideways to the left", "arrow-line-left", "Z", group="Driving (hold)", needs="sideways"
+    ),
+    _held(
+        "strafe_right", "Move sideways to the right", "arrow-line-right", "C", group="Driving (hold)", needs="sideways"
     ),
     ActionSpec(
-        "drive_back", "Drive backward", "arrow-down", ("Alt+S", "Alt+Down"), ("S", "Down"), "driving", "hold",
-        group="Driving (hold)",
+        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", callback="change_speed", argument=-1,
+        group="Driving", by_position=True,
     ),
     ActionSpec(
-        "turn_left", "Turn left", "arrow-left", ("Alt+A", "Alt+Left"), ("A", "Left"), "driving", "hold",
-        group="Driving (hold)",
+        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", callback="change_speed", argument=1,
+        group="Driving", by_position=True,
     ),
+    _held("look_up", "Look up", "caret-up", "I", group="Head (hold)", needs="head"),
+    _held("look_down", "Look down", "caret-down", "K", group="Head (hold)", needs="head"),
+    _held("look_left", "Look left", "caret-left", "J", group="Head (hold)", needs="head"),
+    _held("look_right", "Look right", "caret-right", "L", group="Head (hold)", needs="head"),
     ActionSpec(
-        "turn_right", "Turn right", "arrow-right", ("Alt+D", "Alt+Right"), ("D", "Right"), "driving", "hold",
-        group="Driving (hold)",
+        "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving", callback="look_ahead",
+        group="Head (hold)", by_position=True, needs="head",
     ),
-    ActionSpec(
-        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", callback="change_speed", argument=-0.1,
-        group="Driving", repeats=True,
-    ),
-    ActionSpec(
-        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", callback="change_speed", argument=0.1,
-        group="Driving", repeats=True,
+    *(
+        ActionSpec(
+            f"place_{number}", f"Go to place {number}", "flag", (f"Alt+{number}",), (str(number),), "driving",
+            callback="go_to_nth_place", argument=number, group="Places", by_position=True,
+        )
+        for number in range(1, PLACE_COUNT + 1)
     ),
     ActionSpec(
         "focus_driving", "Back to driving", "game-controller", ("Ctrl+D",), (), "driving", callback="focus_driving",
@@ -136,9 +159,7 @@ def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
 
 
 def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
-    return ActionSpec(
-        spec.id, text, spec.icon, spec.keys, callback=spec.callback, argument=spec.argument, group=spec.group
-    )
+    return replace(spec, text=text)
 
 
 def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
@@ -162,13 +183,20 @@ def normalized(key: str) -> str:
 _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→"}
 
 
-def cap_text(key: str) -> str:
-    """What is printed on the key cap: ``Ctrl+Shift+M`` reads ``⇧Ctrl M``."""
+def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: str = sys.platform) -> str:
+    """What is printed on the key cap: ``Ctrl+Shift+M`` reads ``⇧Ctrl M``.
+
+    ``letters`` gives what the present layout types at a position.
+    """
     words = []
     for chord in key.split(", "):
         parts = chord.split("+")
         shift = "⇧" if "Shift" in parts else ""
-        named = [_CAP_TEXTS.get(part, part) for part in parts if part != "Shift"]
+        named = [
+            _CAP_TEXTS.get(part, (letters or {}).get(part, modifier_name(platform, part)))
+            for part in parts
+            if part != "Shift"
+        ]
         words.append(shift + " ".join(named))
     return " ".join(words)
 
@@ -177,6 +205,7 @@ class Actions(QObject):
     """The table as it stands: runs actions, binds shortcuts, and knows which key works now."""
 
     rebuilt = Signal()
+    rows_changed = Signal()  # robot or places have other rows now
     keys_changed = Signal()
     availability_changed = Signal()
 
@@ -188,15 +217,62 @@ class Actions(QObject):
         self._shortcuts: list[QAction] = []
         self._panel_shortcuts: list[QShortcut] = []
         self._conditions: dict[Condition, bool] = {"always": True}
+        self._features: frozenset[Feature] = frozenset()
+        self._places: tuple[str, ...] = ()
+        self._letters: dict[str, str] = {}
         self._driving_focus = False
 
     @property
     def specs(self) -> tuple[ActionSpec, ...]:
+        """The rows that there are now, with this scenario, this robot and these places."""
+        return tuple(row for spec in self._specs.values() if (row := self._as_it_is(spec)) is not None)
+
+    @property
+    def all_specs(self) -> tuple[ActionSpec, ...]:
+        """The rows of this scenario, whatever robot and places there are."""
         return tuple(self._specs.values())
 
     def spec(self, action_id: str) -> ActionSpec | None:
-        """The row, or None where the scenario does not have it."""
-        return self._specs.get(action_id)
+        """The row, or None where scenario, robot or places do not have it."""
+        spec = self._specs.get(action_id)
+        return None if spec is None else self._as_it_is(spec)
+
+    def _as_it_is(self, spec: ActionSpec) -> ActionSpec | None:
+        if spec.needs is not None and spec.needs not in self._features:
+            return None
+        if spec.callback == "go_to_nth_place":
+            if spec.argument > len(self._places):
+                return None
+            return _with_text(spec, f"Go to {self._places[spec.argument - 1]}")
+        return spec
+
+    def use_features(self, features: Iterable[Feature]) -> None:
+        """What the connected robot has."""
+        self._features = frozenset(features)
+        self.rows_changed.emit()
+
+    def use_places(self, names: Sequence[str]) -> None:
+        """The places in their order, for the keys 1 to 9."""
+        self._places = tuple(names[:PLACE_COUNT])
+        self.rows_changed.emit()
+
+    def use_letters(self, letters: Mapping[str, str]) -> None:
+        """What the present keyboard layout types at each position, for the key caps."""
+        if letters != self._letters:
+            self._letters = dict(letters)
+            self.keys_changed.emit()
+
+    @property
+    def letters(self) -> Mapping[str, str]:
+        """What the present layout types at each position, as far as that is known."""
+        return self._letters
+
+    def letter(self, position: str) -> str:
+        return self._letters.get(position, position)
+
+    def caps(self, spec: ActionSpec, keys: Sequence[str]) -> list[str]:
+        """Key caps of some keys of a row, as they read on this keyboard."""
+        return [cap_text(key, self._letters if spec.by_position else None) for key in keys]
 
     def rebuild(self, scenario: Scenario) -> None:
         """Take the scenario's rows; shortcuts of the former ones are gone."""
@@ -208,11 +284,11 @@ class Actions(QObject):
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
         for spec in self._specs.values():
-            if spec.kind != "command" or not spec.keys:
+            if spec.kind != "command" or spec.by_position or not spec.keys:
                 continue
             action = QAction(spec.text, self)
             action.setShortcuts([QKeySequence(key) for key in spec.keys])
-            action.setAutoRepeat(spec.repeats)
+            action.setAutoRepeat(False)
             action.triggered.connect(self._runner(spec.id))
             self._window.addAction(action)
             self._shortcuts.append(action)
@@ -225,12 +301,12 @@ class Actions(QObject):
         self._panel_shortcuts.clear()
         for panel in panels:
             for spec in self._specs.values():
-                if spec.kind != "command":
+                if spec.kind != "command" or spec.by_position:
                     continue
                 for key in spec.driving_keys:
                     shortcut = QShortcut(QKeySequence(key), panel)
                     shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-                    shortcut.setAutoRepeat(spec.repeats)
+                    shortcut.setAutoRepeat(False)
                     shortcut.activated.connect(self._runner(spec.id))
                     self._panel_shortcuts.append(shortcut)
 
@@ -243,7 +319,7 @@ class Actions(QObject):
 
     def run(self, action_id: str) -> None:
         """Do it, if the scenario has it and it is available now."""
-        spec = self._specs.get(action_id)
+        spec = self.spec(action_id)
         if spec is None or not spec.callback or not self.available(action_id):
             return
         handler = getattr(self._handlers, spec.callback)
@@ -253,7 +329,7 @@ class Actions(QObject):
             handler(spec.argument)
 
     def available(self, action_id: str) -> bool:
-        spec = self._specs.get(action_id)
+        spec = self.spec(action_id)
         return spec is not None and self._conditions.get(spec.enabled_when, False)
 
     def set_condition(self, condition: Condition, holds: bool) -> None:
@@ -273,9 +349,8 @@ class Actions(QObject):
 
     def key_text(self, action_id: str) -> str:
         """The cap of the binding that works now; empty where there is none."""
-        spec = self._specs.get(action_id)
+        spec = self.spec(action_id)
         if spec is None:
             return ""
-        if self._driving_focus and spec.driving_keys:
-            return cap_text(spec.driving_keys[0])
-        return cap_text(spec.keys[0]) if spec.keys else ""
+        keys = spec.driving_keys if self._driving_focus and spec.driving_keys else spec.keys
+        return self.caps(spec, keys[:1])[0] if keys else ""

@@ -1,15 +1,18 @@
-"""Keys that move or stop the robot: hold-to-drive and the stop keys, caught before any widget sees them."""
+"""What moves or stops the robot by hand: keys, caught before any widget sees them, the screen and the gamepad."""
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtGui import QKeyEvent, QKeySequence, QMouseEvent
 from PySide6.QtWidgets import (
+    QAbstractItemView,
     QAbstractSpinBox,
     QApplication,
+    QComboBox,
     QDialog,
     QLineEdit,
     QPlainTextEdit,
@@ -18,30 +21,39 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.events import CommandSource, DriveEnded
+from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.actions import Actions, ActionSpec
+from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
 
-_AXES: dict[str, tuple[float, float]] = {
-    "drive_forward": (1.0, 0.0),
-    "drive_back": (-1.0, 0.0),
-    "turn_left": (0.0, 1.0),
-    "turn_right": (0.0, -1.0),
-}
+KeyOwner = Literal["driving", "typing", "window", "dialog", "menu", "elsewhere", "off"]
+"""Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), a dialog, a menu,
+another program, or, with a scenario that does not drive, nobody."""
+
+_WISHES: dict[str, MotionWish] = {
+    "drive_forward": MotionWish(forward=1.0), "drive_back": MotionWish(forward=-1.0),
+    "strafe_left": MotionWish(left=1.0), "strafe_right": MotionWish(left=-1.0),
+    "turn_left": MotionWish(turn=1.0), "turn_right": MotionWish(turn=-1.0),
+    "look_left": MotionWish(pan=1.0), "look_right": MotionWish(pan=-1.0),
+    "look_up": MotionWish(tilt=-1.0), "look_down": MotionWish(tilt=1.0),
+}  # fmt: skip
 _CHORD_MODIFIERS = (
     Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
 )
+_NOT_PART_OF_A_CHORD = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.ShiftModifier
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
+# In a list or a drop-down letters look for lines and arrows move between them.
+_KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
 
 
-def combine(action_ids: Sequence[str]) -> tuple[float, float]:
-    """(forward, turn), each -1..1, of the held directions; opposite ones cancel."""
-    forward = sum(_AXES[action_id][0] for action_id in set(action_ids))
-    turn = sum(_AXES[action_id][1] for action_id in set(action_ids))
-    return forward, turn
+def wish_of(action_ids: Iterable[str]) -> MotionWish:
+    """What the held directions ask for together; opposite ones cancel."""
+    return merged(_WISHES[action_id] for action_id in set(action_ids))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +63,17 @@ class _Hold:
 
 
 class HoldToDrive(QObject):
-    """Turns presses and releases into ``console.drive`` and ``console.release_drive``, and Esc and Pause into stops.
+    """Turns what is held into ``console.drive``, ``release_drive`` and ``turn_head``, and Esc and Pause into stops.
 
     A drive key belongs to driving from its press to its physical release, whatever happens to modifiers or focus
-    in between; nothing else in the application sees it. Motion ends when the last key is up, and at once when the
-    application or window is deactivated, a dialog or popup opens, or the driving focus is lost; then a key has to
-    be pressed anew.
+    in between; nothing else in the application sees it. Keys, screen and gamepad add up. Motion ends when nothing is
+    held any more, and at once when the application or its windows are deactivated, a dialog or menu opens, or the
+    driving focus is lost; then a key has to be pressed anew, and a stick to be let go first.
     """
 
     held_changed = Signal(object)  # frozenset of action ids
+    wish_changed = Signal(object)  # MotionWish
+    key_owner_changed = Signal(str)
     escape_pressed = Signal()
 
     def __init__(self, console: WizardIntents, actions: Actions, window: QWidget) -> None:
@@ -68,11 +82,16 @@ class HoldToDrive(QObject):
         self._actions = actions
         self._window = window
         self._driving_panels: tuple[QWidget, ...] = ()
-        self._bare: dict[int, str] = {}
-        self._chords: dict[tuple[int, int], str] = {}
-        self._owned: dict[int, _Hold] = {}
+        self._always_pressable: QWidget | None = None
+        self._bare: dict[int | str, str] = {}
+        self._chords: dict[tuple[int | str, int], str] = {}
+        self._owned: dict[int, _Hold | None] = {}
         self._active: dict[int, _Hold] = {}
-        self._onscreen: set[str] = set()
+        self._arrows: set[str] = set()
+        self._stick, self._stick_must_rest = AT_REST, False
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._sent = AT_REST
+        self._key_owner: KeyOwner = "elsewhere"
         self._last_escape_s = float("-inf")
         self._keys = PhysicalKeys()
         app = QApplication.instance()
@@ -81,7 +100,8 @@ class HoldToDrive(QObject):
         app.installEventFilter(self)
         app.focusChanged.connect(self._on_focus_changed)
         app.applicationStateChanged.connect(self._on_application_state_changed)
-        actions.rebuilt.connect(self._take_keys)
+        actions.rebuilt.connect(self._on_rebuilt)
+        actions.use_letters(self._keys.letters(position_codes(sys.platform)))
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
         self._take_keys()
@@ -91,64 +111,170 @@ class HoldToDrive(QObject):
         self.release_all("The window was closed")
         self._app.removeEventFilter(self)
 
+    # ---- what is held
+
     @property
     def held(self) -> frozenset[str]:
-        """The directions that are asked for now."""
-        return frozenset(hold.action_id for hold in self._active.values()) | self._onscreen
+        """The directions that keys and arrows on the screen ask for now."""
+        return frozenset(hold.action_id for hold in self._active.values()) | self._arrows
+
+    @property
+    def wish(self) -> MotionWish:
+        """Everything that is asked for now, from all sources."""
+        robot = self._console.state.robot.value
+        total = merged((wish_of(self.held), self._stick, self._pad))
+        return total.limited_to(
+            sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
+        )
+
+    @property
+    def key_owner(self) -> KeyOwner:
+        """Who gets a key that is pressed now."""
+        return self._key_owner
 
     def set_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """The panels in which the bare keys drive."""
         self._driving_panels = tuple(panels)
         self._update_driving_focus(self._app.focusWidget())
 
+    def set_emergency_button(self, button: QWidget) -> None:
+        """The red button, which works by the first press also while a menu or a drop-down is open."""
+        self._always_pressable = button
+
     def hold_onscreen(self, action_id: str) -> None:
         """An on-screen arrow is pressed."""
         if self._actions.spec(action_id) is not None and self._may_drive():
-            self._onscreen.add(action_id)
+            self._arrows.add(action_id)
             self._send("onscreen")
 
     def let_go_onscreen(self, action_id: str) -> None:
-        if action_id in self._onscreen:
-            self._onscreen.discard(action_id)
+        if action_id in self._arrows:
+            self._arrows.discard(action_id)
             self._send("onscreen")
 
+    def push_onscreen(self, wish: MotionWish) -> None:
+        """The on-screen stick is there now. After a forced end it has to come to rest first."""
+        self._stick_must_rest = wish.moving and (self._stick_must_rest or not self._may_drive())
+        self._stick = AT_REST if self._stick_must_rest else wish
+        self._send("onscreen")
+
+    def push_gamepad(self, wish: MotionWish) -> None:
+        """The gamepad's sticks are there now. After a forced end they have to come to rest first."""
+        free = self._may_drive() and self._takes_keys()
+        self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)
+        self._pad = AT_REST if self._pad_must_rest else wish
+        self._send("gamepad")
+
+    def use_gamepads(self, gamepads: Gamepads) -> None:
+        """Let the gamepad drive, stop and do what its buttons are set to."""
+        gamepads.moved.connect(self.push_gamepad)
+        gamepads.lost.connect(self._on_gamepad_lost)
+        gamepads.pressed.connect(self._on_gamepad_button)
+
     def release_all(self, reason: str) -> None:
-        """End direct driving now. Keys that are still down drive again only after a new press."""
-        if self._active or self._onscreen:
-            self._active.clear()
-            self._onscreen.clear()
-            self._console.release_drive(reason)
-            self.held_changed.emit(self.held)
+        """End direct driving now. What is still held drives again only after a new press, sticks after a rest."""
+        if self._forget_held():
+            sent, self._sent = self._sent, AT_REST
+            if sent.base != AT_REST.base:
+                self._console.release_drive(reason)
+            if sent.head != AT_REST.head:
+                self._console.turn_head(pan=0.0, tilt=0.0)
+            self._tell()
+
+    def _forget_held(self) -> bool:
+        """Nothing is held any more; False where nothing was."""
+        was_held = bool(self._active or self._arrows) or self._stick.moving or self._pad.moving
+        self._active.clear()
+        self._arrows.clear()
+        self._stick_must_rest = self._stick_must_rest or self._stick.moving
+        self._pad_must_rest = self._pad_must_rest or self._pad.moving
+        self._stick = self._pad = AT_REST
+        return was_held
 
     def _may_drive(self) -> bool:
-        # A key pressed in vain must not move the robot later, when driving is possible again.
+        # What is pressed in vain must not move the robot later, when driving is possible again.
         drive: DriveStatus = self._console.state.drive.value
-        return drive.allowed and not drive.emergency_stop
+        return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
+
+    def _send(self, source: CommandSource) -> None:
+        wish = self.wish
+        sent, self._sent = self._sent, wish
+        if wish.base != sent.base:
+            if wish.base == AT_REST.base:
+                self._console.release_drive("")
+            else:
+                forward, left, turn = wish.base
+                self._console.drive(forward=forward, left=left, turn=turn, source=self._moving_source(source))
+        if wish.head != sent.head:
+            self._console.turn_head(pan=wish.pan, tilt=wish.tilt)
+        self._tell()
+
+    def _moving_source(self, changed: CommandSource) -> CommandSource:
+        """Who drives: the one that has just changed, or what is left when it was let go."""
+        moving: dict[CommandSource, bool] = {
+            "keyboard": wish_of(hold.action_id for hold in self._active.values()).base != AT_REST.base,
+            "gamepad": self._pad.base != AT_REST.base,
+            "onscreen": merged((wish_of(self._arrows), self._stick)).base != AT_REST.base,
+        }
+        return changed if moving[changed] else next(source for source, moves in moving.items() if moves)
+
+    def _tell(self) -> None:
+        self.held_changed.emit(self.held)
+        self.wish_changed.emit(self._sent)
+
+    # ---- which keys these are
+
+    def _on_rebuilt(self) -> None:
+        self.release_all("The scenario was changed")
+        self._take_keys()
+        self._update_key_owner()
 
     def _take_keys(self) -> None:
-        self.release_all("The scenario was changed")
         self._bare.clear()
         self._chords.clear()
-        for spec in self._actions.specs:
-            if spec.kind != "hold":
+        for spec in self._actions.all_specs:
+            if spec.kind != "hold" and not spec.by_position:
                 continue
             for text in spec.driving_keys:
-                self._bare[int(_chord(text).key())] = spec.id
+                self._bare[_where(spec, text)] = spec.id
             for text in spec.keys:
-                chord = _chord(text)
-                self._chords[int(chord.key()), chord.keyboardModifiers().value] = spec.id
+                self._chords[_where(spec, text), _chord(text).keyboardModifiers().value] = spec.id
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         kind = event.type()
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease, QEvent.Type.ShortcutOverride):
             return isinstance(event, QKeyEvent) and self._filter_key(event)
-        if kind == QEvent.Type.WindowDeactivate and watched is self._window:
-            self.release_all("The window lost the focus")
-        elif kind == QEvent.Type.WindowActivate and watched is self._window:
+        if kind == QEvent.Type.MouseButtonPress:
+            return isinstance(event, QMouseEvent) and self._filter_press(event)
+        if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
+            # Between the main window and a floating panel nothing is lost: both belong to this window.
+            if not self._is_ours(self._app.activeWindow()):
+                self.release_all("The window lost the focus")
+            self._update_key_owner()
+        elif kind == QEvent.Type.WindowActivate and self._is_ours(watched):
             self._forget_keys_that_went_up_elsewhere()
-        elif kind == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow() and _takes_over(watched):
-            self.release_all("A dialog or menu opened")
+            letters = self._keys.letters(position_codes(sys.platform))
+            if letters:
+                self._actions.use_letters(letters)
+            self._update_key_owner()
+        elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
+            if kind == QEvent.Type.Show and _takes_over(watched):
+                self.release_all("A dialog or menu opened")
+            self._update_key_owner()
         return False
+
+    def _filter_press(self, event: QMouseEvent) -> bool:
+        # Qt spends the first press beside a menu or drop-down on closing it; a stop must not wait for a second one.
+        button, popup = self._always_pressable, self._app.activePopupWidget()
+        if button is None or popup is None or not button.isVisible():
+            return False
+        if not button.rect().contains(button.mapFromGlobal(event.globalPosition().toPoint())):
+            return False
+        if popup.geometry().contains(event.globalPosition().toPoint()):
+            return False
+        popup.close()
+        self._emergency_stop()
+        return True
 
     def _filter_key(self, event: QKeyEvent) -> bool:
         key = int(event.key())
@@ -159,14 +285,16 @@ class HoldToDrive(QObject):
             elif not self._keys.repeated(event) and event.type() == QEvent.Type.KeyPress:
                 self._on_stop_key(Qt.Key(key))
             return True
-        identity = int(event.nativeScanCode()) or key
+        code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
+        identity = key if code is None else code
         if event.type() == QEvent.Type.KeyRelease:
             return self._on_release(identity, repeated=not self._keys.released(event))
         repeated = self._keys.repeated(event)
         if identity in self._owned and (repeated or identity in self._active):
             event.accept()
             return True
-        hold = self._hold_for(event)
+        self._learn_letter(code, event)
+        hold = self._hold_for(code, event)
         if hold is None:
             if repeated and event.type() == QEvent.Type.ShortcutOverride and not event.isAutoRepeat():
                 # Qt takes this repeat for a press; a held F1 would say its phrase again and again.
@@ -175,29 +303,50 @@ class HoldToDrive(QObject):
             return False
         event.accept()
         if event.type() == QEvent.Type.KeyPress and not repeated:
-            self._owned[identity] = hold
-            if self._may_drive():
-                self._active[identity] = hold
-                self._send("keyboard")
+            self._on_press(identity, hold)
         return True
 
-    def _hold_for(self, event: QKeyEvent) -> _Hold | None:
-        if self._app.activePopupWidget() is not None or self._app.activeModalWidget() is not None:
+    def _on_press(self, identity: int, hold: _Hold) -> None:
+        spec = self._actions.spec(hold.action_id)
+        self._owned[identity] = hold
+        if spec is not None and spec.kind != "hold":
+            self._actions.run(hold.action_id)
+        elif self._may_drive():
+            self._active[identity] = hold
+            self._send("keyboard")
+
+    def _hold_for(self, code: int | None, event: QKeyEvent) -> _Hold | None:
+        if not self._takes_keys():
             return None
         modifiers = event.modifiers()
-        key = int(event.key())
+        # A letter or digit is known by where it is; every other key, and what comes without a code, by what it is.
+        where: int | str | None = position_of(sys.platform, code)
+        if where is None:
+            where = int(event.key())
+            if code is None and not modifiers & Qt.KeyboardModifier.KeypadModifier:
+                where = _LETTERS.get(where, where)
         if not modifiers & _CHORD_MODIFIERS:
             # The number pad with NumLock off drives from anywhere; on a Mac every arrow key says it is on the pad.
             on_pad = bool(modifiers & Qt.KeyboardModifier.KeypadModifier) and sys.platform != "darwin"
-            if self._actions.driving_focus or (on_pad and self._window.isActiveWindow()):
-                action_id = self._bare.get(key)
-                return _Hold(action_id, bare=not on_pad) if action_id is not None else None
+            if not (self._actions.driving_focus or on_pad):
+                return None
+            action_id = self._bare.get(where)
+        else:
+            action_id = self._chords.get((where, (modifiers & ~_NOT_PART_OF_A_CHORD).value))
+            on_pad = True
+        if action_id is None or self._actions.spec(action_id) is None:
             return None
-        if not self._window.isActiveWindow():
-            return None
-        chord = (modifiers & ~Qt.KeyboardModifier.KeypadModifier & ~Qt.KeyboardModifier.ShiftModifier).value
-        action_id = self._chords.get((key, chord))
-        return _Hold(action_id, bare=False) if action_id is not None else None
+        return _Hold(action_id, bare=not on_pad)
+
+    def _learn_letter(self, code: int | None, event: QKeyEvent) -> None:
+        """Keep the key caps true when the keyboard layout changes, on systems that do not tell of it too."""
+        position, key = position_of(sys.platform, code), int(event.key())
+        if position is None or event.modifiers() & Qt.KeyboardModifier.ShiftModifier or not 0x20 < key < 0x2000:
+            return
+        if sys.platform == "darwin" and event.modifiers() & Qt.KeyboardModifier.AltModifier:
+            return  # the option key makes other characters of them
+        if self._actions.letter(position) != chr(key):
+            self._actions.use_letters({**self._actions.letters, position: chr(key)})
 
     def _on_release(self, identity: int, *, repeated: bool) -> bool:
         if identity not in self._owned:
@@ -208,45 +357,38 @@ class HoldToDrive(QObject):
                 self._send("keyboard")
         return True
 
-    def _send(self, source: CommandSource) -> None:
-        held = self.held
-        if held:
-            forward, turn = combine(tuple(held))
-            self._console.drive(forward=forward, left=0.0, turn=turn, source=source)
-        else:
-            self._console.release_drive("")
-        self.held_changed.emit(held)
-
     def _forget_keys_that_went_up_elsewhere(self) -> None:
         still_down = self._keys.still_down(set(self._owned))
         self._owned = {identity: hold for identity, hold in self._owned.items() if identity in still_down}
 
-    def _on_drive_changed(self, drive: DriveStatus) -> None:
-        if drive.emergency_stop or not drive.allowed:
-            self.release_all(drive.reason or "Driving is not possible now")
-
-    def _on_event(self, event: object) -> None:
-        if isinstance(event, DriveEnded) and (self._active or self._onscreen):
-            # The link ended it: what is still down must not move the robot on the next change of keys.
-            self._active.clear()
-            self._onscreen.clear()
-            self.held_changed.emit(self.held)
+    # ---- stops
 
     def _on_stop_key(self, key: Qt.Key) -> None:
-        if self._active or self._onscreen:
-            # The console's stop ends the motion; a key that is still down must not start it again.
-            self._active.clear()
-            self._onscreen.clear()
-            self.held_changed.emit(self.held)
         now_s = time.monotonic()
         if key == Qt.Key.Key_Pause or now_s - self._last_escape_s <= DOUBLE_STOP_S:
             self._last_escape_s = float("-inf")
-            self._console.emergency_stop()
+            self._emergency_stop()
         else:
             self._last_escape_s = now_s
-            self._console.stop()
+            self._stop()
         if key == Qt.Key.Key_Escape:
             self._close_what_escape_closes()
+
+    def _stop(self) -> None:
+        self._end_held()
+        self._console.stop()
+
+    def _emergency_stop(self) -> None:
+        self._end_held()
+        self._console.emergency_stop()
+
+    def _end_held(self) -> None:
+        """The console's stop ends the motion of the base; what is still held must not start it again."""
+        if self._forget_held():
+            if self._sent.head != AT_REST.head:
+                self._console.turn_head(pan=0.0, tilt=0.0)
+            self._sent = AT_REST
+            self._tell()
 
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
@@ -258,27 +400,104 @@ class HoldToDrive(QObject):
         else:
             self.escape_pressed.emit()
 
+    def _on_gamepad_lost(self, reason: str) -> None:
+        if self._pad.moving and not (self._active or self._arrows or self._stick.moving):
+            self.release_all(reason)  # so that the record says why it ended
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._send("gamepad")
+
+    def _on_gamepad_button(self, action_id: str) -> None:
+        if action_id == "stop":
+            self._stop()
+        elif action_id == "emergency_stop":
+            self._emergency_stop()
+        else:
+            self._actions.run(action_id)
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop or not drive.allowed:
+            self.release_all(drive.reason or "Driving is not possible now")
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, DriveEnded):
+            # The link ended it: what is still held must not move the robot on the next change.
+            self._end_held()
+
+    # ---- who has the keys
+
+    def _is_ours(self, window: object) -> bool:
+        """Whether a window is the main one or one of its floating panels."""
+        if not isinstance(window, QWidget) or not window.isWindow():
+            return False
+        if window is self._window:
+            return True
+        if window.windowType() == Qt.WindowType.Popup or isinstance(window, QDialog):
+            return False
+        parent = window.parentWidget()
+        while parent is not None and parent is not self._window:
+            parent = parent.parentWidget()
+        return parent is self._window
+
+    def _takes_keys(self) -> bool:
+        """Whether keys and sticks reach driving: one of our windows is in front and nothing has taken over."""
+        popup = self._app.activePopupWidget()
+        if popup is not None and not _is_completion(popup):
+            return False
+        return self._app.activeModalWidget() is None and self._is_ours(self._app.activeWindow())
+
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
         self._update_driving_focus(new)
 
     def _update_driving_focus(self, focused: QWidget | None) -> None:
         driving = (
             focused is not None
-            and not isinstance(focused, _TEXT_INPUTS)
+            and not isinstance(focused, _KEEPS_ITS_KEYS)
             and any(panel is focused or panel.isAncestorOf(focused) for panel in self._driving_panels)
         )
         self._actions.set_driving_focus(driving)
+        self._update_key_owner()
         if not driving and any(hold.bare for hold in self._active.values()):
             kept = {identity: hold for identity, hold in self._active.items() if not hold.bare}
-            if kept or self._onscreen:
+            if kept or self._arrows or self._stick.moving or self._pad.moving:
                 self._active = kept
                 self._send("keyboard")
             else:
                 self.release_all("The driving panels lost the focus")
 
+    def _update_key_owner(self) -> None:
+        owner = self._owner_now()
+        if owner != self._key_owner:
+            self._key_owner = owner
+            self.key_owner_changed.emit(owner)
+
+    def _owner_now(self) -> KeyOwner:
+        popup = self._app.activePopupWidget()
+        if self._actions.spec("drive_forward") is None:
+            return "off"
+        if popup is not None and not _is_completion(popup):
+            return "menu"
+        if self._app.activeModalWidget() is not None:
+            return "dialog"
+        active = self._app.activeWindow()
+        if not self._is_ours(active):
+            return "dialog" if isinstance(active, QDialog) else "elsewhere"
+        if self._actions.driving_focus:
+            return "driving"
+        return "typing" if isinstance(self._app.focusWidget(), _TEXT_INPUTS) else "window"
+
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:
             self.release_all("Another program came to the front")
+        self._update_key_owner()
+
+
+_LETTERS: Mapping[int, str] = {ord(name): name for name in position_codes("linux")}
+
+
+def _where(spec: ActionSpec, text: str) -> int | str:
+    """A key's position on the keyboard, or which key it is wherever it lies."""
+    key = int(_chord(text).key())
+    return _LETTERS.get(key, key) if spec.by_position else key
 
 
 def _chord(text: str) -> QKeyCombination:
@@ -287,5 +506,10 @@ def _chord(text: str) -> QKeyCombination:
     return chord
 
 
+def _is_completion(popup: QWidget) -> bool:
+    """Whether a popup only proposes words for the field that is typed into."""
+    return isinstance(popup.focusProxy(), _TEXT_INPUTS)
+
+
 def _takes_over(window: QWidget) -> bool:
-    return window.isModal() or window.windowType() == Qt.WindowType.Popup
+    return window.isModal() or (window.windowType() == Qt.WindowType.Popup and not _is_completion(window))

@@ -12,13 +12,15 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.scenario.model import LayoutNode, PanelName, Permissions, Scenario
 from caris_desktop.study.trial import TrialDetails
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.actions import Actions, Feature
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.gamepad_dialog import GamepadDialog
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -30,6 +32,7 @@ from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
@@ -102,6 +105,8 @@ class MainWindow(QWidget):
         Where the theme and the window's place are kept; nothing is kept without.
     scenarios
         Gives the lines of the scenario menu each time it opens; by default the shipped files.
+    gamepads
+        The gamepad that drives too; its mappings are kept in ``settings``.
     """
 
     layout_save_requested = Signal(object)  # LayoutNode
@@ -114,6 +119,7 @@ class MainWindow(QWidget):
         settings: Settings | None = None,
         scenarios: Callable[[], Sequence[ScenarioChoice]] = shipped_scenarios,
         theme: Theme | None = None,
+        gamepads: Gamepads | None = None,
     ) -> None:
         super().__init__()
         app = QApplication.instance()
@@ -128,6 +134,10 @@ class MainWindow(QWidget):
         self.actions_table = Actions(self, self)
         self.actions_table.rebuild(console.scenario)
         self.hold = HoldToDrive(console, self.actions_table, self)
+        self._gamepads = gamepads
+        self._gamepad_dialog: GamepadDialog | None = None
+        if gamepads is not None:
+            self._use_gamepads(gamepads)
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
         self._log: list[tuple[int, str, str]] = []
@@ -161,7 +171,12 @@ class MainWindow(QWidget):
         self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
+        self.hold.set_emergency_button(self._top_bar.emergency)
         console.state.event_happened.connect(self._on_event)
+        console.state.robot.changed.connect(self._on_robot_changed)
+        console.state.places.changed.connect(self._on_places_changed)
+        self._on_robot_changed(console.state.robot.value)
+        self._on_places_changed(console.state.places.value)
         console.state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         self._on_video_freshness_changed(console.state.frame.freshness)
         app.focusChanged.connect(self._on_focus_changed)
@@ -245,9 +260,17 @@ class MainWindow(QWidget):
     def emergency_stop(self) -> None:
         self._console.emergency_stop()
 
-    def change_speed(self, step: float) -> None:
-        fraction = self._console.state.drive.value.speed_fraction + step
-        self._console.set_speed_fraction(round(min(1.0, max(0.1, fraction)), 2))
+    def change_speed(self, direction: int) -> None:
+        """One of the three steps up (1) or down (-1)."""
+        self._console.set_speed_fraction(fraction_after(self._console.state.drive.value.speed_fraction, direction))
+
+    def look_ahead(self) -> None:
+        self._console.look_at(pan_rad=0.0, tilt_rad=0.0)
+
+    def go_to_nth_place(self, number: int) -> None:
+        places = self._console.state.places.value
+        if number <= len(places):
+            self._console.go_to_place(places[number - 1].name)
 
     def say_phrase(self, number: int) -> None:
         self._console.say(self._console.scenario.phrases[number - 1], "phrase")
@@ -271,7 +294,7 @@ class MainWindow(QWidget):
         self._palette_overlay.open_with(self._entries())
 
     def show_shortcuts(self) -> None:
-        self._sheet.open_with(self.actions_table.specs)
+        self._sheet.open_with(self.actions_table)
 
     def open_start_dialog(self) -> None:
         """Ask who takes part, then start recording. One dialog at a time."""
@@ -282,6 +305,16 @@ class MainWindow(QWidget):
         self._dialog.begin.connect(self._on_begin)
         self._dialog.finished.connect(self._on_dialog_finished)
         self._dialog.open()
+
+    def open_gamepad_dialog(self) -> None:
+        """Show the gamepad, live, and what its parts do. Not modal: the robot can be stopped meanwhile."""
+        if self._gamepads is None:
+            return
+        if self._gamepad_dialog is None:
+            self._gamepad_dialog = GamepadDialog(self.theme, self._console.state, self._gamepads, self)
+        self._gamepad_dialog.show()
+        self._gamepad_dialog.raise_()
+        self._gamepad_dialog.activateWindow()
 
     def _on_begin(self, details: TrialDetails) -> None:
         self._top_bar.show_details(details)
@@ -298,18 +331,23 @@ class MainWindow(QWidget):
             Entry(spec.text, "Say" if spec.callback in ("say_phrase", "say_filler") else "Do", spec.icon,
                   table.key_text(spec.id), self._runner(spec.id))
             for spec in table.specs
-            if spec.callback and spec.id != "find" and (spec.kind != "command" or table.available(spec.id))
+            # The places come below, all of them.
+            if spec.callback not in ("", "go_to_nth_place") and spec.id != "find"
+            and (spec.kind != "command" or table.available(spec.id))
         ]  # fmt: skip
         scenario = self._console.scenario
         if scenario.permissions.driving:
             entries += [
-                Entry(f"Go to {place.name}", "Place", "flag", "", self._goer(place.name)) for place in scenario.places
+                Entry(f"Go to {place.name}", "Place", "flag", table.key_text(f"place_{number}"), self._goer(place.name))
+                for number, place in enumerate(self._console.state.places.value, start=1)
             ]
         entries += [
             Entry(panel.title, "Panel", _PANEL_ICONS[name], "", self._panel_opener(name))
             for name, panel in self._panels.items()
         ]
         entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
+        if self._gamepads is not None and scenario.permissions.driving:
+            entries.append(Entry("Gamepad", "Window", "game-controller", "", self.open_gamepad_dialog))
         recording = self._console.state.recording.value.state == "recording"
         entries.append(
             Entry("Stop recording", "Do", "stop", "", self._console.stop_session) if recording
@@ -380,6 +418,8 @@ class MainWindow(QWidget):
             action.setActionGroup(group)
             action.triggered.connect(self._theme_setter(choice))
         menu.addSeparator()
+        if self._gamepads is not None and self._console.scenario.permissions.driving:
+            menu.addAction("Gamepad…").triggered.connect(self.open_gamepad_dialog)
         menu.addAction("All shortcuts").triggered.connect(self.show_shortcuts)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
 
@@ -393,6 +433,27 @@ class MainWindow(QWidget):
             self._settings.setValue("theme", choice)
 
     # ---- what happens
+
+    def _use_gamepads(self, gamepads: Gamepads) -> None:
+        self.hold.use_gamepads(gamepads)
+        if self._settings is not None:
+            gamepads.use_mappings_text(str(self._settings.value("gamepads", "") or ""))
+            gamepads.mappings_changed.connect(self._on_gamepad_mappings_changed)
+
+    def _on_gamepad_mappings_changed(self, text: str) -> None:
+        if self._settings is not None:
+            self._settings.setValue("gamepads", text)
+
+    def _on_robot_changed(self, robot: Any) -> None:
+        features: list[Feature] = []
+        if robot is not None and robot.holonomic:
+            features.append("sideways")
+        if robot is not None and robot.head is not None:
+            features.append("head")
+        self.actions_table.use_features(features)
+
+    def _on_places_changed(self, places: Any) -> None:
+        self.actions_table.use_places([place.name for place in places])
 
     def _on_event(self, event: Any) -> None:
         if isinstance(event, Problem):

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.actions import ActionSpec, cap_text
+from caris_desktop.ui.actions import Actions, ActionSpec
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
@@ -241,11 +241,11 @@ class ShortcutSheet(Overlay):
         self._layout = QVBoxLayout(self.card)
         self._layout.setContentsMargins(24, 20, 24, 20)
 
-    def open_with(self, specs: Sequence[ActionSpec]) -> None:
+    def open_with(self, actions: Actions) -> None:
         if self._body is not None:
             self._layout.removeWidget(self._body)
             self._body.deleteLater()
-        self._body = self._build(specs)
+        self._body = self._build(actions)
         self._layout.addWidget(self._body)
         self.open()
         self.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -253,7 +253,7 @@ class ShortcutSheet(Overlay):
     def card_height_px(self) -> int:
         return 104 + (self._inner.sizeHint().height() if self._inner is not None else 0)
 
-    def _build(self, specs: Sequence[ActionSpec]) -> QWidget:
+    def _build(self, actions: Actions) -> QWidget:
         body = QWidget()
         column = QVBoxLayout(body)
         column.setContentsMargins(0, 0, 0, 0)
@@ -265,7 +265,7 @@ class ShortcutSheet(Overlay):
         )
         column.addSpacing(8)
         groups: dict[str, list[ActionSpec]] = {}
-        for spec in specs:
+        for spec in actions.specs:
             groups.setdefault(spec.group, []).append(spec)
         inner = self._inner = QWidget()
         sides = QHBoxLayout(inner)
@@ -279,7 +279,7 @@ class ShortcutSheet(Overlay):
         for name, group in groups.items():
             side = left if used + len(group) / 2 <= rows / 2 else right
             used += len(group) + 1
-            side.addWidget(self._group(name, group))
+            side.addWidget(self._group(name, group, actions))
             side.addSpacing(16)
         for side in (left, right):
             side.addStretch(1)
@@ -291,7 +291,7 @@ class ShortcutSheet(Overlay):
         column.addWidget(scroll, 1)
         return body
 
-    def _group(self, name: str, specs: Sequence[ActionSpec]) -> QWidget:
+    def _group(self, name: str, specs: Sequence[ActionSpec], actions: Actions) -> QWidget:
         holder = QWidget()
         holder.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         grid = QGridLayout(holder)
@@ -307,8 +307,8 @@ class ShortcutSheet(Overlay):
             for column, keys in ((1, spec.keys), (2, spec.driving_keys)):
                 caps = QHBoxLayout()
                 caps.setSpacing(4)
-                for key in keys:
-                    caps.addWidget(KeyCap(self._theme, cap_text(key)))
+                for cap in actions.caps(spec, keys):
+                    caps.addWidget(KeyCap(self._theme, cap))
                 caps.addStretch(1)
                 grid.addLayout(caps, row, column)
         grid.setColumnStretch(0, 1)

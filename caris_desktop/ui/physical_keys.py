@@ -8,13 +8,25 @@ would be typed. Asking the X server for releases of the finger alone ends that a
 import ctypes
 import logging
 import time
+from collections.abc import Mapping
 
 from PySide6.QtGui import QGuiApplication, QKeyEvent, QNativeInterface
 
 logger = logging.getLogger(__name__)
 
+_CORE_KEYBOARD = 0x0100
+
 LONGEST_REPEAT_GAP_S = 1.2
 """A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
+
+
+class _XkbState(ctypes.Structure):
+    """XkbStateRec of X11/extensions/XKBstr.h; only ``group`` is read."""
+
+    _fields_ = [
+        ("group", ctypes.c_ubyte), ("locked_group", ctypes.c_ubyte), ("base_group", ctypes.c_ushort),
+        ("latched_group", ctypes.c_ushort), ("mods", ctypes.c_ubyte * 8), ("ptr_buttons", ctypes.c_ushort),
+    ]  # fmt: skip
 
 
 class PhysicalKeys:
@@ -22,6 +34,7 @@ class PhysicalKeys:
 
     def __init__(self) -> None:
         self._x11: ctypes.CDLL | None = None
+        self._xkbcommon: ctypes.CDLL | None = None
         self._display = 0
         self._down: dict[int, tuple[float, int, bool]] = {}
         self._ask_x_server()
@@ -45,6 +58,11 @@ class PhysicalKeys:
             display, supported = int(native.display()), ctypes.c_int()
             if x11.XkbSetDetectableAutoRepeat(display, 1, ctypes.byref(supported)) and supported.value:
                 self._x11, self._display = x11, display
+            x11.XkbGetState.argtypes = [ctypes.c_void_p, ctypes.c_uint, ctypes.POINTER(_XkbState)]
+            x11.XkbKeycodeToKeysym.argtypes = [ctypes.c_void_p, ctypes.c_ubyte, ctypes.c_uint, ctypes.c_uint]
+            x11.XkbKeycodeToKeysym.restype = ctypes.c_ulong
+            # Qt's xcb plugin needs this library, so it is there.
+            self._xkbcommon = ctypes.CDLL("libxkbcommon.so.0")
         except (OSError, AttributeError, TypeError) as error:
             logger.warning("held keys may stutter: the X server was not asked for exact releases (%s)", error)
 
@@ -77,3 +95,17 @@ class PhysicalKeys:
         down = {code for code in scan_codes | set(self._down) if code < 256 and keymap.raw[code // 8] >> code % 8 & 1}
         self._down = {code: known for code, known in self._down.items() if code in down}
         return down & scan_codes
+
+    def letters(self, codes: Mapping[str, int]) -> dict[str, str]:
+        """What the present layout types on the keys with these codes; empty where the system does not tell."""
+        if self._x11 is None or self._xkbcommon is None:
+            return {}
+        state = _XkbState()
+        self._x11.XkbGetState(self._display, _CORE_KEYBOARD, ctypes.byref(state))
+        found = {}
+        for position, code in codes.items():
+            keysym = self._x11.XkbKeycodeToKeysym(self._display, code, state.group, 0)
+            letter = chr(self._xkbcommon.xkb_keysym_to_utf32(ctypes.c_uint32(keysym)) or 0).upper()
+            if letter.isprintable() and not letter.isspace():
+                found[position] = letter
+        return found

@@ -11,11 +11,9 @@ from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.live import gamepad as gamepad_module
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gamepad_mapping import (
-    AT_REST,
     GamepadMapping,
     MappingError,
     RawInputs,
-    StickWish,
     axis_value,
     binding_words,
     default_mapping,
@@ -29,6 +27,7 @@ from caris_desktop.live.gamepad_mapping import (
     stick_wish,
     trigger_value,
 )
+from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.live.state import LiveState
 from tests.support.virtual_gamepad import VirtualGamepad
 
@@ -67,21 +66,21 @@ def test_the_dead_zone_is_round_and_motion_begins_at_zero() -> None:
 def test_a_known_controller_drives_with_its_left_stick() -> None:
     mapping = xbox()
     assert stick_wish(mapping, REST) == AT_REST
-    assert stick_wish(mapping, with_axes(a1=-1.0)) == StickWish(forward=0.6)
-    assert stick_wish(mapping, with_axes(a0=-1.0)) == StickWish(turn=0.6)
-    assert stick_wish(mapping, with_axes(a3=1.0)) == StickWish(pan=-1.0)
-    assert stick_wish(mapping, with_axes(a4=1.0)) == StickWish(tilt=1.0)
+    assert stick_wish(mapping, with_axes(a1=-1.0)) == MotionWish(forward=0.6)
+    assert stick_wish(mapping, with_axes(a0=-1.0)) == MotionWish(turn=0.6)
+    assert stick_wish(mapping, with_axes(a3=1.0)) == MotionWish(pan=-1.0)
+    assert stick_wish(mapping, with_axes(a4=1.0)) == MotionWish(tilt=1.0)
     both = RawInputs(REST.axes, tuple(index in (4, 5) for index in range(11)), (0,))
     shoulder = RawInputs(REST.axes, tuple(index == 4 for index in range(11)), (0,))
-    assert stick_wish(mapping, shoulder) == StickWish(left=0.6)
+    assert stick_wish(mapping, shoulder) == MotionWish(left=0.6)
     assert stick_wish(mapping, both) == AT_REST, "opposite ones cancel"
 
 
 def test_the_triggers_change_the_speed() -> None:
     mapping = xbox()
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=1.0)) == StickWish(forward=1.0)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=0.0)) == StickWish(forward=0.8)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a2=1.0)) == StickWish(forward=0.25)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a5=1.0)) == MotionWish(forward=1.0)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a5=0.0)) == MotionWish(forward=0.8)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a2=1.0)) == MotionWish(forward=0.25)
     silent = RawInputs((0.0, -1.0, None, 0.0, 0.0, None), REST.buttons, REST.hats)
     assert speed_share(mapping, silent) == 0.6, "a trigger that has not been heard of rests"
     assert trigger_value("+a2", RawInputs((0.0, 0.0, 0.5))) == 0.5
@@ -167,7 +166,7 @@ class Heard:
     """Everything that the gamepads say."""
 
     def __init__(self, gamepads: Gamepads) -> None:
-        self.moved: list[StickWish] = []
+        self.moved: list[MotionWish] = []
         self.pressed: list[str] = []
         self.lost: list[str] = []
         gamepads.moved.connect(self.moved.append)
@@ -231,9 +230,9 @@ def test_a_stick_drives_and_a_button_stops(
     assert status.name == "Virtual Controller"
     assert [(event.connected, event.device) for event in published] == [(True, status.device)]
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [StickWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
     pad.push(5, 1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [StickWish(forward=1.0)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=1.0)])
     pad.press(1)
     qtbot.waitUntil(lambda: heard.pressed == ["stop"])
     pad.push(1, 0.0)
@@ -259,7 +258,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     gamepads.mappings_changed.connect(kept.append)
     gamepads.set_mapping(gamepads.mapping.with_binding("photo", "b0"))
     pad.push(0, 1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [StickWish(turn=-0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(turn=-0.6)])
     pad.unplug()
     qtbot.waitUntil(lambda: heard.lost == ["The gamepad was unplugged"] or heard.moved[-1] == AT_REST)
     qtbot.waitUntil(lambda: gamepads.device is None)
@@ -281,7 +280,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
 def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard: Heard, plug: Plug) -> None:
     pad = plug()
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [StickWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
     time.sleep(0.4)  # the GUI thread hangs, the stick is held all the while
     qtbot.waitUntil(lambda: heard.lost == ["The program stalled"])
     moves = len(heard.moved)
@@ -291,7 +290,7 @@ def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard:
     pad.push(1, 0.0)
     qtbot.wait(60)
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[moves:] == [StickWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[moves:] == [MotionWish(forward=0.6)])
 
 
 def test_a_gamepad_that_falls_silent_moves_nothing(
@@ -299,7 +298,7 @@ def test_a_gamepad_that_falls_silent_moves_nothing(
 ) -> None:
     pad = plug()
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [StickWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
     monkeypatch.setattr(gamepad_module, "_HEARTBEAT_NS", 10**12)
     gamepads.stop()
     gamepads._watch.start()

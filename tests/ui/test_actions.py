@@ -23,6 +23,14 @@ TABLE = {
     "drive_back": ({"Alt+S", "Alt+Down"}, {"S", "Down"}),
     "turn_left": ({"Alt+A", "Alt+Left"}, {"A", "Left"}),
     "turn_right": ({"Alt+D", "Alt+Right"}, {"D", "Right"}),
+    "strafe_left": ({"Alt+Z"}, {"Z"}),
+    "strafe_right": ({"Alt+C"}, {"C"}),
+    "look_up": ({"Alt+I"}, {"I"}),
+    "look_down": ({"Alt+K"}, {"K"}),
+    "look_left": ({"Alt+J"}, {"J"}),
+    "look_right": ({"Alt+L"}, {"L"}),
+    "look_ahead": ({"Alt+O"}, {"O"}),
+    **{f"place_{number}": ({f"Alt+{number}"}, {str(number)}) for number in range(1, 10)},
     "slower": ({"Alt+Q"}, {"Q"}),
     "faster": ({"Alt+E"}, {"E"}),
     **{f"phrase_{number}": ({f"F{number}"}, set()) for number in range(1, 9)},
@@ -113,8 +121,8 @@ def test_bare_keys_work_with_the_driving_focus_only(window: MainWindow, console:
         (Qt.Key.Key_P, NONE, ("take_photo", None)),
         (Qt.Key.Key_M, NONE, ("mark", ("", "mark"))),
         (Qt.Key.Key_M, SHIFT, ("mark", ("", "wizard_error"))),
-        (Qt.Key.Key_E, NONE, ("set_speed_fraction", 0.8)),
-        (Qt.Key.Key_Q, NONE, ("set_speed_fraction", 0.7)),
+        (Qt.Key.Key_E, NONE, ("set_speed_fraction", 1.0)),
+        (Qt.Key.Key_Q, NONE, ("set_speed_fraction", 0.6)),
     ):
         console.calls.clear()
         view.setFocus()

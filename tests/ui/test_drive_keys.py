@@ -11,7 +11,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import DriveEnded
-from caris_desktop.ui.drive_keys import combine
+from caris_desktop.live.motion_wish import MotionWish, merged
+from caris_desktop.ui.drive_keys import wish_of
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -46,9 +47,10 @@ def view(window: MainWindow) -> QWidget:
 
 
 def test_directions_add_up_and_opposites_cancel() -> None:
-    assert combine(("drive_forward", "turn_left")) == (1.0, 1.0)
-    assert combine(("drive_forward", "drive_back", "turn_right")) == (0.0, -1.0)
-    assert combine(()) == (0.0, 0.0)
+    assert wish_of(("drive_forward", "turn_left")) == MotionWish(forward=1.0, turn=1.0)
+    assert wish_of(("drive_forward", "drive_back", "turn_right")) == MotionWish(turn=-1.0)
+    assert wish_of(()) == MotionWish()
+    assert merged((MotionWish(forward=1.0), MotionWish(forward=0.5, pan=-0.2))) == MotionWish(forward=1.0, pan=-0.2)
 
 
 @pytest.mark.parametrize("panel", ["video_view", "map_view", "drive_panel"])

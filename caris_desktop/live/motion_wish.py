@@ -1,0 +1,46 @@
+"""What is asked of base and head now, and how several sources of it become one. Plain functions."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True, slots=True)
+class MotionWish:
+    """Each -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the head."""
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+    pan: float = 0.0
+    tilt: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        return self != AT_REST
+
+    @property
+    def base(self) -> tuple[float, float, float]:
+        """(forward, left, turn)."""
+        return self.forward, self.left, self.turn
+
+    @property
+    def head(self) -> tuple[float, float]:
+        """(pan, tilt)."""
+        return self.pan, self.tilt
+
+    def limited_to(self, *, sideways: bool, head: bool) -> "MotionWish":
+        """Without what the robot does not have."""
+        wish = self if sideways else replace(self, left=0.0)
+        return wish if head else replace(wish, pan=0.0, tilt=0.0)
+
+
+AT_REST = MotionWish()
+
+
+def merged(wishes: Iterable[MotionWish]) -> MotionWish:
+    """Everything that is asked for at the same time: it adds up to at most full, and opposite wishes cancel."""
+    forward = left = turn = pan = tilt = 0.0
+    for wish in wishes:
+        forward, left, turn = forward + wish.forward, left + wish.left, turn + wish.turn
+        pan, tilt = pan + wish.pan, tilt + wish.tilt
+    return MotionWish(*(max(-1.0, min(1.0, total)) for total in (forward, left, turn, pan, tilt)))

@@ -1,0 +1,394 @@
+"""The gamepad: what it does live, what each of its parts is for, and how to change that."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QDialog, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QSlider, QVBoxLayout, QWidget
+
+from caris_desktop.live.gamepad import GamepadDevice, Gamepads, GamepadSample
+from caris_desktop.live.gamepad_mapping import (
+    AXIS_ACTIONS,
+    BUTTON_ACTIONS,
+    TRIGGERS,
+    AxisAction,
+    ButtonAction,
+    RawInputs,
+    binding_words,
+    moved_input,
+    part_names,
+    with_rests,
+)
+from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import GamepadStatus
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+_AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
+    "forward": ("Drive forward and back", "push it the way that drives forward"),
+    "turn": ("Turn left and right", "push it the way that turns left"),
+    "left": ("Move sideways", "push it the way that moves left, or press a button"),
+    "pan": ("Turn the head", "push it the way that looks left"),
+    "tilt": ("Tilt the head", "push it the way that looks down"),
+    "boost": ("Full speed", "pull the trigger"),
+    "slow": ("Slow speed", "pull the trigger"),
+}
+_BUTTON_TEXTS: dict[ButtonAction, str] = {
+    "stop": "Stop the robot", "emergency_stop": "Emergency stop", "phrase_1": "Say phrase 1",
+    "phrase_2": "Say phrase 2", "phrase_3": "Say phrase 3", "phrase_4": "Say phrase 4", "filler": "Say the filler",
+    "silence": "Silence", "photo": "Photo", "mark": "Mark", "slower": "Slower", "faster": "Faster",
+    "look_ahead": "Look ahead",
+}  # fmt: skip
+
+
+class GamepadDialog(QDialog):
+    """Not modal, so that everything else, the red button first, works beside it; its own gamepad does not drive."""
+
+    def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("gamepad_dialog")
+        self.setWindowTitle("Gamepad")
+        self._theme = theme
+        self._state = state
+        self._gamepads = gamepads
+        self._learned: AxisAction | ButtonAction | None = None
+        self._before = RawInputs()
+        self._first_way = ""
+        self._name = QLabel()
+        self._name.setObjectName("gamepad_name")
+        self._hint = QLabel()
+        self._hint.setObjectName("gamepad_hint")
+        self._hint.setWordWrap(True)
+        self._view = GamepadView(theme)
+        self._view.setObjectName("gamepad_view")
+        self._rows: dict[str, BindingRow] = {}
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(32)
+        grid.setVerticalSpacing(2)
+        shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
+        for column, actions in enumerate(((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:])):
+            for line, action in enumerate(actions):
+                row = BindingRow(theme, action, _title(action))
+                row.change.clicked.connect(self._learner(action))
+                self._rows[action] = row
+                grid.addWidget(row, line, column)
+        rows = QWidget()
+        rows_layout = QVBoxLayout(rows)
+        rows_layout.setContentsMargins(0, 0, 8, 0)
+        rows_layout.addLayout(grid)
+        rows_layout.addStretch(1)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(rows)
+        self._dead_zone = self._slider("gamepad_dead_zone", "Dead zone", 0, 40)
+        self._speed = self._slider("gamepad_speed", "Speed without a trigger", 20, 100)
+        self._dead_zone_words, self._speed_words = QLabel(), QLabel()
+        self._dead_zone.valueChanged.connect(self._on_slider_moved)
+        self._speed.valueChanged.connect(self._on_slider_moved)
+        sliders = QGridLayout()
+        sliders.setHorizontalSpacing(16)
+        for line, (text, slider, words) in enumerate(
+            (
+                ("Dead zone", self._dead_zone, self._dead_zone_words),
+                ("Speed without a trigger", self._speed, self._speed_words),
+            )
+        ):
+            label = QLabel(text)
+            sliders.addWidget(label, line, 0)
+            sliders.addWidget(slider, line, 1)
+            words.setMinimumWidth(56)
+            sliders.addWidget(words, line, 2)
+        self._reset = ActionButton(theme, "Back to how it came", icon="arrow-counter-clockwise")
+        self._reset.setObjectName("gamepad_reset")
+        self._reset.clicked.connect(self._on_reset)
+        close = ActionButton(theme, "Close", look="primary")
+        close.setObjectName("gamepad_close")
+        close.clicked.connect(self.close)
+        foot = QHBoxLayout()
+        foot.addWidget(self._reset)
+        foot.addStretch(1)
+        foot.addWidget(close)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 20, 24, 20)
+        layout.setSpacing(12)
+        layout.addWidget(self._name)
+        layout.addWidget(self._hint)
+        layout.addWidget(self._view)
+        layout.addWidget(scroll, 1)
+        layout.addLayout(sliders)
+        layout.addLayout(foot)
+        state.gamepad.changed.connect(self._on_status_changed)
+        gamepads.mapping_changed.connect(self._refresh)
+        gamepads.sampled.connect(self._on_sampled)
+        theme.changed.connect(self._style)
+        self._style()
+        self._refresh()
+
+    def sizeHint(self) -> QSize:
+        return QSize(860, 760)
+
+    @property
+    def learned_action(self) -> str:
+        """The action whose new input is awaited; empty when none is."""
+        return self._learned or ""
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._end_learning()
+        super().hideEvent(event)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._end_learning()
+        super().closeEvent(event)
+
+    def _slider(self, name: str, title: str, lowest: int, highest: int) -> QSlider:
+        slider = QSlider(Qt.Orientation.Horizontal)
+        slider.setObjectName(name)
+        slider.setAccessibleName(title)
+        slider.setRange(lowest, highest)
+        return slider
+
+    def _style(self) -> None:
+        self._name.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._hint.setFont(self._theme.font(tokens.STATUS_PX))
+        self._show_hint()
+
+    def _learner(self, action: AxisAction | ButtonAction) -> Callable[[], None]:
+        return lambda: self._learn(action)
+
+    # ---- learning a binding
+
+    def _learn(self, action: AxisAction | ButtonAction) -> None:
+        if self._gamepads.device is None:
+            return
+        again = action == self._learned
+        self._end_learning()
+        if not again:
+            self._learned = action
+            self._before = with_rests(self._gamepads.sample.raw, self._gamepads.sample.raw)
+            self._gamepads.set_learning(learning=True)
+        self._refresh()
+
+    def _end_learning(self) -> None:
+        self._learned, self._first_way = None, ""
+        self._gamepads.set_learning(learning=False)
+
+    def _on_sampled(self, sample: GamepadSample) -> None:
+        if not self.isVisible():
+            return
+        self._view.show_sample(sample, self._gamepads.device, self._gamepads.wish, self._gamepads.mapping.dead_zone)
+        if self._learned is None:
+            return
+        self._before = with_rests(self._before, sample.raw)
+        found = self._found(sample.raw)
+        if found:
+            action = self._learned
+            self._end_learning()
+            self._gamepads.set_mapping(self._gamepads.mapping.with_binding(action, found))
+            self._refresh()
+
+    def _found(self, raw: RawInputs) -> str:
+        """The whole new binding, once everything that it needs has been pressed."""
+        button = moved_input(self._before, raw, buttons=True)
+        if self._learned not in AXIS_ACTIONS:
+            return button
+        if not button:
+            return moved_input(self._before, raw, buttons=False) if not self._first_way else ""
+        if self._learned in TRIGGERS:
+            return button
+        if not self._first_way:
+            self._first_way = button
+            self._show_hint()
+        return f"{self._first_way}|{button}" if button != self._first_way else ""
+
+    # ---- what is on show
+
+    def _on_status_changed(self, _status: GamepadStatus) -> None:
+        self._end_learning()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        device, mapping = self._gamepads.device, self._gamepads.mapping
+        status: GamepadStatus = self._state.gamepad.value
+        self._name.setText(device.name if device is not None else "No gamepad is plugged in")
+        names = part_names(device.controller if device is not None else None)
+        for action, row in self._rows.items():
+            row.show_binding(binding_words(mapping.bound(action), names), learning=action == self._learned)
+            row.setEnabled(device is not None)
+        for slider, value in ((self._dead_zone, mapping.dead_zone), (self._speed, mapping.speed)):
+            slider.blockSignals(True)
+            slider.setValue(round(value * 100))
+            slider.blockSignals(False)
+            slider.setEnabled(device is not None)
+        self._dead_zone_words.setText(f"{mapping.dead_zone * 100:.0f} %")
+        self._speed_words.setText(f"{mapping.speed * 100:.0f} %")
+        self._reset.setEnabled(device is not None)
+        self._show_hint(status)
+        self._view.show_sample(self._gamepads.sample, device, self._gamepads.wish, mapping.dead_zone)
+
+    def _show_hint(self, status: GamepadStatus | None = None) -> None:
+        status = status or self._state.gamepad.value
+        role = "dim"
+        if self._gamepads.device is None:
+            text = status.detail or "Plug one in, or switch it on. It is found by itself."
+        elif self._learned is not None:
+            role = "blue"
+            text = f"{_title(self._learned)}: {_wanted(self._learned, second=bool(self._first_way))}."
+        elif status.detail:
+            text, role = f"This gamepad is {status.detail}.", "amber"
+        else:
+            text = "It does not drive while this window is in front. What you change is kept for this gamepad."
+        self._hint.setText(text)
+        palette = self._hint.palette()
+        palette.setColor(self._hint.foregroundRole(), self._theme.color(role))
+        self._hint.setPalette(palette)
+
+    def _on_slider_moved(self, _value: int) -> None:
+        self._gamepads.set_mapping(
+            replace(self._gamepads.mapping, dead_zone=self._dead_zone.value() / 100, speed=self._speed.value() / 100)
+        )
+
+    def _on_reset(self) -> None:
+        self._end_learning()
+        self._gamepads.reset_mapping()
+        self._refresh()
+
+
+class BindingRow(QWidget):
+    """What one action is on, and a button to change it."""
+
+    def __init__(self, theme: Theme, action: str, title: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self.setObjectName(f"binding_{action}")
+        self._title = QLabel(title)
+        self._bound = QLabel()
+        self._bound.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.change = ActionButton(theme, "Change", height_px=30, text_px=tokens.STATUS_PX)
+        self.change.setObjectName(f"change_{action}")
+        self.change.setAccessibleName(f"Change: {title}")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(12)
+        row.addWidget(self._title)
+        row.addWidget(self._bound, 1)
+        row.addWidget(self.change)
+        theme.changed.connect(self._style)
+        self._style()
+
+    @property
+    def bound_text(self) -> str:
+        return self._bound.text()
+
+    def show_binding(self, words: str, *, learning: bool) -> None:
+        self._bound.setText("waiting…" if learning else words)
+        self.change.set_label("Cancel" if learning else "Change", look="amber" if learning else "plain")
+
+    def _style(self) -> None:
+        self._bound.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._bound.palette()
+        palette.setColor(self._bound.foregroundRole(), self._theme.color("dim"))
+        self._bound.setPalette(palette)
+
+
+class GamepadView(QWidget):
+    """Each axis as a bar with its dead zone, each button as a lamp, and what it all asks of the robot."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._raw = RawInputs()
+        self._wish = AT_REST
+        self._names: dict[str, str] = {}
+        self._dead_zone = 0.0
+        self.setFixedHeight(148)
+        self.setAccessibleName("The gamepad, live")
+        theme.changed.connect(self.update)
+
+    def show_sample(
+        self, sample: GamepadSample, device: GamepadDevice | None, wish: MotionWish, dead_zone: float
+    ) -> None:
+        self._raw = sample.raw if device is not None else RawInputs()
+        self._wish, self._dead_zone = wish, dead_zone
+        self._names = part_names(device.controller if device is not None else None)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.setBrush(theme.color("raised"))
+        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        if not self._raw.axes and not self._raw.buttons:
+            painter.setPen(theme.color("dim"))
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Nothing to show")
+            return
+        self._paint_axes(painter, QRectF(14, 10, self.width() * 0.56 - 14, self.height() - 20))
+        left = self.width() * 0.56 + 14
+        self._paint_buttons(painter, QRectF(left, 10, self.width() - left - 14, self.height() - 20))
+
+    def _paint_axes(self, painter: QPainter, area: QRectF) -> None:
+        theme = self._theme
+        shown = self._raw.axes[:8]
+        columns = 2 if len(shown) > 4 else 1
+        lines = -(-len(shown) // columns) or 1
+        height = min(26.0, area.height() / lines)
+        for index, value in enumerate(shown):
+            left = area.left() + (index // lines) * (area.width() / columns)
+            width = area.width() / columns - 14
+            top = area.top() + (index % lines) * height
+            name = self._names.get(f"a{index}", f"Axis {index + 1}")
+            short = name.replace(" stick", "").replace("up and down", "↕").replace("sideways", "↔")
+            painter.setPen(theme.color("dim" if value is None else "text"))
+            painter.drawText(QRectF(left, top, 96, height), int(Qt.AlignmentFlag.AlignVCenter), short)
+            bar = QRectF(left + 98, top + height / 2 - 4, width - 98, 8)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.color("field"))
+            painter.drawRoundedRect(bar, 4, 4)
+            dead = bar.width() / 2 * self._dead_zone
+            painter.setBrush(theme.color("line_strong"))
+            painter.drawRect(QRectF(bar.center().x() - dead, bar.top(), 2 * dead, bar.height()))
+            if value is not None:
+                painter.setBrush(theme.color("blue"))
+                painter.drawEllipse(QRectF(bar.center().x() + value * (bar.width() / 2 - 6) - 6, bar.top() - 2, 12, 12))
+
+    def _paint_buttons(self, painter: QPainter, area: QRectF) -> None:
+        theme = self._theme
+        metrics = QFontMetricsF(painter.font())
+        left, top = area.left(), area.top()
+        lamps = [(self._names.get(f"b{index}", str(index + 1)), down) for index, down in enumerate(self._raw.buttons)]
+        short = {"Left shoulder": "L1", "Right shoulder": "R1", "Left stick pressed": "L3", "Right stick pressed": "R3"}
+        for hat, bits in enumerate(self._raw.hats):
+            lamps += [(self._names.get(f"h{hat}.{bit}", name), bool(bits & bit))
+                      for bit, name in ((1, "Pad up"), (2, "Pad right"), (4, "Pad down"), (8, "Pad left"))]  # fmt: skip
+        for name, down in lamps:
+            text = short.get(name, name.replace("Pad up", "↑").replace("Pad down", "↓"))
+            text = text.replace("Pad left", "←").replace("Pad right", "→")
+            width = max(26.0, metrics.horizontalAdvance(text) + 14)
+            if left + width > area.right():
+                left, top = area.left(), top + 30
+            rect = QRectF(left, top, width, 24)
+            painter.setPen(QPen(theme.color("blue" if down else "line_strong"), 1))
+            painter.setBrush(theme.color("blue" if down else "panel"))
+            painter.drawRoundedRect(rect, 12, 12)
+            painter.setPen(theme.color("on_blue" if down else "text"))
+            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+            left += width + 6
+
+
+def _title(action: AxisAction | ButtonAction) -> str:
+    for axis, (title, _wanted_text) in _AXIS_TEXTS.items():
+        if axis == action:
+            return title
+    return next(title for button, title in _BUTTON_TEXTS.items() if button == action)
+
+
+def _wanted(action: AxisAction | ButtonAction, *, second: bool) -> str:
+    if second:
+        return "now the button for the other way"
+    return next((text for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), "press the button for it")
