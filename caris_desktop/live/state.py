@@ -5,6 +5,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -20,6 +21,8 @@ from caris_desktop.live.status import (
 )
 
 LOST_AFTER_S = 2.0
+# A stamp that is further off than this is not of the clock that the robot tells.
+_PLAUSIBLE_DELAY_S = 10.0
 _FRESHNESS_CHECK_MS = 100
 
 
@@ -35,10 +38,28 @@ class LiveStream(QObject):
         self.value: Any = None
         self.freshness: Freshness = "none"
         self.arrivals = 0
+        self.robot_clock: LinkQuality | None = None
 
-    def age_s(self) -> float | None:
-        """Seconds since the value reached this machine; None before the first."""
-        return None if self.value is None else (clock.now_ns() - self.value.stamp_ns) / 1e9
+    def age_s(self, *, at_ns: int | None = None) -> float | None:
+        """How old the value is now, or ``at_ns`` of the session clock, in seconds; None before the first.
+
+        From the robot's own stamp where it has one and the robot's clock is known, and from its arrival otherwise: a
+        slow network delivers at full rate what was measured long ago.
+        """
+        if self.value is None:
+            return None
+        arrived_ago_s = ((clock.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
+        return arrived_ago_s + self._delay_s()
+
+    def _delay_s(self) -> float:
+        """How long the value was under way at least, from the robot's sensor to this machine."""
+        robot_stamp_ns = getattr(self.value, "robot_stamp_ns", None)
+        quality = self.robot_clock
+        if robot_stamp_ns is None or quality is None or quality.clock_offset_ms is None:
+            return 0.0
+        stamped_ns = robot_stamp_ns - quality.clock_offset_ms * 1e6
+        delay_s = (self.value.stamp_ns - stamped_ns) / 1e9 - (quality.clock_uncertainty_ms or 0.0) / 1e3
+        return delay_s if 0.0 < delay_s < _PLAUSIBLE_DELAY_S else 0.0
 
     def update_value(self, value: Any) -> None:
         self.value = value
@@ -131,6 +152,9 @@ class LiveState(QObject):
     def take(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
+        if isinstance(value, LinkQuality):
+            for stream in self._streams.values():
+                stream.robot_clock = value
         if spec.delivery is Delivery.LOSSLESS:
             self.event_happened.emit(value)
         else:

@@ -17,6 +17,7 @@ from caris_desktop.ros.dialect import decode_time
 logger = logging.getLogger(__name__)
 
 MEASURE_EVERY_S = 1.0
+_LOOK_EVERY_S = 0.1
 _ROUND_TRIPS = 10
 _UNKNOWN_DELAY_S = 0.1
 
@@ -97,9 +98,10 @@ class LinkMeasurement:
 
     async def _follow_clock(self) -> None:
         while not self._simulation_time:
-            if self._ros.is_connected:
+            connected = self._ros.is_connected
+            if connected:
                 await self._ask_for_time()
-            await asyncio.sleep(MEASURE_EVERY_S)
+            await asyncio.sleep(MEASURE_EVERY_S if connected else _LOOK_EVERY_S)
 
     async def _ask_for_time(self) -> None:
         asked_ns = now_ns()

@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import itertools
 import logging
+import math
 import socket
 import ssl
 import struct
@@ -33,19 +34,32 @@ _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """When a silent peer is in trouble and when it is dead, and how fast to come back to it. Seconds."""
+    """When a silent peer is in trouble and when it is dead, and how fast to come back to it. Seconds.
+
+    Silence is measured in bytes of any kind. A ping that is not answered counts as well, later, where
+    ``unanswered_trouble_after_s`` and ``unanswered_dead_after_s`` say so: it shows that nothing of ours arrives over
+    there, although the robot's own messages still arrive here.
+    """
 
     ping_every_s: float = 0.2
     trouble_after_s: float = 0.5
     dead_after_s: float = 0.85
+    unanswered_trouble_after_s: float = 0.8
+    unanswered_dead_after_s: float = 1.6
     handshake_s: float = 1.5
     first_retry_s: float = 0.2
     longest_retry_s: float = 1.0
 
 
 CONTROL_TIMINGS = Timings()
-# A large map keeps both ends busy for seconds; nothing drives over this one.
-MEDIA_TIMINGS = Timings(ping_every_s=0.5, trouble_after_s=2.0, dead_after_s=4.0)
+# A large map keeps both ends busy for seconds, and answers wait behind it; nothing drives over this one.
+MEDIA_TIMINGS = Timings(
+    ping_every_s=0.5,
+    trouble_after_s=2.0,
+    dead_after_s=4.0,
+    unanswered_trouble_after_s=math.inf,
+    unanswered_dead_after_s=math.inf,
+)
 
 
 class WireOwner(Protocol):
@@ -55,10 +69,10 @@ class WireOwner(Protocol):
         """A whole message, text or binary."""
 
     def wire_heard(self) -> None:
-        """Something arrived after the trouble mark."""
+        """The trouble is over: something arrived, and pings are answered."""
 
     def wire_silent(self) -> None:
-        """Nothing arrived for ``trouble_after_s``."""
+        """Nothing arrived, or no ping was answered, for as long as ``Timings`` says."""
 
     def wire_round_trip(self, round_trip_s: float) -> None:
         """A ping came back."""
@@ -164,7 +178,7 @@ class Wire(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         # Of a secured message that is still incomplete the bytes count as a sign of life, too.
         self._heard_s = self._loop.time()
-        if self._silent:
+        if self._silent and not self._unanswered(self._heard_s):
             self._silent = False
             self._owner.wire_heard()
         if self._tls is None:
@@ -275,11 +289,16 @@ class Wire(asyncio.Protocol):
         if late_s > self._watch_s:
             # It was this process that slept; what the peer sent meanwhile still lies unread in the socket.
             self._heard_s = min(now_s, self._heard_s + late_s)
+            self._pings = {token: min(now_s, at_s + late_s) for token, at_s in self._pings.items()}
         silent_s = now_s - self._heard_s
         if silent_s >= self._timings.dead_after_s:
             self.abort(f"nothing came from it for {silent_s:.1f} s")
             return
-        if silent_s >= self._timings.trouble_after_s and not self._silent:
+        unanswered_s = now_s - next(iter(self._pings.values()), now_s)
+        if unanswered_s >= self._timings.unanswered_dead_after_s:
+            self.abort(f"it did not answer for {unanswered_s:.1f} s")
+            return
+        if not self._silent and (silent_s >= self._timings.trouble_after_s or self._unanswered(now_s)):
             self._silent = True
             self._owner.wire_silent()
         if now_s >= self._next_ping_s and self.is_open:
@@ -288,6 +307,10 @@ class Wire(asyncio.Protocol):
             self._pings[token] = now_s
             self._protocol.send_ping(token)
             self._flush()
+
+    def _unanswered(self, now_s: float) -> bool:
+        oldest_s = next(iter(self._pings.values()), now_s)
+        return now_s - oldest_s >= self._timings.unanswered_trouble_after_s
 
     def _farewell(self) -> str:
         if isinstance(self._protocol.parser_exc, PayloadTooBig):
@@ -323,8 +346,9 @@ class Wire(asyncio.Protocol):
             self._watch.cancel()
         reason = self._why_lost or "the connection broke off"
         self._fail_opening(ConnectionError(reason))
-        # Nobody may be waiting any more.
-        self.opened.exception()
+        if not self.opened.cancelled():
+            # Nobody may be waiting any more.
+            self.opened.exception()
         if self._open:
             self._owner.wire_lost(reason)
 

@@ -32,6 +32,11 @@ class TwistListener:
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
+    @property
+    def closed(self) -> bool:
+        """Whether the other side is gone."""
+        return not self._thread.is_alive()
+
     def close(self) -> None:
         self._open.close()
         self._thread.join(5)
