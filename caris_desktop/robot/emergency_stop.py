@@ -107,6 +107,7 @@ class EmergencyStop:
 
     def learn(self, inventory: RobotInventory) -> None:
         """Services that the robot does not have are not asked for: the stop is the console's alone then."""
+
         def offered(service: str | None) -> str | None:
             return service if service is not None and inventory.has_service(service) else None
 
@@ -150,7 +151,8 @@ class EmergencyStop:
                 self._told(latched=latched, reason="it is not connected")
         elif interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
-            self._in_background(self._call(interface.service, kind, {"data": latched}, latched=latched))
+            request = {interface.service_field: latched is interface.service_stop_value}
+            self._in_background(self._call(interface.service, kind, request, latched=latched))
         elif (service := interface.set_service if latched else interface.clear_service) is not None:
             package, _, name = interface.service_type.partition("/")
             kind = service_type_name(self._dialect, package, name)

@@ -20,6 +20,7 @@ from caris_desktop.robot.preflight import (
     NamedTopic,
     actions_of,
     in_dialect,
+    map_services_of,
     named_in,
     services_of,
     take_inventory,
@@ -226,6 +227,10 @@ async def check_streams(
             there = inventory.has_service(service)
             words = "The robot has this service." if there else "The robot has no service of this name."
             say(StreamCheck("service", label, service, "good" if there else "nothing", None, None, words))
+        for service in map_services_of(profile):
+            there = inventory.has_service(service)
+            words = "The robot has this service." if there else "Not now; it is there in one mode of the robot only."
+            say(StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words))
         for label, action in actions_of(profile):
             say(_action_check(label, action, there=inventory.has_action(action)))
         await asyncio.sleep(seconds)
@@ -385,6 +390,7 @@ def resemblance(profile: RobotProfile, offer: Offer) -> float:
         any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types) for named in named_in(profile)
     ]
     hits += [service in offer.services for _label, service in services_of(profile)]
+    hits += [service in offer.services for service in map_services_of(profile)]
     hits += [action in offer.actions for _label, action in actions_of(profile)]
     return round(sum(hits) / len(hits), 3)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
-from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
 
@@ -124,7 +124,18 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         for label, service in services_of(profile)
         if not inventory.has_service(service)
     ]
+    nodes = map_services_of(profile)
+    # Which of them runs depends on whether the robot builds its map or only finds its place in it.
+    if nodes and not any(inventory.has_service(service) for service in nodes):
+        sentences.append(f"Maps: the robot has none of {', '.join(nodes)}.")
     return sentences
+
+
+def map_services_of(profile: RobotProfile) -> tuple[str, ...]:
+    """A service of each node that saves and loads maps."""
+    maps = profile.maps or MapServices()
+    nodes = ((maps.slam_toolbox, "serialize_map"), (maps.map_server, "load_map"), (maps.map_saver, "save_map"))
+    return tuple(f"{node}/{service}" for node, service in nodes if node is not None)
 
 
 def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
@@ -191,20 +202,12 @@ def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
 
 
 def services_of(profile: RobotProfile) -> Iterator[tuple[str, str]]:
-    """(label, name) of every service that the profile names."""
-    stop, maps = profile.emergency_stop, profile.maps
+    """(label, name) of every service that the profile names, those of maps apart."""
+    stop = profile.emergency_stop
     if stop is not None:
         for service in (stop.service, stop.set_service, stop.clear_service):
             if service is not None:
                 yield "Emergency stop", service
-    if maps is not None:
-        for node, service in (
-            (maps.slam_toolbox, "serialize_map"),
-            (maps.map_server, "load_map"),
-            (maps.map_saver, "save_map"),
-        ):
-            if node is not None:
-                yield "Maps", f"{node}/{service}"
     for control in profile.controls:
         if isinstance(control.effect, CallService):
             yield f"Control {control.title}", control.effect.service

@@ -122,13 +122,16 @@ class EmergencyStopInterface:
     """The robot's own emergency stop.
 
     ``topic`` tells its state (std_msgs/Bool, True while stopped; the other way round with ``inverted``). It is set by
-    ``service`` (std_srvs/SetBool), or by ``set_service`` and ``clear_service`` (std_srvs/Trigger or Empty as
-    ``service_type`` says), or by publishing std_msgs/Bool on ``command_topic``.
+    ``service`` (std_srvs/SetBool, or another whose ``service_field`` is a bool, which ``service_stop_value`` stops), or
+    by ``set_service`` and ``clear_service`` (std_srvs/Trigger or Empty as ``service_type`` says), or by publishing
+    std_msgs/Bool on ``command_topic``.
     """
 
     topic: str | None = None
     inverted: bool = False
     service: str | None = None
+    service_field: str = "data"
+    service_stop_value: bool = True
     set_service: str | None = None
     clear_service: str | None = None
     service_type: Literal["std_srvs/Trigger", "std_srvs/Empty"] = "std_srvs/Trigger"
@@ -663,6 +666,14 @@ class _Builder:
                 raise self._source.mistake(
                     ("emergency_stop", key), f"needs {other} beside it, or it is never released."
                 )
+        for key, owner in (
+            ("service_field", "service"),
+            ("service_stop_value", "service"),
+            ("service_type", "set_service"),
+            ("inverted", "topic"),
+        ):
+            if key in data and owner not in data:
+                raise self._source.mistake(("emergency_stop", key), f"belongs to {owner}, which is not there.")
         if not ways and "topic" not in data:
             raise self._source.mistake(
                 ("emergency_stop",), "name a topic, a service, set_service with clear_service, or a command_topic."
@@ -671,6 +682,8 @@ class _Builder:
         return EmergencyStopInterface(
             **self._names("emergency_stop", keys),
             inverted=data.get("inverted", False),
+            service_field=data.get("service_field", "data"),
+            service_stop_value=data.get("service_stop_value", True),
             service_type=data.get("service_type", "std_srvs/Trigger").replace("/srv/", "/"),
         )
 
@@ -759,7 +772,17 @@ def _profile_at_address(url: str) -> RobotProfile:
     address = parts._replace(query="", fragment="").geturl()
     # The fullest set of usual names; the link finds out which of them the robot really has.
     profile = read_profile(_robots_dir() / ("simulated.yaml" if ros == "1" else "simulated-ros2.yaml"))
-    return replace(profile, name="address", address=address, title=f"Robot at {without_credentials(address)}")
+    return replace(
+        profile,
+        name="address",
+        address=address,
+        title=f"Robot at {without_credentials(address)}",
+        # Nobody has told of these: where its camera is, whether it has a head, and what it can besides.
+        cameras=tuple(replace(camera, model=None) for camera in profile.cameras),
+        head=None,
+        maps=None,
+        controls=(),
+    )
 
 
 def _robots_dir() -> Path:
