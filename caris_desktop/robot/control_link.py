@@ -140,6 +140,8 @@ class ControlLink:
             # The timer goes on sending the zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
         self._closing = True
+        self._sensors.close()
+        self._controls.close()
         for task in self._tasks:
             task.cancel()
         await self._ros.aclose(GOODBYE_S)

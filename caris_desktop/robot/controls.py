@@ -203,6 +203,12 @@ class RobotControls:
         for server in self._servers.values():
             self._fail_goals(server, "the link to the robot was lost", cancel=False)
 
+    def close(self) -> None:
+        """The link ends."""
+        self._latched.link_lost()
+        if self._timer is not None:
+            self._timer.cancel()
+
     def hold_still(self, held: bool) -> None:
         """The emergency stop: what the robot does by itself is cancelled, and no goal is sent until it is cleared."""
         self._held = held

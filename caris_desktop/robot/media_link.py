@@ -10,15 +10,20 @@ import numpy as np
 
 from caris_desktop.domain import commands
 from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.map_merger import MapMerger
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.messages import decode_compressed_image, decode_occupancy_grid
+from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +44,7 @@ class MediaLink:
         self._measurement = LinkMeasurement(
             self._ros, traffic, self._put, link="media", simulation_time=profile.simulation_time
         )
+        self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         for camera in profile.cameras:
             SafeTopic(
@@ -47,13 +53,27 @@ class MediaLink:
                 type_name(dialect, "sensor_msgs", "CompressedImage"),
                 throttle_rate=camera.throttle_ms,
             ).subscribe(lambda message, camera=camera: self._take_image(message, camera))
+        self._latched = LatchedTopics(self._ros, dialect)
+        self._merger = MapMerger()
+        self._map_due: asyncio.TimerHandle | None = None
         if profile.map is not None:
+            grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
+            topic = SafeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
+            self._latched.subscribe(topic, self._take_map)
+        if profile.map_updates is not None:
             SafeTopic(
                 self._ros,
-                profile.map.topic,
-                type_name(dialect, "nav_msgs", "OccupancyGrid"),
-                throttle_rate=profile.map.throttle_ms,
-            ).subscribe(self._take_map)
+                profile.map_updates.topic,
+                type_name(dialect, "map_msgs", "OccupancyGridUpdate"),
+                throttle_rate=profile.map_updates.throttle_ms,
+                queue_length=50,
+                every_message=True,
+            ).subscribe(self._take_map_update)
+        if profile.simulation_time:
+            clock = SafeTopic(
+                self._ros, CLOCK.topic, type_name(dialect, "rosgraph_msgs", "Clock"), throttle_rate=CLOCK.throttle_ms
+            )
+            clock.subscribe(lambda message: self._measurement.take_simulation_time(decode_clock(message)))
 
     def start(self) -> None:
         self._report.changed("connecting")
@@ -65,6 +85,7 @@ class MediaLink:
 
     async def finish(self) -> None:
         self._closing = True
+        self._latched.link_lost()
         if self._measuring is not None:
             self._measuring.cancel()
         await self._ros.aclose(GOODBYE_S)
@@ -72,6 +93,7 @@ class MediaLink:
 
     def link_connected(self) -> None:
         self._report.changed("connected")
+        self._latched.link_connected()
 
     def link_silent(self) -> None:
         self._report.changed("trouble", "No video or map for a moment")
@@ -80,6 +102,8 @@ class MediaLink:
         self._report.changed("connected")
 
     def link_lost(self, reason: str) -> None:
+        self._latched.link_lost()
+        self._merger.forget()
         if not self._closing:
             self._report.changed("lost", f"The link for video and map was lost: {reason}")
 
@@ -120,4 +144,29 @@ class MediaLink:
         )
 
     def _take_map(self, message: Any) -> None:
-        self._put(decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns))
+        grid = decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns)
+        if self._takes_updates:
+            self._merger.replace(grid)
+        self._put(grid)
+
+    def _take_map_update(self, message: Any) -> None:
+        update = decode_occupancy_grid_update(message)
+        try:
+            merged = self._merger.update(update, stamp_ns=self._ros.arrival_ns)
+        except MessageError as error:
+            self._report.problems.count(
+                "map update",
+                severity="warning",
+                what=f"{{count}} update(s) of the robot's map were refused: {error}.",
+                meaning="The map may be older than the robot's own in some part.",
+                advice="It is right again with the next whole map. Check that both topics are of the same map.",
+            )
+            return
+        if merged and self._map_due is None:
+            self._map_due = asyncio.get_running_loop().call_later(self._merger.period_s, self._put_merged_map)
+
+    def _put_merged_map(self) -> None:
+        self._map_due = None
+        grid = self._merger.snapshot()
+        if grid is not None:
+            self._put(grid)

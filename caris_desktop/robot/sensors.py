@@ -78,6 +78,10 @@ class Sensors:
         self._told_frames.clear()
         self.pose_in_map = None
 
+    def close(self) -> None:
+        """The link ends."""
+        self._latched.link_lost()
+
     def clear_path(self) -> None:
         """The goal is over: the way to it is shown no more."""
         if self._profile.path is not None:
