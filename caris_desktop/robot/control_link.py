@@ -109,6 +109,7 @@ class ControlLink:
             self._measurement,
             put=self._put,
             scan_taken=self._scan_taken,
+            odometry_taken=self._guard.take_odometry,
             pose_taken=self._pose_taken,
         )
 
@@ -403,7 +404,10 @@ class ControlLink:
     # What the robot tells
 
     def _scan_taken(self, scan: LaserScan) -> None:
-        """A scan, before the console gets it."""
+        """A scan, before the console gets it: what it forbids is corrected at once."""
+        self._guard.take_scan(scan)
+        self._lease.reconsider(self._loop.time())
+        self._move()
 
     def _pose_taken(self, pose: RobotPose) -> None:
         self._navigator.robot_moved(pose.pose_in_map)

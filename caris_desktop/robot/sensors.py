@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
 from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
@@ -38,7 +38,7 @@ CLOCK = TopicSource("/clock", throttle_ms=100)
 class Sensors:
     """Subscribes to what the profile names and hands domain values to ``put``.
 
-    ``scan_taken`` and ``pose_taken`` are called with each LaserScan and each RobotPose as well.
+    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose as well.
     """
 
     def __init__(
@@ -50,6 +50,7 @@ class Sensors:
         *,
         put: Callable[[Any], None],
         scan_taken: Callable[[LaserScan], None],
+        odometry_taken: Callable[[Odometry], None],
         pose_taken: Callable[[RobotPose], None],
     ) -> None:
         self._ros = ros
@@ -59,6 +60,7 @@ class Sensors:
         self._measurement = measurement
         self._put = put
         self._scan_taken = scan_taken
+        self._odometry_taken = odometry_taken
         self._pose_taken = pose_taken
         self._latched = LatchedTopics(ros, self._dialect)
         self._poses = PoseTracker(profile.frames)
@@ -150,6 +152,7 @@ class Sensors:
     def _take_odometry(self, message: Any) -> None:
         odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
         self._measurement.take_stamp(odometry.robot_stamp_ns)
+        self._odometry_taken(odometry)
         self._put(odometry)
         self._put_pose(self._poses.take_odometry(odometry))
 
