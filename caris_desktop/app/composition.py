@@ -31,7 +31,8 @@ from caris_desktop.recording.export import ExportError
 from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
-from caris_desktop.robot.profile import ProfileError, list_profiles, load_profile
+from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
@@ -119,7 +120,10 @@ def parts(
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None, own_camera: bool) -> RobotConnection:
-    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartError."""
+    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartError.
+
+    An address that does not say which ROS runs there is asked first.
+    """
     try:
         profile = load_profile(name_or_path_or_url)
     except ProfileError as error:
@@ -133,7 +137,19 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
         profile=profile,
         control=ProcessBody("control", run_control_link, (settings,)),
         media=ProcessBody("media", run_media_link, (settings,)),
+        settle=functools.partial(_ask_for_ros, name_or_path_or_url, own_camera=own_camera)
+        if address is None and leaves_ros_open(name_or_path_or_url)
+        else None,
     )
+
+
+async def _ask_for_ros(url: str, *, own_camera: bool) -> RobotConnection:
+    """Raises ToldFailure while the robot does not answer."""
+    # The link stack is heavy, and most runs name a profile.
+    from caris_desktop.robot.explore import detect_dialect
+
+    dialect = await detect_dialect(load_profile(url).address)
+    return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1), own_camera=own_camera)
 
 
 def export_session(folder: Path) -> Path:

@@ -56,6 +56,8 @@ class ConsoleRun:
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
             self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
+        self.console.gamepads.use_mappings_text(str(self.settings.value("gamepads", "")))
+        self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
         self.console.scenario_changed.connect(self._on_scenario_changed)
         self.console.places_saved.connect(self._on_scenario_changed)
 
@@ -119,6 +121,9 @@ class ConsoleRun:
             return
         self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
         self.console.open_scenario(path)
+
+    def _keep_gamepads(self, mappings: str) -> None:
+        self.settings.setValue("gamepads", mappings)
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:

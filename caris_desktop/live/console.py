@@ -44,6 +44,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.drive_controller import DriveController
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.head_controller import HeadController
 from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
@@ -56,6 +57,7 @@ from caris_desktop.live.status import AssistantStatus, PerceptionStatus
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
 from caris_desktop.recording.messages import RecorderReport, SessionHeader
+from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 
@@ -140,17 +142,20 @@ class Console(QObject):
             publish=self.publish,
             problem=self.problem,
             before_goal=lambda: self._drive.release("A goal was set"),
+            asyncio_thread=self._asyncio,
             own_camera=parts.camera is not None,
             parent=self,
         )
         self._drive = DriveController(self._state, self, scenario, self)
         self._head = HeadController(self._state, self, self.publish, self)
+        self._gamepads = Gamepads(self._state, self.publish, self)
         self._speech = SpeechDirector(
             self._state, {"robot": _RobotVoice(self), "computer": _ComputerVoice(self)}, self.publish, self
         )
         self._assistant = AssistantDirector(self._state, self._asyncio, parts.stream_chat, self.publish, self)
         self._perception_thread = QThread(self)
         self._perception: PerceptionWorker | None = None
+        self._state.robot.changed.connect(self._on_robot_changed)
         self._apply_scenario()
 
     # What panels read
@@ -188,6 +193,7 @@ class Console(QObject):
         if self._shut_down:
             return
         self._recording.start()
+        self._gamepads.start()
         if self._parts.camera is not None and self._camera_ring is not None:
             body = self._parts.camera
             self._start_child(
@@ -206,11 +212,15 @@ class Console(QObject):
             worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
             self._perception_thread.started.connect(worker.run)
             self._perception = worker
-            if self._robot.connection is not None:
-                worker.use_cameras(_camera_models(self._robot.connection))
+            worker.use_cameras(_camera_models(self._state.robot.value))
             self._perception_thread.setObjectName("perception")
             self._perception_thread.start(QThread.Priority.LowPriority)
         self._start_language_model()
+
+    @property
+    def gamepads(self) -> Gamepads:
+        """The gamepad in use; the window turns what it says into driving."""
+        return self._gamepads
 
     @property
     def asyncio_thread(self) -> AsyncioThread:
@@ -223,8 +233,6 @@ class Console(QObject):
             return
         self._drive.release("Another robot is connected")
         self._robot.connect_robot(connection)
-        if self._perception is not None:
-            self._perception.use_cameras(_camera_models(connection))
 
     def shutdown(self) -> None:
         """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
@@ -234,6 +242,7 @@ class Console(QObject):
         self._drive.release("The console closes")
         self._assistant.cancel()
         self._robot.shutdown()
+        self._gamepads.stop()
         self.stop_session()
         for child in self._children.values():
             child.ask_to_end()
@@ -338,6 +347,10 @@ class Console(QObject):
             self.publish(problem)
         else:
             self._held_voice_problem = problem
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        if self._perception is not None:
+            self._perception.use_cameras(_camera_models(robot))
 
     def _on_perception_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)
@@ -644,8 +657,9 @@ class Console(QObject):
             self._assistant.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
 
 
-def _camera_models(connection: RobotConnection) -> dict[str, CameraModel]:
-    return {camera.name: camera.model for camera in connection.profile.cameras if camera.model is not None}
+def _camera_models(robot: RobotProfile | None) -> dict[str, CameraModel]:
+    cameras = robot.cameras if robot is not None else ()
+    return {camera.name: camera.model for camera in cameras if camera.model is not None}
 
 
 class _RobotVoice:

@@ -2,12 +2,15 @@
 GUI thread. Driving is the drive controller's.
 """
 
+import asyncio
+import logging
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import (
@@ -31,7 +34,9 @@ from caris_desktop.domain.events import (
     Severity,
     TrafficMeasured,
 )
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.state import LiveState
@@ -39,7 +44,9 @@ from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 
+_log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
+_SETTLE_AGAIN_S = 1.0
 _MAP_WORDS: dict[MapOperation, str] = {
     "save": "The map was not saved.",
     "load": "The map was not loaded.",
@@ -50,17 +57,24 @@ _MAP_WORDS: dict[MapOperation, str] = {
 
 @dataclass(frozen=True, slots=True)
 class RobotConnection:
-    """One robot to connect to; the bodies are what runs in the link processes."""
+    """One robot to connect to; the bodies are what runs in the link processes.
+
+    ``settle`` is there while it is open which ROS the robot runs: it asks the robot and gives the connection to use,
+    or raises ToldFailure while the robot does not answer.
+    """
 
     name: str
     address: str
     profile: RobotProfile
     control: ProcessBody
     media: ProcessBody | None
+    settle: Callable[[], Coroutine[Any, Any, "RobotConnection"]] | None = None
 
 
 class RobotDirector(QObject):
     """Keeps the links running and ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
+
+    _settled = Signal(object, object)
 
     def __init__(
         self,
@@ -72,6 +86,7 @@ class RobotDirector(QObject):
         problem: Callable[[Severity, str, str, str], None],
         before_goal: Callable[[], None],
         own_camera: bool,
+        asyncio_thread: AsyncioThread,
         parent: QObject | None = None,
     ) -> None:
         """``before_goal`` ends direct driving. ``own_camera``: the frames do not come from the robot."""
@@ -83,6 +98,9 @@ class RobotDirector(QObject):
         self._problem = problem
         self._before_goal = before_goal
         self._own_camera = own_camera
+        self._asyncio = asyncio_thread
+        self._settling: Future[None] | None = None
+        self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
         self._connection: RobotConnection | None = None
         self._links: dict[str, ChildProcess] = {}
         self._scenario_controls: tuple[RobotControl, ...] = ()
@@ -107,17 +125,49 @@ class RobotDirector(QObject):
             child = self._links.pop(name, None)
             if child is not None:
                 child.stop(grace_s=1.0)
+        if self._settling is not None:
+            self._settling.cancel()
+            self._settling = None
         self._connection = connection
         self._forget_robot()
         self._state.robot.set(connection.profile)
         self._show_controls()
         self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
+        if connection.settle is not None:
+            self._settling = self._asyncio.submit(self._settle(connection, connection.settle))
+            return
         self._start_link("control")
         self._start_link("media")
+
+    async def _settle(
+        self, connection: RobotConnection, settle: Callable[[], Coroutine[Any, Any, RobotConnection]]
+    ) -> None:
+        told = False
+        while True:
+            try:
+                settled = await settle()
+            except ToldFailure as refusal:
+                if not told:
+                    told = True
+                    self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+                await asyncio.sleep(_SETTLE_AGAIN_S)
+            except Exception:
+                # Nobody waits for this task, so nobody else would hear of it.
+                _log.exception("the robot's ROS version could not be asked for")
+                return
+            else:
+                self._settled.emit(connection, settled)
+                return
+
+    def _on_settled(self, asked: RobotConnection, settled: RobotConnection) -> None:
+        if self._connection is asked and not self._closed:
+            self.connect_robot(settled)
 
     def shutdown(self) -> None:
         """Stop the robot first; blocks two seconds at most."""
         self._closed = True
+        if self._settling is not None:
+            self._settling.cancel()
         control = self._links.pop("control", None)
         if control is not None:
             control.stop(grace_s=2.0)

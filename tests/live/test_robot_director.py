@@ -18,7 +18,9 @@ from caris_desktop.domain.events import (
     MapRequestChanged,
     TrafficMeasured,
 )
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
@@ -55,6 +57,7 @@ class Bench:
         self.published: list[Any] = []
         self.problems: list[str] = []
         self.goals_begun = 0
+        self.asyncio = AsyncioThread()
         self.robot = RobotDirector(
             self.state,
             self.ring,
@@ -63,6 +66,7 @@ class Bench:
             problem=lambda _severity, *words: self.problems.append(" ".join(words)),
             before_goal=self._before_goal,
             own_camera=False,
+            asyncio_thread=self.asyncio,
         )
 
     def _new_child(self, body: ProcessBody) -> Child:
@@ -91,6 +95,8 @@ class Bench:
 def bench(qtbot: QtBot) -> Iterator[Bench]:
     bench = Bench()
     yield bench
+    bench.robot.shutdown()
+    bench.asyncio.stop()
     bench.ring.close()
 
 
@@ -198,3 +204,21 @@ def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, q
     assert not media.stopped
     assert bench.robot.on_child_ended(control)  # type: ignore[arg-type]  # old news
     assert len(bench.published) == 1
+
+
+def test_a_robot_whose_ros_is_open_is_asked_until_it_answers(bench: Bench, qtbot: QtBot) -> None:
+    bodies = ProcessBody("control", print), ProcessBody("media", print)
+    settled = RobotConnection("R2", "ws://r:9090", RobotProfile("r2", "R2", ros=2), *bodies)
+    asked = []
+
+    async def settle() -> RobotConnection:
+        asked.append(1)
+        if len(asked) == 1:
+            raise ToldFailure("Nobody answers.", "There is no robot.", "Start it.")
+        return settled
+
+    bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", RobotProfile("r", "R"), *bodies, settle))
+    assert bench.children == []
+    qtbot.waitUntil(lambda: len(bench.children) == 2)
+    assert bench.robot.connection is settled
+    assert bench.problems == ["Nobody answers. There is no robot. Start it."]
