@@ -152,8 +152,8 @@ async def take_offer(ros: SafeRos) -> Offer:
     inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
     services = dict.fromkeys(sorted(inventory.services), "")
-    for kind in _SERVICE_TYPES:
-        wanted = service_type_name(dialect or Dialect.ROS1, "std_srvs", kind)
+    for package, kind in _SERVICE_TYPES:
+        wanted = service_type_name(dialect or Dialect.ROS1, package, kind)
         for name in await _names(ros, "services_for_type", "ServicesForType", "services", type=wanted):
             services[name] = wanted
     actions = _actionlib_servers(inventory.topics)
@@ -223,16 +223,16 @@ async def check_streams(
                 ears.append(_Ear(ros, profile, named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
             else:
                 say(await _listened_to(ros, named))
-        for label, service in services_of(profile):
+        for key, label, service in services_of(profile):
             there = inventory.has_service(service)
             words = "The robot has this service." if there else "The robot has no service of this name."
-            say(StreamCheck("service", label, service, "good" if there else "nothing", None, None, words))
+            say(StreamCheck(key, label, service, "good" if there else "nothing", None, None, words))
         for service in map_services_of(profile):
             there = inventory.has_service(service)
             words = "The robot has this service." if there else "Not now; it is there in one mode of the robot only."
             say(StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words))
-        for label, action in actions_of(profile):
-            say(_action_check(label, action, there=inventory.has_action(action)))
+        for key, label, action in actions_of(profile):
+            say(_action_check(key, label, action, there=inventory.has_action(action)))
         await asyncio.sleep(seconds)
         for ear in ears:
             say(ear.verdict(offset_ns))
@@ -247,7 +247,9 @@ _MOST_ASKED = 60
 _MOST_ACTIONS = 40
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
-_SERVICE_TYPES = ("SetBool", "Trigger", "Empty")
+_SERVICE_TYPES = (
+    ("std_srvs", "SetBool"), ("std_srvs", "Trigger"), ("std_srvs", "Empty"), ("irobot_create_msgs", "EStop"),
+)  # fmt: skip
 _OF_INTEREST = (
     "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
     "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
@@ -376,26 +378,28 @@ def _resemblances(offer: Offer) -> tuple[Resemblance, ...]:
         if listed.error or listed.name.startswith("generic-"):
             continue
         profile = load_profile(listed.name)
-        share = resemblance(profile, offer)
-        if share >= _RESEMBLES:
-            found.append(Resemblance(listed.name, profile.title, share))
-    return tuple(sorted(found, key=lambda each: -each.share))
+        hits = _hits(profile, offer)
+        share = round(sum(hits) / len(hits), 3)
+        if share >= _RESEMBLES and offer.dialect in (None, Dialect(profile.ros)):
+            found.append((share, len(hits), Resemblance(listed.name, profile.title, share)))
+    # Of two that fit as well, the one that says more.
+    return tuple(each for _share, _names, each in sorted(found, key=lambda one: (-one[0], -one[1], one[2].name)))
 
 
-def resemblance(profile: RobotProfile, offer: Offer) -> float:
-    """The share of the names in the profile that the robot has with the right type, 0..1."""
-    if offer.dialect not in (None, Dialect(profile.ros)):
-        return 0.0
+def _hits(profile: RobotProfile, offer: Offer) -> list[bool]:
+    """For each name in the profile, whether the robot has it with the right type. Controls come and go: not counted."""
     hits = [
-        any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types) for named in named_in(profile)
+        any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types)
+        for named in named_in(profile)
+        if not named.field.startswith("controls.")
     ]
-    hits += [service in offer.services for _label, service in services_of(profile)]
-    hits += [service in offer.services for service in map_services_of(profile)]
-    hits += [action in offer.actions for _label, action in actions_of(profile)]
-    return round(sum(hits) / len(hits), 3)
+    hits += [name in offer.services for key, _, name in services_of(profile) if not key.startswith("controls.")]
+    hits += [name in offer.services for name in map_services_of(profile)]
+    hits += [name in offer.actions for key, _, name in actions_of(profile) if not key.startswith("controls.")]
+    return hits
 
 
-_RESEMBLES = 0.6
+_RESEMBLES = 0.7
 
 
 class _Ear:
@@ -493,11 +497,11 @@ async def _listened_to(ros: SafeRos, named: NamedTopic) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "good", None, None, "The robot has this topic.")
 
 
-def _action_check(label: str, action: str, *, there: bool | None) -> StreamCheck:
+def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:
     if there is None:
-        return StreamCheck("action", label, action, "quiet", None, None, "The robot does not tell its actions.")
+        return StreamCheck(key, label, action, "quiet", None, None, "The robot does not tell its actions.")
     words = "The robot has this action." if there else "The robot has no action of this name."
-    return StreamCheck("action", label, action, "good" if there else "nothing", None, None, words)
+    return StreamCheck(key, label, action, "good" if there else "nothing", None, None, words)
 
 
 def _short(names: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ from caris_desktop.ros.dialect import Dialect, same_type, type_name
 
 _GOODBYE_S = 0.3
 _LEAST_PICTURES_HZ = 3.0
+_CONTROL = "Control "
 NO_ROSAPI = (
     "The robot does not tell which topics it has (rosapi does not answer). "
     "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
@@ -106,24 +107,34 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
             f"The robot runs ROS {ros}, but the profile says ROS {profile.ros}. "
             f"Choose a profile with 'ros: {ros}', or add ?ros={ros} to the address."
         )
+    useless: dict[str, None] = {}
+
+    def lacks(field: str, label: str, sentence: str) -> None:
+        # A profile may have many controls, and the wizard needs to know which are without effect, not why each of them.
+        if field.startswith("controls."):
+            useless[label.removeprefix(_CONTROL)] = None
+        else:
+            sentences.append(f"{label}: {sentence}")
+
     for named in named_in(profile):
         kind = inventory.topics.get(_absolute(named.topic))
         wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
-            if named.published and named.needed:
-                sentences.append(f"{named.label}: the robot has no topic {named.topic}.")
-            elif named.needed:
-                sentences.append(f"{named.label}: nothing on the robot listens to {named.topic}.")
+            if named.needed:
+                words = "the robot has no topic" if named.published else "nothing on the robot listens to"
+                lacks(named.field, named.label, f"{words} {named.topic}.")
         elif kind and not any(same_type(kind, one) for one in named.types):
-            sentences.append(f"{named.label}: {named.topic} carries {kind}, but {wanted} was expected.")
-    for label, action in actions_of(profile):
+            lacks(named.field, named.label, f"{named.topic} carries {kind}, but {wanted} was expected.")
+    for field, label, action in actions_of(profile):
         if inventory.has_action(action) is False:
-            sentences.append(f"{label}: the robot has no action {action}.")
-    sentences += [
-        f"{label}: the robot has no service {service}."
-        for label, service in services_of(profile)
-        if not inventory.has_service(service)
-    ]
+            lacks(field, label, f"the robot has no action {action}.")
+    for field, label, service in services_of(profile):
+        if not inventory.has_service(service):
+            lacks(field, label, f"the robot has no service {service}.")
+    if useless:
+        sentences.append(
+            f"Without effect in the Robot panel, because the robot lacks what they use: {', '.join(useless)}."
+        )
     nodes = map_services_of(profile)
     # Which of them runs depends on whether the robot builds its map or only finds its place in it.
     if nodes and not any(inventory.has_service(service) for service in nodes):
@@ -179,7 +190,7 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
         yield NamedTopic("head", "Head", head.topic, (kind,), published=False)
         yield NamedTopic("head.joint_states", "Joints", head.joint_states, ("sensor_msgs/JointState",), expected_hz=2.0)
     for control in profile.controls:
-        key, label = f"controls.{control.id}", f"Control {control.title}"
+        key, label = f"controls.{control.id}", _CONTROL + control.title
         if isinstance(control.effect, PublishMessage):
             yield NamedTopic(key, label, control.effect.topic, (control.effect.type,), published=False)
         if control.reading is not None:
@@ -201,26 +212,28 @@ def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
         yield NamedTopic("emergency_stop.command_topic", "Emergency stop", stop.command_topic, kinds, published=False)
 
 
-def services_of(profile: RobotProfile) -> Iterator[tuple[str, str]]:
-    """(label, name) of every service that the profile names, those of maps apart."""
+def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
+    """(field, label, name) of every service that the profile names, those of maps apart."""
     stop = profile.emergency_stop
     if stop is not None:
-        for service in (stop.service, stop.set_service, stop.clear_service):
+        for key in ("service", "set_service", "clear_service"):
+            service = getattr(stop, key)
             if service is not None:
-                yield "Emergency stop", service
+                yield f"emergency_stop.{key}", "Emergency stop", service
     for control in profile.controls:
         if isinstance(control.effect, CallService):
-            yield f"Control {control.title}", control.effect.service
+            yield f"controls.{control.id}", _CONTROL + control.title, control.effect.service
 
 
-def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str]]:
+def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
+    """(field, label, name) of every action that the profile names."""
     if profile.navigation is not None:
-        yield "Navigation", profile.navigation.name
+        yield "navigation", "Navigation", profile.navigation.name
     if profile.speech is not None and profile.speech.action is not None:
-        yield "Speech", profile.speech.action.name
+        yield "speech.action", "Speech", profile.speech.action.name
     for control in profile.controls:
         if isinstance(control.effect, SendActionGoal):
-            yield f"Control {control.title}", control.effect.action
+            yield f"controls.{control.id}", _CONTROL + control.title, control.effect.action
 
 
 def in_dialect(dialect: Dialect, kind: str) -> str:

@@ -196,7 +196,8 @@ _TOPICS_FIRST = (
         "velocity", "Driving", ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
         ("cmd_vel", "key_vel", "cmd_vel_teleop", "teleop", "cmd_vel_key", "joy_vel", "cmd_vel_joy", "tab_vel",
          "cmd_vel_unstamped", "velocity"),
-        ("nav", "smooth", "safe", "out", "raw", "assisted", "turtle", "odom", "command_velocity", "measured"),
+        ("nav", "smooth", "safe", "out", "raw", "assisted", "turtle", "odom", "command_velocity", "measured",
+         "controller"),
         published=False,
     ),
     _Kind(
@@ -250,9 +251,9 @@ _SPEECH_TOPICS = (
 )  # fmt: skip
 _STOP_STATE = _Kind(
     "emergency_stop.topic", "Emergency stop state", ("std_msgs/Bool",),
-    ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_stopped"),
+    ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_emergency", "is_stopped"),
 )  # fmt: skip
-_STOP_WORDS = re.compile(r"e_?stop|emergency|motor_?power|runstop", re.IGNORECASE)
+_STOP_WORDS = re.compile(r"e_?stop|emergency|runstop", re.IGNORECASE)
 _HEARING_WORDS = re.compile(
     r"recogni|asr|stt|heard|result|status|feedback|event|viseme|speaking|grammar", re.IGNORECASE
 )
@@ -268,7 +269,10 @@ _SPEECH_ACTIONS: tuple[tuple[str, Mapping[str, Any]], ...] = (
     ("naoqi_bridge_msgs/SpeechWithFeedbackAction", {"say": "$value"}),
 )
 _NAVIGATION = ("move_base_msgs/MoveBaseAction", "nav2_msgs/action/NavigateToPose")
-_STOP_SERVICES = ("std_srvs/SetBool",)
+# Services whose one bool stops: (type, its field).
+_STOP_SERVICES = (("std_srvs/SetBool", "data"), ("irobot_create_msgs/EStop", "e_stop_on"))
+# A switch of the motors stops the robot when it is switched off.
+_SWITCH_WORDS = re.compile(r"motors?_?(power|enabled?)|enable_motors?", re.IGNORECASE)
 _PAIRED_SERVICES = ("std_srvs/Trigger", "std_srvs/Empty")
 _HEAD_TYPES = {
     "trajectory_msgs/JointTrajectory": "joint_trajectory",
@@ -325,12 +329,14 @@ class _Ranking:
         found = []
         services = self._offer.services
         for service, found_type in services.items():
-            if not _STOP_WORDS.search(service):
+            switch = _SWITCH_WORDS.search(service)
+            if not switch and not _STOP_WORDS.search(service):
                 continue
-            if any(same_type(found_type, known) for known in _STOP_SERVICES):
-                found.append(
-                    Candidate(service, found_type, 0.9, "a service of std_srvs/SetBool with a name of its kind")
-                )
+            if any(same_type(found_type, known) for known, _field in _STOP_SERVICES):
+                why = f"a service of {found_type} with a name of its kind"
+                if switch:
+                    why = f"a service of {found_type} that switches the motors: false stops"
+                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, why))
             elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
                 release = _release_of(service, services)
                 if release is not None:
@@ -429,17 +435,17 @@ def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
 
 def _namespaces(offer: Offer) -> tuple[str, ...]:
     """What stands before the velocity topics of several robots, or of one whose names all begin with it."""
-    velocity = _TOPICS_FIRST[0]
-    tops: dict[str, int] = {}
+    holds: dict[str, set[str]] = {}
     for topic, found_type in offer.topics.items():
         prefix, _, last = topic.strip("/").rpartition("/")
-        if last in ("cmd_vel", "odom", "scan") and prefix and "/" not in prefix:
-            listens = any(same_type(found_type, wanted) for wanted in velocity.types)
-            tops[prefix] = tops.get(prefix, 0) + (2 if listens else 1)
-    # A namespace holds a robot: something to drive and something to know where it is.
-    found = sorted(
-        (prefix for prefix, points in tops.items() if points >= 3), key=lambda prefix: (-tops[prefix], prefix)
-    )
+        if prefix and "/" not in prefix:
+            kinds = holds.setdefault(prefix, set())
+            for kind in _TOPICS_FIRST[:3]:
+                # Many things carry a Twist; what drives a robot is called so.
+                if any(same_type(found_type, wanted) for wanted in kind.types) and last in kind.names:
+                    kinds.add(kind.field)
+    # A controller has a velocity and an odometry of its own, but no LIDAR.
+    found = sorted(prefix for prefix, kinds in holds.items() if kinds >= {"velocity", "odometry", "scan"})
     return tuple(["", *found] if "/cmd_vel" in offer.topics and found else found)
 
 
@@ -511,9 +517,13 @@ def _emergency_stop(offer: Offer, topic: str | None, service: str | None) -> Eme
     if service is None:
         return EmergencyStopInterface(topic) if topic else None
     stops, _, releases = service.partition(" | ")
+    found_type = offer.services.get(stops, "")
     if not releases:
-        return EmergencyStopInterface(topic, service=stops)
-    empty = same_type(offer.services.get(stops, ""), "std_srvs/Empty")
+        field_name = next((name for known, name in _STOP_SERVICES if same_type(found_type, known)), "data")
+        return EmergencyStopInterface(
+            topic, service=stops, service_field=field_name, service_stop_value=not _SWITCH_WORDS.search(stops)
+        )
+    empty = same_type(found_type, "std_srvs/Empty")
     return EmergencyStopInterface(
         topic,
         set_service=stops,
