@@ -97,7 +97,7 @@ class SimulatedRobot:
         self._process.terminate()
         return self._process.wait(10)
 
-    def call(self, service: str, **arguments: Any) -> Any:
+    def call(self, service: str, /, **arguments: Any) -> Any:
         """Call a service on a connection of its own; AssertionError when it is refused."""
         with RosbridgeClient(self.address) as client:
             return client.call(service, **arguments)
@@ -156,7 +156,7 @@ class RosbridgeClient:
         """One velocity command."""
         self.publish("/cmd_vel", {"linear": {"x": forward_mps}, "angular": {"z": turn_radps}})
 
-    def call(self, service: str, **arguments: Any) -> Any:
+    def call(self, service: str, /, **arguments: Any) -> Any:
         """The values of a service; AssertionError when it is refused."""
         request_id = f"call:{service}:{next(self._ids)}"
         self.send(op="call_service", service=service, args=arguments, id=request_id)
@@ -193,5 +193,5 @@ class RosbridgeClient:
 def _decoded(content: str) -> Any:
     try:
         return json.loads(content)
-    except ValueError:
+    except (ValueError, RecursionError):
         return content.encode()

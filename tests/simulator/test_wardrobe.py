@@ -1,0 +1,177 @@
+"""Each dress: listed by rosapi with its own names and types, moved by them, and telling what it sees in its frames."""
+
+import math
+from typing import Any
+
+import pytest
+
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.simulator import typedefs
+from caris_desktop.simulator.wardrobe import NoSuchDress, dress_named, dress_names
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
+
+# dress: velocity topic and type, scan, odometry, camera, frames of scan and of the odometry's child
+PUBLISHED: dict[str, tuple[str, str, str | None, str, str, tuple[str, str]]] = {
+    "tiago": (
+        "/nav_vel",
+        "geometry_msgs/Twist",
+        "/scan",
+        "/mobile_base_controller/odom",
+        "/xtion/rgb/image_raw/compressed",
+        ("base_laser_link", "base_footprint"),
+    ),
+    "turtlebot3": (
+        "/cmd_vel",
+        "geometry_msgs/msg/TwistStamped",
+        "/scan",
+        "/odom",
+        "/camera/image_raw/compressed",
+        ("base_scan", "base_footprint"),
+    ),
+    "turtlebot4": (
+        "/cmd_vel",
+        "geometry_msgs/msg/TwistStamped",
+        "/scan",
+        "/odom",
+        "/oakd/rgb/preview/image_raw/compressed",
+        ("rplidar_link", "base_link"),
+    ),
+    "pepper": (
+        "/cmd_vel",
+        "geometry_msgs/Twist",
+        "/pepper_robot/laser",
+        "/pepper_robot/odom",
+        "/pepper_robot/camera/front/image_raw/compressed",
+        ("base_footprint", "base_link"),
+    ),
+    "nao": (
+        "/cmd_vel",
+        "geometry_msgs/Twist",
+        None,
+        "/nao_robot/odom",
+        "/nao_robot/camera/front/image_raw/compressed",
+        ("", "base_link"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", sorted(PUBLISHED))
+def test_a_dress_is_listed_moved_and_seen_by_its_own_names(name: str) -> None:
+    velocity, type_, scan, odometry, camera, (scan_frame, child_frame) = PUBLISHED[name]
+    with SimulatedRobot("--empty", dress=name) as robot, RosbridgeClient(robot.address) as client:
+        listed = client.call("/rosapi/topics")
+        types = dict(zip(listed["topics"], listed["types"], strict=True))
+        assert types[velocity] == type_
+        assert types[camera].endswith("CompressedImage")
+        robot.fault("pose:9,5,90")
+        for topic in (scan, odometry, camera, "/tf_static"):
+            if topic is not None:
+                client.subscribe(topic, queue_length=1)
+        assert client.wait_for_messages(odometry)[0]["child_frame_id"] == child_frame
+        assert client.wait_for_messages(camera)
+        if scan is not None:
+            seen = client.wait_for_messages(scan)[0]
+            assert seen["header"]["frame_id"] == scan_frame
+            # in the corridor, looking at the wall 0.74 m away, wherever the scanner sits and looks
+            assert _distance_ahead(seen, name) == pytest.approx(0.74 - _scanner_ahead_m(name), abs=0.06)
+        twist = {"linear": {"x": 0.08}, "angular": {"z": 0.0}}
+        client.publish(velocity, {"header": {}, "twist": twist} if type_.endswith("Stamped") else twist)
+        wait_for(lambda: robot.state()["speed_mps"] > 0.05, "it moves")
+        client.publish(velocity, twist if type_.endswith("Stamped") else {"twist": twist})
+        client.wait_for_operation(lambda operation: operation["op"] == "status", "the other type is refused")
+
+
+def _distance_ahead(scan: dict[str, Any], name: str) -> float:
+    mounted_rad = math.pi / 2 if name == "turtlebot4" else 0.0
+    turns = (-mounted_rad - scan["angle_min"]) / scan["angle_increment"]
+    return float(scan["ranges"][round(turns) % len(scan["ranges"])])
+
+
+def _scanner_ahead_m(name: str) -> float:
+    return {"tiago": 0.202, "turtlebot3": -0.064, "turtlebot4": -0.04, "pepper": 0.0}[name]
+
+
+def test_pal_speech_needs_a_language_speaks_and_is_preempted() -> None:
+    with SimulatedRobot("--empty", dress="tiago") as robot, RosbridgeClient(robot.address) as client:
+        client.subscribe("/tts/result", type="pal_interaction_msgs/TtsActionResult")
+
+        def say(goal_id: str, text: str, language: str) -> None:
+            goal = {"rawtext": {"text": text, "lang_id": language}}
+            client.publish("/tts/goal", {"goal_id": {"id": goal_id}, "goal": goal})
+
+        def endings() -> dict[str, int]:
+            results = client.messages("/tts/result")
+            return {result["status"]["goal_id"]["id"]: result["status"]["status"] for result in results}
+
+        say("silent", "Hello", "")
+        say("long", "This sentence is so long that nobody will hear the end of it. " * 3, "en_GB")
+        wait_for(lambda: robot.state()["speaking"].startswith("This"), "it speaks")
+        say("short", "Hi", "en_GB")
+        wait_for(lambda: len(endings()) == 3, f"all ended, have {endings()}")
+        assert endings() == {"silent": 4, "long": 2, "short": 3}
+
+
+def test_tiago_looks_down_where_its_joint_says_up_and_tells_of_its_stop_button() -> None:
+    with SimulatedRobot("--empty", dress="tiago") as robot, RosbridgeClient(robot.address) as client:
+        point = {"positions": [0.3, -0.4], "time_from_start": {"secs": 0, "nsecs": 300_000_000}}
+        names = ["head_1_joint", "head_2_joint"]
+        client.publish("/head_controller/command", {"joint_names": names, "points": [point]})
+        wait_for(lambda: robot.state()["head"]["tilt_rad"] > 0.39, "it looks down")
+        client.subscribe("/power/is_emergency")
+        robot.fault("press_stop_button")
+        wait_for(lambda: client.messages("/power/is_emergency")[-1:] == [{"data": True}], "it is told")
+        client.publish("/key_vel", {"linear": {"x": 0.2}})
+        assert robot.state()["speed_mps"] == 0.0
+        robot.fault("release_stop_button")
+        client.subscribe("/power/battery_level")
+        assert 50.0 < client.wait_for_messages("/power/battery_level")[0]["data"] <= 100.0
+
+
+def test_naoqi_turns_its_head_by_share_of_speed_and_walks_sideways() -> None:
+    with SimulatedRobot("--empty", dress="nao") as robot, RosbridgeClient(robot.address) as client:
+        message = {"joint_names": ["HeadYaw"], "joint_angles": [0.5], "speed": 0.2, "relative": 0}
+        client.publish("/joint_angles", message)
+        wait_for(lambda: robot.state()["head"]["pan_rad"] == pytest.approx(0.5, abs=0.01), "it looks left")
+        client.publish("/joint_angles", {**message, "joint_angles": [-0.2], "relative": 1})
+        wait_for(lambda: robot.state()["head"]["pan_rad"] == pytest.approx(0.3, abs=0.01), "a little less")
+        client.publish("/cmd_vel", {"linear": {"x": 0.0, "y": 0.3}, "angular": {"z": 0.0}})
+        wait_for(lambda: robot.state()["speed_left_mps"] == pytest.approx(0.1), "as fast as it can")
+        client.publish("/speech", {"data": "Hi"})
+        wait_for(lambda: robot.state()["speaking"] == "Hi", "it speaks")
+
+
+def test_turtlebots_have_their_own_ways_to_cut_the_motors() -> None:
+    for name, service, cut, restored in (
+        ("turtlebot4", "/e_stop", {"e_stop_on": True}, {"e_stop_on": False}),
+        ("turtlebot3", "/motor_power", {"data": False}, {"data": True}),
+    ):
+        with SimulatedRobot("--empty", dress=name) as robot:
+            assert robot.call(service, **cut)["success"] is True
+            assert robot.state()["emergency_stopped"] is True
+            robot.call(service, **restored)
+            assert robot.state()["emergency_stopped"] is False
+
+
+def test_a_namespace_is_put_before_relative_names_only() -> None:
+    dress = dress_named("turtlebot4", namespace="robot1")
+    assert dress.absolute(dress.odometry) == "/robot1/odom"
+    assert dress.absolute("/simulator/state") == "/simulator/state"
+    assert dress_named("pepper").absolute("odom") == "/pepper_robot/odom"
+    assert dress_named("pepper", namespace="naoqi_driver").absolute("odom") == "/naoqi_driver/odom"
+
+
+def test_what_is_no_dress_is_refused_with_a_list() -> None:
+    with pytest.raises(NoSuchDress, match="generic, nao, pepper, tiago, turtlebot3, turtlebot4"):
+        dress_named("r2d2")
+    with pytest.raises(NoSuchDress, match="ROS 2"):
+        dress_named("turtlebot3", 1)
+    assert dress_named("generic", 2).dialect is Dialect.ROS2
+    assert dress_named("tiago", holonomic=True).body.base.left_mps > 0.0
+
+
+def test_every_definition_can_be_resolved_to_the_last_field() -> None:
+    for dialect in Dialect:
+        for typedef in typedefs.message_typedefs(dialect, "nav_msgs/Odometry"):
+            assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
+    assert set(dress_names()) == {"generic", *PUBLISHED}
