@@ -88,7 +88,8 @@ class HoldToDrive(QObject):
         self._owned: dict[int, _Hold | None] = {}
         self._active: dict[int, _Hold] = {}
         self._arrows: set[str] = set()
-        self._stick, self._stick_must_rest = AT_REST, False
+        self._sticks: dict[str, MotionWish] = {}
+        self._resting_sticks: set[str] = set()
         self._pad, self._pad_must_rest = AT_REST, False
         self._sent = AT_REST
         self._key_owner: KeyOwner = "elsewhere"
@@ -122,7 +123,7 @@ class HoldToDrive(QObject):
     def wish(self) -> MotionWish:
         """Everything that is asked for now, from all sources."""
         robot = self._console.state.robot.value
-        total = merged((wish_of(self.held), self._stick, self._pad))
+        total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
         return total.limited_to(
             sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
         )
@@ -152,10 +153,16 @@ class HoldToDrive(QObject):
             self._arrows.discard(action_id)
             self._send("onscreen")
 
-    def push_onscreen(self, wish: MotionWish) -> None:
-        """The on-screen stick is there now. After a forced end it has to come to rest first."""
-        self._stick_must_rest = wish.moving and (self._stick_must_rest or not self._may_drive())
-        self._stick = AT_REST if self._stick_must_rest else wish
+    def push_onscreen(self, stick: str, wish: MotionWish) -> None:
+        """An on-screen stick is there now. After a forced end it has to come to rest first."""
+        if not wish.moving:
+            self._resting_sticks.discard(stick)
+            self._sticks.pop(stick, None)
+        elif stick not in self._resting_sticks and self._may_drive():
+            self._sticks[stick] = wish
+        else:
+            self._resting_sticks.add(stick)
+            self._sticks.pop(stick, None)
         self._send("onscreen")
 
     def push_gamepad(self, wish: MotionWish) -> None:
@@ -183,12 +190,13 @@ class HoldToDrive(QObject):
 
     def _forget_held(self) -> bool:
         """Nothing is held any more; False where nothing was."""
-        was_held = bool(self._active or self._arrows) or self._stick.moving or self._pad.moving
+        was_held = bool(self._active or self._arrows or self._sticks) or self._pad.moving
         self._active.clear()
         self._arrows.clear()
-        self._stick_must_rest = self._stick_must_rest or self._stick.moving
+        self._resting_sticks.update(self._sticks)
+        self._sticks.clear()
         self._pad_must_rest = self._pad_must_rest or self._pad.moving
-        self._stick = self._pad = AT_REST
+        self._pad = AT_REST
         return was_held
 
     def _may_drive(self) -> bool:
@@ -214,7 +222,7 @@ class HoldToDrive(QObject):
         moving: dict[CommandSource, bool] = {
             "keyboard": wish_of(hold.action_id for hold in self._active.values()).base != AT_REST.base,
             "gamepad": self._pad.base != AT_REST.base,
-            "onscreen": merged((wish_of(self._arrows), self._stick)).base != AT_REST.base,
+            "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
         }
         return changed if moving[changed] else next(source for source, moves in moving.items() if moves)
 
@@ -401,7 +409,7 @@ class HoldToDrive(QObject):
             self.escape_pressed.emit()
 
     def _on_gamepad_lost(self, reason: str) -> None:
-        if self._pad.moving and not (self._active or self._arrows or self._stick.moving):
+        if self._pad.moving and not (self._active or self._arrows or self._sticks):
             self.release_all(reason)  # so that the record says why it ended
         self._pad, self._pad_must_rest = AT_REST, False
         self._send("gamepad")
@@ -458,7 +466,7 @@ class HoldToDrive(QObject):
         self._update_key_owner()
         if not driving and any(hold.bare for hold in self._active.values()):
             kept = {identity: hold for identity, hold in self._active.items() if not hold.bare}
-            if kept or self._arrows or self._stick.moving or self._pad.moving:
+            if kept or self._arrows or self._sticks or self._pad.moving:
                 self._active = kept
                 self._send("keyboard")
             else:

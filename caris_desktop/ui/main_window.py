@@ -37,6 +37,7 @@ from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
 from caris_desktop.ui.top_bar import EmergencyBand, TopBar, as_menu
+from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 
 logger = logging.getLogger(__name__)
 
@@ -145,7 +146,7 @@ class MainWindow(QWidget):
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._band = EmergencyBand(self.theme, console)
         self.dock_host = DockHost()
-        self._status_bar = StatusBar(self.theme, console)
+        self._status_bar = StatusBar(self.theme, console, KeyOwnerChip(self.theme, self.hold))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)

@@ -72,7 +72,8 @@ class StatusBar(QWidget):
 
     connection_clicked = Signal()
 
-    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+    def __init__(self, theme: Theme, console: WizardIntents, *first: QWidget) -> None:
+        """``first`` are shown at the left end."""
         super().__init__()
         self.setObjectName("status_bar")
         self.setFixedHeight(HEIGHT_PX)
@@ -85,6 +86,8 @@ class StatusBar(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(16, 0, 16, 0)
         row.setSpacing(20)
+        for widget in first:
+            row.addWidget(widget)
         for name, item in self.items.items():
             if name == "recording":
                 row.addStretch(1)

@@ -65,11 +65,13 @@ def shortened(text: str, length: int = 48) -> str:
     return text if len(text) <= length else text[: length - 1].rstrip() + "…"
 
 
-def motion(forward_mps: float, turn_radps: float) -> str:
+def motion(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
     """What a velocity looks like to somebody who watches the robot."""
     parts = []
     if abs(forward_mps) >= 0.005:
         parts.append(f"{abs(forward_mps):.2f} m/s {'forward' if forward_mps > 0 else 'backward'}")
+    if abs(left_mps) >= 0.005:
+        parts.append(f"{abs(left_mps):.2f} m/s to the {'left' if left_mps > 0 else 'right'}")
     if abs(turn_radps) >= 0.01:
         parts.append(f"turning {'left' if turn_radps > 0 else 'right'} {abs(math.degrees(turn_radps)):.0f}°/s")
     return ", ".join(parts) if parts else "Standing still"
@@ -80,7 +82,29 @@ def drive_line(drive: DriveStatus) -> str:
         return "Emergency stop is on"
     if not drive.allowed:
         return "Driving is off"
-    return motion(drive.target_forward_mps, drive.target_turn_radps)
+    return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
+
+
+def head_angles(pan_rad: float, tilt_rad: float) -> str:
+    """Where the head looks, in two short lines."""
+    pan, tilt = round(math.degrees(pan_rad)), round(math.degrees(tilt_rad))
+    across = "ahead" if pan == 0 else f"{abs(pan)}° {'left' if pan > 0 else 'right'}"
+    up = "level" if tilt == 0 else f"{abs(tilt)}° {'down' if tilt > 0 else 'up'}"
+    return f"{across}\n{up}"
+
+
+def guard_line(drive: DriveStatus) -> str:
+    """What the obstacle guard does now; empty while nothing is in the way."""
+    ahead = "" if drive.guard_distance_m is None else f" {max(0.0, drive.guard_distance_m):.1f} m ahead"
+    match drive.guard:
+        case "slowing":
+            return f"Obstacle{ahead} · slowing"
+        case "blocked":
+            return f"Blocked · obstacle{ahead}"
+        case "overridden":
+            return "Guard off · nothing slows the robot before obstacles"
+        case _:
+            return ""
 
 
 _NUMBERED = re.compile(r"Person \d+")

@@ -293,11 +293,15 @@ def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow,
     assert line.text() == "Standing still"
 
 
-def test_the_speed_is_set_with_the_slider(window: MainWindow, console: FakeConsole) -> None:
-    slider = find(window, "speed_slider")
-    slider.setProperty("value", 40)
-    assert console.calls == [("set_speed_fraction", 0.4)]
-    assert window.panels["drive"].fact[0] == "0.20 m/s at most"
+def test_the_speed_has_three_steps(window: MainWindow, console: FakeConsole) -> None:
+    steps = find(window, "speed_steps")
+    console.set_speed_fraction(0.6)
+    assert steps.accessibleName() == "Top speed: normal"
+    console.calls.clear()
+    QTest.mouseClick(steps, Qt.MouseButton.LeftButton, pos=QPoint(steps.width() - 80, 15))
+    assert console.calls == [("set_speed_fraction", 1.0)]
+    assert steps.accessibleName() == "Top speed: fast"
+    assert window.panels["drive"].fact[0] == "0.50 m/s at most"
 
 
 # People

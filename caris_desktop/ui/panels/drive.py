@@ -1,28 +1,43 @@
-"""Drive: arrow pad, speed setting and what the robot is asked to do now."""
+"""Drive: arrows and stick, speed, obstacle guard, head, and what the robot is asked to do now."""
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QVBoxLayout, QWidget
+from PySide6.QtGui import QFontMetricsF, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import GoalChanged
+from caris_desktop.live.drive_controller import SPEED_STEPS
+from caris_desktop.live.motion_wish import MotionWish
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.joystick import Joystick
 from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.key_owner import owner_sentence
 
-_CELLS = (("drive_forward", 0, 1), ("turn_left", 1, 0), ("drive_back", 1, 1), ("turn_right", 1, 2))
-_ANGLES_DEG = {"drive_forward": 0.0, "turn_right": 90.0, "drive_back": 180.0, "turn_left": 270.0}
+_CELLS = (
+    ("strafe_left", 0, 0), ("drive_forward", 0, 1), ("strafe_right", 0, 2),
+    ("turn_left", 1, 0), ("drive_back", 1, 1), ("turn_right", 1, 2),
+)  # fmt: skip
+_DIRECTIONS = ("drive_forward", "turn_left", "drive_back", "turn_right")
+_ANGLES_DEG = {
+    "drive_forward": 0.0, "turn_right": 90.0, "drive_back": 180.0, "turn_left": 270.0, "strafe_left": 270.0,
+    "strafe_right": 90.0,
+}  # fmt: skip
 _NAMES = {
     "drive_forward": "Forward", "turn_left": "Turn left", "drive_back": "Backward", "turn_right": "Turn right",
+    "strafe_left": "Sideways to the left", "strafe_right": "Sideways to the right",
 }  # fmt: skip
+_LOW_PX = 196
+_GAP_PX = 12
+_ARROW_WIDTH_PX = 74
 
 
 class DrivePanel(Panel):
-    """Hold an arrow, on the screen or on the keyboard, and the robot moves; let go and it stops."""
+    """Hold an arrow or push the stick, on the screen, the keyboard or the gamepad; let go and the robot stops."""
 
     title = "Drive"
     drives = True
@@ -39,45 +54,54 @@ class DrivePanel(Panel):
         self._reason.setWordWrap(True)
         self._pad = DrivePad(self.theme, self.table, self.hold)
         self._pad.setObjectName("drive_pad")
+        self._stick = Joystick(self.theme, use="base")
+        self._stick.setObjectName("drive_stick")
+        self._stick.moved.connect(self._on_stick_moved)
+        self._head = HeadControl(self.theme, self.table)
+        self._head.setObjectName("head_control")
+        self._head.stick.moved.connect(self._on_head_stick_moved)
         self._stop = ActionButton(self.theme, "Stop", icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
         self._stop.clicked.connect(self.console.stop)
         self._stop.set_key(self.table.key_text("stop"))
-        self._slower = ActionButton(self.theme, "", icon="minus", height_px=30)
-        self._faster = ActionButton(self.theme, "", icon="plus", height_px=30)
-        for button, action_id in ((self._slower, "slower"), (self._faster, "faster")):
-            button.bind(self.table, action_id)
-            button.setAccessibleName("Slower" if action_id == "slower" else "Faster")
-        self._slider = QSlider(Qt.Orientation.Horizontal)
-        self._slider.setObjectName("speed_slider")
-        self._slider.setRange(10, 100)
-        self._slider.setSingleStep(10)
-        self._slider.setPageStep(10)
-        self._slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._slider.setAccessibleName("Top speed")
-        self._slider.setMinimumWidth(24)
-        self._slider.valueChanged.connect(self._on_slider_moved)
-        self._speed = QLabel()
-        self._speed.setObjectName("speed_label")
-        words_column = QVBoxLayout()
+        self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
+        self._other.setObjectName("drive_other_view")
+        self._other.clicked.connect(self._on_other_view)
+        self._speed = SpeedSteps(self.theme, self.table)
+        self._speed.setObjectName("speed_steps")
+        self._speed.chosen.connect(self._on_speed_chosen)
+        self._guard = ActionButton(self.theme, "Guard", icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
+        self._guard.setObjectName("guard_button")
+        self._guard.clicked.connect(self._on_guard_clicked)
+        # What is shown of arrows, stick and head where there is not room for all; the chosen one comes first.
+        self._chosen_view = 0
+        self._words = QWidget()
+        words_column = QVBoxLayout(self._words)
+        words_column.setContentsMargins(0, 0, 0, 0)
         words_column.setSpacing(2)
         words_column.addWidget(self._line)
         words_column.addWidget(self._reason)
         words_column.addStretch(1)
-        speed_row = QHBoxLayout()
-        speed_row.setSpacing(8)
-        speed_row.addWidget(self._slower)
-        speed_row.addWidget(self._slider, 1)
-        speed_row.addWidget(self._faster)
-        speed_row.addWidget(self._speed)
+        self._settings = QWidget()
+        settings_row = QHBoxLayout(self._settings)
+        settings_row.setContentsMargins(0, 0, 0, 0)
+        settings_row.setSpacing(tokens.GRID_PX)
+        settings_row.addWidget(self._speed, 1)
+        settings_row.addWidget(self._guard)
+        self._views = QWidget()
+        views_row = QHBoxLayout(self._views)
+        views_row.setContentsMargins(0, 0, 0, 0)
+        views_row.setSpacing(_GAP_PX)
+        views_row.addWidget(self._pad, 3)
+        views_row.addWidget(self._stick, 2)
+        views_row.addWidget(self._head, 2)
         self._first = QVBoxLayout()
         self._first.setSpacing(tokens.GRID_PX)
-        self._first.addLayout(words_column, 1)
+        self._first.addWidget(self._words, 1)
         self._second = QVBoxLayout()
         self._second.setSpacing(tokens.GRID_PX)
-        self._second.addWidget(self._pad, 1)
-        self._speed_row = speed_row
-        self._second.addLayout(speed_row)
+        self._second.addWidget(self._views, 1)
+        self._second.addWidget(self._settings)
         self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
         card_margins(self._layout)
         self._layout.addLayout(self._first)
@@ -85,13 +109,16 @@ class DrivePanel(Panel):
         self.theme.changed.connect(self._style)
         self.state.drive.changed.connect(self._on_drive_changed)
         self.state.goal.changed.connect(self._on_goal_changed)
+        self.state.robot.changed.connect(self._on_robot_changed)
+        self.state.look.changed.connect(self._on_look_changed)
         self.hold.held_changed.connect(self._on_held_changed)
+        self.hold.key_owner_changed.connect(self._on_key_owner_changed)
         self.table.keys_changed.connect(self._on_keys_changed)
         self._style()
-        self._on_drive_changed(self.state.drive.value)
+        self._on_robot_changed(self.state.robot.value)
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._stop]
+        return [self._other, self._stop]
 
     def minimumSizeHint(self) -> QSize:
         return QSize(250, 104)
@@ -101,8 +128,8 @@ class DrivePanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Low and wide (a tab under the map, say): words and speed beside the pad instead of around it.
-        beside = self.height() < 210 and self.width() >= 400
+        # Low and wide (a tab under the map, say): words and speed beside the arrows instead of around them.
+        beside = self.height() < _LOW_PX and self.width() >= 400
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
         if direction != self._layout.direction():
             self._layout.setDirection(direction)
@@ -111,21 +138,64 @@ class DrivePanel(Panel):
             self._layout.setSpacing(16 if beside else tokens.GRID_PX)
             self._layout.setStretch(0, 1 if beside else 0)
             target, source = (self._first, self._second) if beside else (self._second, self._first)
-            # The number is in the title bar as well.
-            self._speed.setVisible(not beside)
-            source.removeItem(self._speed_row)
-            self._speed_row.setParent(None)
-            target.addLayout(self._speed_row)
+            source.removeWidget(self._settings)
+            target.addWidget(self._settings)
+        self._arrange_views()
+
+    def _available_views(self) -> list[QWidget]:
+        return [self._pad, self._stick, *([self._head] if self.state.look.value.present or self._has_head() else [])]
+
+    def _has_head(self) -> bool:
+        robot = self.state.robot.value
+        return robot is not None and robot.head is not None
+
+    def _arrange_views(self) -> None:
+        views = self._available_views()
+        beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
+        room = (self.width() - 28) * (0.56 if beside else 1.0) - (16 if beside else 0)
+        order = views[self._chosen_view % len(views) :] + views[: self._chosen_view % len(views)]
+        shown: list[QWidget] = []
+        for view in order:
+            width = view.minimumSizeHint().width() + _GAP_PX
+            if not shown or width <= room:
+                shown.append(view)
+                room -= width
+        for view in (self._pad, self._stick, self._head):
+            view.setVisible(view in shown)
+        following = order[1] if len(order) > 1 else order[0]
+        icon, name = {
+            self._pad: ("arrows-out-cardinal", "Show the arrows"), self._stick: ("game-controller", "Show the stick"),
+            self._head: ("eye", "Show the head"),
+        }[following]  # fmt: skip
+        self._other.set_label("", icon=icon)
+        self._other.setAccessibleName(name)
+        self._other.setToolTip(name)
+        self._other.setVisible(len(shown) < len(views))
+
+    def _on_other_view(self) -> None:
+        self._chosen_view = (self._chosen_view + 1) % len(self._available_views())
+        self._arrange_views()
 
     def _on_keys_changed(self) -> None:
+        self._show(self.state.drive.value)
+
+    def _on_key_owner_changed(self, _owner: str) -> None:
         self._show(self.state.drive.value)
 
     def _style(self) -> None:
         self._line.setFont(self.theme.font(tokens.SPEECH_PX - 1, tokens.WEIGHT_SEMIBOLD))
         self._reason.setFont(self.theme.font(tokens.STATUS_PX))
-        self._speed.setFont(self.theme.font(tokens.STATUS_PX))
-        self._speed.setMinimumWidth(self._speed.fontMetrics().horizontalAdvance("0.00 m/s") + 2)
         self._show(self.state.drive.value)
+
+    def _on_robot_changed(self, robot: object) -> None:
+        self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
+        self._pad.show_rows()
+        self._arrange_views()
+        self._on_look_changed(self.state.look.value)
+        self._show(self.state.drive.value)
+
+    def _on_look_changed(self, _look: object) -> None:
+        self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         self._show(drive)
@@ -141,59 +211,214 @@ class DrivePanel(Panel):
     def _on_held_changed(self, _held: object) -> None:
         self._show(self.state.drive.value)
 
-    def _on_slider_moved(self, percent: int) -> None:
-        self.console.set_speed_fraction(percent / 100)
+    def _on_stick_moved(self, wish: MotionWish) -> None:
+        self.hold.push_onscreen("base", wish)
+
+    def _on_head_stick_moved(self, wish: MotionWish) -> None:
+        self.hold.push_onscreen("head", wish)
+
+    def _on_speed_chosen(self, fraction: float) -> None:
+        self.console.set_speed_fraction(fraction)
+
+    def _on_guard_clicked(self) -> None:
+        drive: DriveStatus = self.state.drive.value
+        self.console.set_guard(on=drive.guard == "overridden")
 
     def _show(self, drive: DriveStatus) -> None:
         going_to = self._going_to()
         by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
-        by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == 0.0
+        by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
         self._line.setText(f"Going to {going_to}" if by_itself else words.drive_line(drive))
         top_mps = drive.max_forward_mps * drive.speed_fraction
-        self._speed.setText(f"{top_mps:.2f} m/s")
-        self._slider.blockSignals(True)
-        self._slider.setValue(round(drive.speed_fraction * 100))
-        self._slider.blockSignals(False)
-        role = "dim"
-        if drive.emergency_stop:
-            text, role = "Release it in the red bar above to drive again.", "red"
-        elif not drive.allowed:
-            text, role = drive.reason, "amber"
-        elif drive.cap_reason:
-            text, role = f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
-        elif self.hold.held:
-            text = "Let go to stop."
-        elif going_to:
-            text = f"{self.table.key_text('stop')} stops it."
-        else:
-            text = "Hold W A S D or arrows" if self.table.driving_focus else "Alt+W A S D while you type"
+        self._speed.show_fraction(drive.speed_fraction)
+        text, role = self._reason_words(drive, going_to)
         self._reason.setText(text)
         palette = self._reason.palette()
         palette.setColor(self._reason.foregroundRole(), self.theme.color(role))
         self._reason.setPalette(palette)
-        self._pad.setEnabled(drive.allowed and not drive.emergency_stop)
+        free = drive.allowed and not drive.emergency_stop
+        for view in (self._pad, self._stick, self._head):
+            view.setEnabled(free)
+        self._show_guard(drive)
         if drive.emergency_stop:
             self.set_fact("stopped", "red")
         elif not drive.allowed:
             self.set_fact("not possible now", "amber")
-        elif self.hold.held:
+        elif drive.guard == "overridden":
+            self.set_fact("guard off", "amber")
+        elif self.hold.held or self.hold.wish.moving:
             self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
         else:
             self.set_fact(f"{top_mps:.2f} m/s at most")
+
+    def _reason_words(self, drive: DriveStatus, going_to: str) -> tuple[str, str]:
+        """The one line under what the robot does, and its colour role."""
+        guard = words.guard_line(drive)
+        if drive.emergency_stop:
+            return "Release it in the red bar above to drive again.", "red"
+        if not drive.allowed:
+            return drive.reason, "amber"
+        if guard and drive.guard != "overridden":
+            return guard, "amber"
+        if drive.cap_reason:
+            return f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
+        if guard:
+            return guard, "amber"
+        if self.hold.held or self.hold.wish.moving:
+            return "Let go to stop.", "dim"
+        if going_to:
+            return f"{self.table.key_text('stop')} stops it.", "dim"
+        owner = self.hold.key_owner
+        sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
+        return sentence, "amber" if owner in ("dialog", "menu", "elsewhere") else "dim"
+
+    def _show_guard(self, drive: DriveStatus) -> None:
+        self._guard.setVisible(drive.guard != "absent")
+        if drive.guard == "overridden":
+            self._guard.set_label("Guard off", icon="shield-slash", look="amber")
+            self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Press to switch the guard on.")
+        else:
+            icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
+            self._guard.set_label("Guard", icon=icon, look="plain")
+            self._guard.setAccessibleName("Guard is on")
+            self._guard.setToolTip("Slows and stops the robot before obstacles. Press to switch it off.")
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
         super().mousePressEvent(event)
 
 
+class SpeedSteps(QWidget):
+    """Slow, normal, fast: which of the three it is, and the keys that change it."""
+
+    chosen = Signal(float)
+
+    def __init__(self, theme: Theme, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self._actions = actions
+        self._step = 1
+        self.setFixedHeight(30)
+        self.setMinimumWidth(132)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setToolTip("Top speed")
+        self._name()
+        theme.changed.connect(self.update)
+        actions.keys_changed.connect(self.update)
+
+    def sizeHint(self) -> QSize:
+        return QSize(260, 30)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(132, 30)
+
+    @property
+    def text(self) -> str:
+        """The name of the present step."""
+        return speed_steps.NAMES[self._step]
+
+    def show_fraction(self, fraction: float) -> None:
+        step = speed_steps.step_at(fraction)
+        if step != self._step:
+            self._step = step
+            self._name()
+            self.update()
+
+    def _name(self) -> None:
+        self.setAccessibleName(f"Top speed: {self.text.lower()}")
+
+    def _caps(self) -> tuple[str, str]:
+        """The key caps at both ends; empty where there is no room for them."""
+        slower, faster = self._actions.key_text("slower"), self._actions.key_text("faster")
+        needed = key_cap_width(self._theme, slower) + key_cap_width(self._theme, faster) + 12
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        needed += 3 * (max(metrics.horizontalAdvance(name) for name in speed_steps.NAMES) + 12)
+        return (slower, faster) if needed <= self.width() else ("", "")
+
+    def _segments(self) -> list[QRectF]:
+        slower, faster = self._caps()
+        left = key_cap_width(self._theme, slower) + 6 if slower else 0.0
+        right = self.width() - (key_cap_width(self._theme, faster) + 6 if faster else 0.0)
+        width = (right - left) / len(SPEED_STEPS)
+        return [QRectF(left + index * width, 0.5, width, self.height() - 1) for index in range(len(SPEED_STEPS))]
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        for index, rect in enumerate(self._segments()):
+            if rect.contains(event.position()):
+                self.chosen.emit(SPEED_STEPS[index])
+                event.accept()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        segments = self._segments()
+        whole = segments[0].united(segments[-1]).adjusted(0.5, 0, -0.5, 0)
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.setBrush(theme.color("raised"))
+        painter.drawRoundedRect(whole, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        for index, (rect, name) in enumerate(zip(segments, speed_steps.NAMES, strict=True)):
+            now = index == self._step
+            if now:
+                painter.setPen(QPen(theme.color("blue"), 1))
+                painter.setBrush(theme.color("blue_soft"))
+                painter.drawRoundedRect(rect.adjusted(1, 0, -1, 0), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+            painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD if now else tokens.WEIGHT_NORMAL))
+            painter.setPen(theme.color("text" if now else "dim"))
+            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, name)
+        slower, faster = self._caps()
+        middle = self.height() / 2
+        draw_key_cap(painter, theme, slower, 0, middle)
+        draw_key_cap(painter, theme, faster, self.width() - key_cap_width(theme, faster), middle)
+
+
+class HeadControl(QWidget):
+    """A stick for the head, where it was asked to look, and a way back to looking ahead."""
+
+    def __init__(self, theme: Theme, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self.stick = Joystick(theme, use="head")
+        self.stick.setObjectName("head_stick")
+        self._angles = QLabel()
+        self._angles.setObjectName("head_angles")
+        self._angles.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        ahead = ActionButton(theme, "Ahead", height_px=28, text_px=tokens.STATUS_PX)
+        ahead.setObjectName("look_ahead_button")
+        ahead.bind(actions, "look_ahead")
+        column = QVBoxLayout()
+        column.setSpacing(4)
+        column.addStretch(1)
+        column.addWidget(self._angles)
+        column.addWidget(ahead, 0, Qt.AlignmentFlag.AlignHCenter)
+        column.addStretch(1)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(6)
+        row.addWidget(self.stick, 1)
+        row.addLayout(column)
+        theme.changed.connect(self._style)
+        self._style()
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(self.stick.minimumSizeHint().width() + 106, self.stick.minimumSizeHint().height())
+
+    def show_angles(self, pan_rad: float, tilt_rad: float) -> None:
+        self._angles.setText(words.head_angles(pan_rad, tilt_rad))
+
+    def _style(self) -> None:
+        self._angles.setFont(self._theme.font(tokens.STATUS_PX))
+
+
 class DrivePad(QWidget):
-    """Four arrows. Each may be held with the mouse, and shows when its key is held."""
+    """Four arrows, six on a base that moves sideways. Each may be held with the mouse, and shows when its key is."""
 
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive) -> None:
         super().__init__()
+        self._actions = actions
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(tokens.GRID_PX)
+        grid.setSpacing(6)
         self.arrows: dict[str, HoldArrow] = {}
         for action_id, row, column in _CELLS:
             arrow = HoldArrow(theme, actions, hold, action_id)
@@ -202,7 +427,19 @@ class DrivePad(QWidget):
             grid.addWidget(arrow, row, column)
         for column in range(3):
             grid.setColumnStretch(column, 1)
+        for row in range(2):
+            grid.setRowStretch(row, 1)
         self.setMaximumHeight(176)
+        actions.rows_changed.connect(self.show_rows)
+        self.show_rows()
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(3 * _ARROW_WIDTH_PX + 12, 84)
+
+    def show_rows(self) -> None:
+        """The sideways arrows are there only where the robot can do that."""
+        for action_id, arrow in self.arrows.items():
+            arrow.setVisible(self._actions.spec(action_id) is not None)
 
 
 class HoldArrow(QWidget):
@@ -216,7 +453,7 @@ class HoldArrow(QWidget):
         self._actions = actions
         self._hold = hold
         self._action_id = action_id
-        self.setMinimumSize(82, 36)
+        self.setMinimumSize(_ARROW_WIDTH_PX, 36)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName(_NAMES[action_id])
         self.setToolTip(f"{_NAMES[action_id]}: hold")
@@ -285,6 +522,8 @@ class HoldArrow(QWidget):
             )
         )
         painter.drawLine(QPointF(0, half), QPointF(0, -half))
+        if self._action_id.startswith("strafe"):
+            painter.drawLine(QPointF(-half * 0.7, -half * 1.3), QPointF(half * 0.7, -half * 1.3))
         painter.drawPolyline(
             QPolygonF([QPointF(-half * 0.7, -half * 0.3), QPointF(0, -half), QPointF(half * 0.7, -half * 0.3)])
         )

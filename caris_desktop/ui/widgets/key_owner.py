@@ -1,0 +1,90 @@
+"""Who has the keys now: one line that is always there."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.drive_keys import HoldToDrive, KeyOwner
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+
+_HEIGHT_PX = 24
+_WORDS: dict[KeyOwner, tuple[str, str, str]] = {
+    "driving": ("Keys drive", "blue", "game-controller"),
+    "typing": ("You type · Alt drives", "text", "text-aa"),
+    "window": ("Alt drives", "dim", "keyboard"),
+    "dialog": ("No keys: dialog open", "amber", "keyboard"),
+    "menu": ("No keys: menu open", "amber", "keyboard"),
+    "elsewhere": ("No keys: another window is in front", "amber", "keyboard"),
+    "off": ("", "dim", "keyboard"),
+}
+
+
+def owner_words(owner: KeyOwner) -> str:
+    """A few words for the chip; empty where the scenario does not drive."""
+    return _WORDS[owner][0]
+
+
+def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
+    """What to press now. ``caps`` are those of the four directions as the present keyboard has them."""
+    keys = " ".join(cap.removeprefix("Alt ").removeprefix("⌥ ") for cap in caps)
+    match owner:
+        case "driving":
+            return f"Hold {keys} or arrows"
+        case "typing":
+            return f"Alt+{keys} while you type"
+        case "window":
+            return f"Hold Alt+{keys}"
+        case _:
+            return owner_words(owner)
+
+
+class KeyOwnerChip(QWidget):
+    """Follows ``hold.key_owner``."""
+
+    def __init__(self, theme: Theme, hold: HoldToDrive) -> None:
+        super().__init__()
+        self.setObjectName("key_owner")
+        self._theme = theme
+        self._owner: KeyOwner = "off"
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        self.setToolTip("Where a key goes that you press now")
+        theme.changed.connect(self.update)
+        hold.key_owner_changed.connect(self.show_owner)
+        self.show_owner(hold.key_owner)
+
+    @property
+    def text(self) -> str:
+        return owner_words(self._owner)
+
+    def show_owner(self, owner: KeyOwner) -> None:
+        self._owner = owner
+        self.setVisible(bool(self.text))
+        self.setAccessibleName(self.text)
+        self.updateGeometry()
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
+        return QSize(round(metrics.horizontalAdvance(self.text)) + 42, _HEIGHT_PX)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        _text, role, icon = _WORDS[self._owner]
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        soft = f"{role}_soft" if role in ("blue", "amber") else "raised"
+        painter.setPen(QPen(theme.color(role if role in ("blue", "amber") else "line"), 1))
+        painter.setBrush(theme.color(soft))
+        painter.drawRoundedRect(rect, _HEIGHT_PX / 2, _HEIGHT_PX / 2)
+        ink = theme.color("text")
+        draw_icon(painter, QRectF(10, self.height() / 2 - 7.5, 15, 15), icon, ink)
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        painter.setPen(ink)
+        painter.drawText(
+            rect.adjusted(31, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self.text
+        )
