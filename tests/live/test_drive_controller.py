@@ -8,13 +8,22 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.commands import Drive, Release, RenewLease, RobotCommand, SetEmergencyStop, StopMotion
-from caris_desktop.domain.events import DriveEnded
+from caris_desktop.domain.commands import (
+    Drive,
+    Release,
+    RenewLease,
+    RobotCommand,
+    SetEmergencyStop,
+    SetGuard,
+    StopMotion,
+)
+from caris_desktop.domain.events import DriveEnded, GuardChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan
-from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
+from caris_desktop.live.drive_controller import SPEED_STEPS, STALE_CAP_FRACTION, DriveController
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
+from caris_desktop.robot.profile import MotionLimits, RobotProfile, TopicSource
 from caris_desktop.scenario.model import DrivingLimits, PanelLeaf, Permissions, Scenario
 
 
@@ -179,3 +188,112 @@ def test_the_speed_setting_applies_while_driving(
     controller.set_speed_fraction(0.8)
     assert robot.of(Drive)[-1].target == Twist2D(-0.8, 0, 0)
     assert state.drive.value == replace(state.drive.value, target_forward_mps=-0.8)
+
+
+PROFILE = RobotProfile(
+    "r",
+    "R",
+    scan=TopicSource("/scan"),
+    limits=MotionLimits(forward_mps=0.6, backward_mps=0.2, left_mps=0.4, turn_radps=1.5),
+)
+
+
+def test_the_robots_own_limits_hold_where_the_scenario_allows_more(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    assert state.drive.value.max_left_mps == 0.0, "as long as nothing is known of the robot"
+    state.robot.set(PROFILE)
+    drive = state.drive.value
+    assert (drive.max_forward_mps, drive.max_left_mps, drive.max_turn_radps) == (0.6, 0.4, 1.5)
+    controller.set_speed_fraction(1.0)
+    controller.drive(forward=1, left=-1, turn=1, source="keyboard")
+    assert robot.of(Drive)[-1].target == Twist2D(0.6, -0.4, 1.5)
+    assert state.drive.value.target_left_mps == -0.4
+    controller.drive(forward=-1, left=0, turn=0, source="keyboard")
+    assert robot.of(Drive)[-1].target == Twist2D(-0.2, 0, 0)
+
+
+def test_another_robot_is_not_driven_by_what_was_held_for_the_one_before(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    state.robot.set(PROFILE)
+    assert isinstance(robot.sent[-1], Release)
+
+
+def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(
+    controller: DriveController, state: LiveState
+) -> None:
+    controller.on_robot_event(GuardChanged(clock.now_ns(), "slowing", 0.4))
+    assert (state.drive.value.guard, state.drive.value.guard_distance_m) == ("slowing", 0.4)
+    controller.on_robot_event(GuardChanged(clock.now_ns(), "blind", None, "no fresh scan from the LIDAR"))
+    assert state.drive.value.guard_detail == "no fresh scan from the LIDAR"
+    state.link.set(LinkStatus(state="lost"))
+    assert (state.drive.value.guard, state.drive.value.guard_distance_m) == ("absent", None)
+    controller.on_robot_event(GuardChanged(clock.now_ns(), "clear", 1.0))
+    assert state.drive.value.guard == "absent", "what comes late is of the link before"
+
+
+def test_the_guard_is_switched_at_the_link_and_comes_back_with_another_scenario(
+    controller: DriveController, robot: RecordingRobot
+) -> None:
+    controller.use_scenario(_scenario())
+    assert not robot.of(SetGuard), "it is on already"
+    controller.set_guard(on=False)
+    controller.use_scenario(_scenario())
+    assert [command.on for command in robot.of(SetGuard)] == [False, True]
+    controller.use_scenario(_scenario())
+    assert len(robot.of(SetGuard)) == 2
+
+
+def test_after_a_lost_link_there_is_nothing_to_switch_back(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.set_guard(on=False)
+    state.link.set(LinkStatus(state="lost"))
+    state.link.set(LinkStatus(state="connected"))
+    controller.use_scenario(_scenario())
+    assert [command.on for command in robot.of(SetGuard)] == [False]
+
+
+def test_three_steps_of_speed(controller: DriveController, state: LiveState) -> None:
+    fractions = []
+    for direction in (1, 1, 1, -1, -1, -1):
+        controller.step_speed(direction)
+        fractions.append(state.drive.value.speed_fraction)
+    assert fractions == [0.6, 1.0, 1.0, 0.6, 0.3, 0.3]
+    assert fractions[-1] == SPEED_STEPS[0]
+    controller.set_speed_fraction(0.75)
+    controller.step_speed(-1)
+    assert state.drive.value.speed_fraction == 0.6
+
+
+def test_the_reason_of_the_cap_says_for_how_long(
+    qtbot: QtBot, controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    now_ns = clock.now_ns()
+    state.take(FrameRef(now_ns - 1_200_000_000, None, "front", "r", 0, 1, 4, 3))
+    assert state.drive.value.cap_reason == "no fresh video for 1.2 s"
+    qtbot.waitUntil(lambda: state.drive.value.cap_reason not in ("", "no fresh video for 1.2 s"))
+    state.take(FrameRef(clock.now_ns(), None, "front", "r", 0, 2, 4, 3))
+    state.take(LaserScan(clock.now_ns(), None, "l", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
+    assert (state.drive.value.cap_reason, state.drive.value.cap_fraction) == ("", 1.0)
+
+
+def test_a_robot_without_a_lidar_is_not_capped_for_lack_of_one(controller: DriveController, state: LiveState) -> None:
+    state.scan.clear()
+    assert "LIDAR" in state.drive.value.cap_reason
+    state.robot.set(replace(PROFILE, scan=None))
+    assert state.drive.value.cap_reason == ""
+
+
+def test_a_link_that_does_not_answer_refuses(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    state.link.set(LinkStatus(state="trouble"))
+    assert isinstance(robot.sent[-1], Release)
+    robot.sent.clear()
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    assert not robot.sent
+    assert not state.drive.value.allowed and "answer" in state.drive.value.reason

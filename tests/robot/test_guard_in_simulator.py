@@ -136,7 +136,7 @@ def test_pushed_at_walls_from_a_hundred_poses_it_touches_nothing() -> None:
     gaps_m, blocked = [], 0
     for number, pose in enumerate(free_poses(100, seed=1)):
         robot = GuardedRobot(pose, seed=number).wait(0.3)
-        robot.push(pushes[number % 4], 4.0, until_still=True)
+        robot.push(pushes[number % 4], 3.5, until_still=True)
         gaps_m.append(min(robot.gaps_m))
         blocked += robot.limits[-1].state == "blocked"
         assert robot.state.collisions == 0, (number, pose)

@@ -20,7 +20,8 @@ class Bench:
     """Runs a lease as the link's timer would, and notes what it sends."""
 
     def __init__(self, limits: MotionLimits = LIMITS) -> None:
-        self.lease = MotionLease(limits, rate_hz=1 / PERIOD_S)
+        self.allowed = 1.0
+        self.lease = MotionLease(limits, rate_hz=1 / PERIOD_S, allow=lambda _twist, _now_s: self.allowed)
         self.now_s = 100.0
         self.sent: list[tuple[float, LeasedTwist]] = []
 
@@ -197,6 +198,65 @@ def test_a_late_timer_does_not_make_the_step_larger() -> None:
     assert late.twist.forward_mps <= 2 * LIMITS.acceleration_mps2 * PERIOD_S + 1e-9
 
 
+def test_what_the_guard_takes_away_is_gone_at_once_and_the_arc_stays() -> None:
+    bench = Bench()
+    bench.drive(Twist2D(0.4, 0.0, 0.8))
+    bench.run(1.0)
+    bench.allowed = 0.25
+    slowed = bench.run(0.5)[1:]
+    assert {leased.twist for _, leased in slowed} == {Twist2D(0.1, 0.0, 0.2)}
+    assert {leased.source for _, leased in slowed} == {"keyboard"}
+
+
+def test_what_the_guard_forbids_stops_at_once_and_not_at_the_next_tick() -> None:
+    bench = Bench()
+    bench.drive()
+    bench.run(1.0)
+    bench.now_s += 0.01
+    assert bench.pump() == []
+    bench.allowed = 0.0
+    bench.lease.reconsider(bench.now_s)
+    assert [leased.twist for leased in bench.pump()] == [ZERO_TWIST]
+    assert bench.lease.held, "the key is still down"
+    assert all(not leased.twist.moving for _, leased in bench.run(0.5))
+
+
+def test_a_new_scan_that_forbids_nothing_sends_nothing() -> None:
+    bench = Bench()
+    bench.drive()
+    bench.run(1.0)
+    bench.now_s += 0.01
+    bench.lease.reconsider(bench.now_s)
+    assert bench.pump() == []
+
+
+def test_when_the_way_is_free_again_it_speeds_up_as_from_standing_on_the_same_arc() -> None:
+    bench = Bench()
+    bench.drive(Twist2D(0.5, 0.0, 0.5))
+    bench.run(1.0)
+    bench.allowed = 0.0
+    bench.run(0.3)
+    bench.allowed = 1.0
+    twists = [leased.twist for _, leased in bench.run(1.0)]
+    assert twists[-1] == Twist2D(0.5, 0.0, 0.5)
+    for before, after in pairwise([ZERO_TWIST, *twists]):
+        assert after.forward_mps - before.forward_mps <= LIMITS.acceleration_mps2 * PERIOD_S + 1e-9
+        assert after.turn_radps == pytest.approx(after.forward_mps)
+
+
+def test_from_standing_before_an_obstacle_another_direction_begins_at_once() -> None:
+    bench = Bench()
+    bench.drive()
+    bench.run(0.5)
+    bench.allowed = 0.0
+    bench.run(0.5)
+    bench.allowed = 1.0
+    [first] = bench.drive(Twist2D(0.0, 0.0, 1.0))
+    bench.run(0.05)
+    assert first.twist.forward_mps == 0.0, "nothing is left of the speed that the guard had taken away"
+    assert bench.sent[-1][1].twist.turn_radps > 0.0
+
+
 def test_what_is_beyond_the_limits_or_no_number_is_bounded() -> None:
     assert bounded_twist(Twist2D(9.0, 1.0, -9.0), LIMITS) == Twist2D(0.5, 0.0, -1.0)
     assert bounded_twist(Twist2D(-9.0, 0.0, math.nan), LIMITS) == Twist2D(-0.3, 0.0, 0.0)
@@ -205,13 +265,17 @@ def test_what_is_beyond_the_limits_or_no_number_is_bounded() -> None:
 speeds = st.floats(-3.0, 3.0)
 
 
-@given(st.lists(st.tuples(speeds, speeds, speeds, st.sampled_from(["drive", "release", "wait", "lapse"])), max_size=30))
-def test_whatever_is_asked_the_robot_is_never_sent_beyond_its_limits(
-    asked: list[tuple[float, float, float, str]],
+whats = st.sampled_from(["drive", "release", "wait", "lapse"])
+
+
+@given(st.lists(st.tuples(speeds, speeds, speeds, whats, st.sampled_from([1.0, 1.0, 0.3, 0.0])), max_size=30))
+def test_whatever_is_asked_and_allowed_the_robot_is_never_sent_beyond_its_limits(
+    asked: list[tuple[float, float, float, str, float]],
 ) -> None:
     limits = MotionLimits(left_mps=0.2)
     bench = Bench(limits)
-    for forward, left, turn, what in asked:
+    for forward, left, turn, what, allowed in asked:
+        bench.allowed = allowed
         if what == "drive":
             bench.drive(Twist2D(forward, left, turn))
         elif what == "release":
