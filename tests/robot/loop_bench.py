@@ -1,0 +1,169 @@
+"""A link and a rosbridge server on one asyncio loop: for what needs no process of its own, in milliseconds."""
+
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
+
+from websockets.asyncio.server import ServerConnection, serve
+
+from caris_desktop.domain import commands
+from caris_desktop.domain.events import LinkChanged
+from caris_desktop.robot.control_link import ControlLink
+from caris_desktop.robot.media_link import MediaLink
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.ros.rosbridge import encode_cbor
+
+V = TypeVar("V")
+Answer = dict[str, Any] | Callable[[dict[str, Any]], dict[str, Any] | str | None]
+
+
+class Outbox:
+    """Keeps what a link tells."""
+
+    def __init__(self) -> None:
+        self.values: list[Any] = []
+
+    def put(self, value: Any) -> None:
+        self.values.append(value)
+
+    def of(self, kind: type[V]) -> list[V]:
+        return [value for value in self.values if isinstance(value, kind)]
+
+
+class NoFrames:
+    """A ring that nobody writes to."""
+
+    def write(self, *_: Any, **__: Any) -> Any:
+        raise ValueError("no frames here")
+
+
+class Bridge:
+    """Listens, answers the services in ``answers`` and sends what it is told to.
+
+    An answer may be a function of the request; a text means that the call failed, None that nothing is answered. All
+    other services are said not to exist.
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[dict[str, Any]] = []
+        self.answers: dict[str, Answer] = {}
+        self.on_operation: Callable[[dict[str, Any]], Awaitable[None] | None] | None = None
+        self.clients: set[ServerConnection] = set()
+        self.port = 0
+
+    def operations(self, op: str, name: str | None = None) -> list[dict[str, Any]]:
+        """What arrived so far of a topic, service or action."""
+        return [
+            line
+            for line in self.lines
+            if line.get("op") == op
+            and name in (None, *(line.get(key) for key in ("topic", "service", "action") if key in line))
+        ]
+
+    def published(self, topic: str) -> list[dict[str, Any]]:
+        return [line["msg"] for line in self.operations("publish", topic)]
+
+    async def publish(self, topic: str, message: Any, *, cbor: bool = False) -> None:
+        operation = {"op": "publish", "topic": topic, "msg": message}
+        await self.send(encode_cbor(operation) if cbor else json.dumps(operation))
+
+    async def send(self, payload: str | bytes) -> None:
+        for client in list(self.clients):
+            with contextlib.suppress(Exception):
+                await client.send(payload)
+
+    async def drop(self) -> None:
+        """End every connection."""
+        for client in list(self.clients):
+            client.transport.abort()
+
+    async def handle(self, client: ServerConnection) -> None:
+        self.clients.add(client)
+        with contextlib.suppress(Exception):
+            async for text in client:
+                operation = json.loads(text)
+                self.lines.append(operation)
+                if self.on_operation is not None:
+                    reaction = self.on_operation(operation)
+                    if reaction is not None:
+                        await reaction
+                if operation["op"] == "call_service":
+                    answer = self.answers.get(operation["service"], lambda _: "there is no such service")
+                    values = answer(operation["args"]) if callable(answer) else answer
+                    if values is not None:
+                        worked = not isinstance(values, str)
+                        response = {"op": "service_response", "id": operation["id"], "values": values, "result": worked}
+                        await client.send(json.dumps({**response, "service": operation["service"]}))
+        self.clients.discard(client)
+
+
+class LoopBench:
+    """A connected link; ``outbox`` has what it told the console."""
+
+    def __init__(self, bridge: Bridge, link: ControlLink | MediaLink, outbox: Outbox) -> None:
+        self.bridge = bridge
+        self.link = link
+        self.outbox = outbox
+
+    def send(self, *orders: commands.RobotCommand) -> None:
+        self.link.take_commands(list(orders))
+
+    def of(self, kind: type[V]) -> list[V]:
+        return self.outbox.of(kind)
+
+    @property
+    def state(self) -> str:
+        """Of the link, as it was told last."""
+        return self.of(LinkChanged)[-1].state
+
+    async def until(self, observe: Callable[[], V], what: str, *, timeout_s: float = 10.0) -> V:
+        """The first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
+        until_s = time.monotonic() + timeout_s
+        while not (observed := observe()):
+            if time.monotonic() > until_s:
+                raise AssertionError(f"not within {timeout_s:.0f} s: {what}")
+            await asyncio.sleep(0.002)
+        return observed
+
+
+def with_link(
+    profile: RobotProfile,
+    test: Callable[[LoopBench], Coroutine[Any, Any, None]],
+    *,
+    media: bool = False,
+    prepare: Callable[[Bridge], None] = lambda _: None,
+) -> None:
+    """Run ``test`` with a link that is connected to a bridge of its own. ``prepare`` fits out the bridge before."""
+
+    async def run() -> None:
+        bridge = Bridge()
+        prepare(bridge)
+        async with serve(bridge.handle, "127.0.0.1", 0, max_size=None, compression=None) as server:
+            bridge.port = server.sockets[0].getsockname()[1]
+            outbox = Outbox()
+            address = f"ws://127.0.0.1:{bridge.port}"
+            box: Any = outbox
+            link: Any = MediaLink(profile, address, box, NoFrames()) if media else ControlLink(profile, address, box)
+            bench = LoopBench(bridge, link, outbox)
+            link.start()
+            try:
+                await bench.until(lambda: "connected" in [change.state for change in outbox.of(LinkChanged)], "a link")
+                # The subscriptions are in the socket before the link is told to be connected.
+                await bench.until(lambda: bridge.clients, "the server knows it")
+                await test(bench)
+            finally:
+                await link.finish()
+
+    asyncio.run(run())
+
+
+def inventory(topics: dict[str, str] | None = None, services: tuple[str, ...] = ()) -> dict[str, Answer]:
+    """The answers of rosapi's listings."""
+    told = topics or {}
+    return {
+        "/rosapi/topics": {"topics": list(told), "types": list(told.values())},
+        "/rosapi/services": {"services": list(services)},
+    }
