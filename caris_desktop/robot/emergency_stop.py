@@ -156,12 +156,14 @@ class EmergencyStop:
         elif (service := interface.set_service if latched else interface.clear_service) is not None:
             package, _, name = interface.service_type.partition("/")
             kind = service_type_name(self._dialect, package, name)
-            self._in_background(self._call(service, kind, {}, latched=latched))
+            self._call(service, kind, {}, latched=latched)
         elif not latched:
             self._clear_here()
 
-    async def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
-        asked = self._asked
+    def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
+        self._in_background(self._call_now(service, kind, request, latched=latched, asked=self._asked))
+
+    async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, asked: int) -> None:
         try:
             answer = await self._ros.ask(service, kind, request)
             reason = "" if answer.get("success", True) else str(answer.get("message") or "it refused")

@@ -1,0 +1,250 @@
+"""The controls of the Robot panel against a rosbridge: what is sent, what is refused, what is read."""
+
+from typing import Any
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import OfferControls, SetEmergencyStop, UseControl
+from caris_desktop.domain.controls import (
+    CallService,
+    Choice,
+    ControlValue,
+    PublishMessage,
+    Reading,
+    RobotControl,
+    SendActionGoal,
+)
+from caris_desktop.domain.events import ControlUsed, Problem
+from caris_desktop.domain.sensing import ControlReadings
+from caris_desktop.robot import controls
+from caris_desktop.robot.controls import parse_path, value_at
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.ros.fields import MessageError
+from tests.robot.loop_bench import Bridge, LoopBench, with_link
+
+VOLUME = RobotControl(
+    "volume",
+    "Volume",
+    "slider",
+    PublishMessage("/volume", "std_msgs/UInt8", {"data": "$value"}),
+    Reading("/volume/state", "std_msgs/Float32", "data", scale=100.0),
+    highest=300.0,
+)
+LIGHT = RobotControl(
+    "light",
+    "Light",
+    "choice",
+    PublishMessage("/leds", "robot_msgs/Light", {"pattern": "$value", "speed": 1}),
+    choices=(Choice("Slow", "slow"), Choice("Broken", 3.0)),
+)
+EYES = RobotControl("eyes", "Eyes", "toggle", CallService("/eyes/set", "std_srvs/SetBool", {"data": "$value"}))
+WAVE = RobotControl("wave", "Wave", "button", SendActionGoal("/play", "motion_msgs/PlayAction", {"name": "wave"}))
+STATUS = RobotControl(
+    "status", "Status", "readout", None, Reading("/diagnostics", "diagnostic_msgs/DiagnosticArray", "status[1].level")
+)
+ROBOT = RobotProfile("test", "Test", controls=(VOLUME, EYES, WAVE, STATUS))
+
+
+def use(control: str, value: ControlValue, request_id: str = "r") -> UseControl:
+    return UseControl(now_ns(), request_id, control, value)
+
+
+async def ended(bench: LoopBench, request_id: str = "r") -> ControlUsed:
+    def last() -> ControlUsed | None:
+        told = [event for event in bench.of(ControlUsed) if event.request_id == request_id]
+        return told[-1] if told and told[-1].state != "requested" else None
+
+    found = await bench.until(last, f"the end of {request_id}")
+    assert found is not None
+    return found
+
+
+def test_a_slider_is_published_and_its_state_comes_back() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("volume", 54.6))
+        assert [event.state for event in (bench.of(ControlUsed)[0], await ended(bench))] == ["requested", "succeeded"]
+        assert bench.bridge.published("/volume") == [{"data": 55}]
+        await bench.bridge.publish("/volume/state", {"data": 0.25})
+        readings = await bench.until(lambda: bench.of(ControlReadings), "a reading")
+        assert readings[0].values == {"volume": 25.0}
+
+    with_link(ROBOT, test)
+
+
+def test_a_value_that_does_not_fit_the_type_is_explained_and_not_sent() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("volume", 300.0))
+        refused = await ended(bench)
+        assert refused.state == "failed"
+        assert "must be a whole number from 0 to 255, but it is 300" in refused.detail
+        bench.send(use("eyes", "open", "text"))
+        assert "must be true or false, but it is the text 'open'" in (await ended(bench, "text")).detail
+        assert bench.bridge.published("/volume") + bench.bridge.operations("call_service", "/eyes/set") == []
+
+    with_link(ROBOT, test)
+
+
+def test_the_robots_own_types_are_asked_for_once() -> None:
+    def details(request: dict[str, Any]) -> dict[str, Any] | str:
+        if request["type"] != "robot_msgs/Light":
+            return "no such type"
+        fields = {"fieldnames": ["pattern", "speed"], "fieldtypes": ["string", "uint8"], "fieldarraylen": [-1, -1]}
+        return {"typedefs": [{"type": "robot_msgs/Light", **fields}]}
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers["/rosapi/message_details"] = details
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(OfferControls(now_ns(), (LIGHT,)))
+        bench.send(use("light", "slow"), use("light", 3.0, "broken"))
+        assert (await ended(bench)).state == "succeeded"
+        assert "the field 'pattern' must be a text, but it is 3.0" in (await ended(bench, "broken")).detail
+        assert bench.bridge.published("/leds") == [{"pattern": "slow", "speed": 1}]
+        asked = [line["args"]["type"] for line in bench.bridge.operations("call_service", "/rosapi/message_details")]
+        assert sorted(asked) == sorted(set(asked))
+
+    with_link(ROBOT, test, prepare=prepare)
+
+
+def test_a_service_that_refuses_says_why() -> None:
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers["/eyes/set"] = lambda request: {"success": request["data"], "message": "no eyelids"}
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("eyes", True), use("eyes", False, "off"))
+        assert (await ended(bench)).state == "succeeded"
+        refused = await ended(bench, "off")
+        assert (refused.state, refused.detail) == ("failed", "no eyelids")
+
+    with_link(ROBOT, test, prepare=prepare)
+
+
+def test_an_action_goal_is_followed_to_its_end_and_the_emergency_stop_cancels_it() -> None:
+    def status(goal_id: str, number: int) -> dict[str, Any]:
+        return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": number, "text": ""}
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True))
+        [goal] = await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        assert goal["goal"] == {"name": "wave"}
+        [advertised] = bench.bridge.operations("advertise", "/play/goal")
+        assert advertised["type"] == "motion_msgs/PlayActionGoal"
+        await bench.bridge.publish("/play/result", {"status": status(goal["goal_id"]["id"], 3), "result": {}})
+        assert (await ended(bench)).state == "succeeded"
+        bench.send(use("wave", True, "second"))
+        await bench.until(lambda: len(bench.bridge.published("/play/goal")) == 2, "another goal")
+        bench.send(SetEmergencyStop(now_ns(), True), use("wave", True, "third"))
+        assert (await ended(bench, "second")).detail == "the emergency stop was set"
+        assert (await ended(bench, "third")).detail == "the emergency stop is set"
+        await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
+
+    with_link(ROBOT, test)
+
+
+def test_an_action_of_ros2() -> None:
+    async def test(bench: LoopBench) -> None:
+        async def react(operation: dict[str, Any]) -> None:
+            if operation["op"] == "send_action_goal":
+                assert (operation["action_type"], operation["args"]) == ("motion_msgs/action/Play", {"name": "wave"})
+                result = {"op": "action_result", "id": operation["id"], "action": "/play", "status": 6, "result": True}
+                await bench.bridge.send(__import__("json").dumps({**result, "values": {"error_msg": "no arm"}}))
+
+        bench.bridge.on_operation = react
+        bench.send(use("wave", True))
+        refused = await ended(bench)
+        assert (refused.state, refused.detail) == ("failed", "no arm")
+
+    with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
+
+
+def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controls, "NO_ANSWER_S", 0.1)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True))
+        assert "did not answer" in (await ended(bench)).detail
+
+    with_link(ROBOT, test)
+
+
+def test_without_a_link_every_use_fails_and_none_comes_later() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True, "under way"))
+        await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        await bench.bridge.drop()
+        assert "link" in (await ended(bench, "under way")).detail
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        bench.send(use("volume", 1.0), use("nonsense", True, "unknown"))
+        assert (await ended(bench)).detail == "the robot is not connected"
+        assert "no such control" not in (await ended(bench)).detail
+        assert "such a control" in (await ended(bench, "unknown")).detail
+        await bench.until(lambda: bench.state == "connected", "the link")
+        await bench.until(lambda: len(bench.bridge.operations("advertise", "/volume")) == 2, "restored")
+        assert bench.bridge.published("/volume") == []
+
+    with_link(ROBOT, test)
+
+
+def test_readings_are_told_together_and_not_too_often() -> None:
+    async def test(bench: LoopBench) -> None:
+        for number in range(40):
+            await bench.bridge.publish("/volume/state", {"data": float(number)})
+            levels = [{"level": 0}, {"level": number}]
+            await bench.bridge.publish("/diagnostics", {"status": levels}, cbor=bool(number % 2))
+        last = {"volume": 3900.0, "status": 39.0}
+        await bench.until(lambda: [told for told in bench.of(ControlReadings) if told.values == last], "all")
+        assert len(bench.of(ControlReadings)) <= 3
+
+    with_link(ROBOT, test)
+
+
+def test_a_reading_that_is_not_there_is_one_problem() -> None:
+    async def test(bench: LoopBench) -> None:
+        for _ in range(5):
+            await bench.bridge.publish("/diagnostics", {"status": [{"level": 0}]})
+        await bench.bridge.publish("/volume/state", {"data": 0.5})
+        await bench.until(lambda: bench.of(ControlReadings), "the other reading")
+        [problem] = bench.of(Problem)
+        assert "cannot be shown as Status: there is no field 1" in problem.what
+
+    with_link(ROBOT, test)
+
+
+def test_a_scenario_changes_what_is_listened_to() -> None:
+    async def test(bench: LoopBench) -> None:
+        door = RobotControl("door", "Door", "readout", None, Reading("/door", "std_msgs/Bool", "data"))
+        bench.send(OfferControls(now_ns(), (door,)))
+        await bench.until(lambda: bench.bridge.operations("subscribe", "/door"), "a subscription")
+        await bench.bridge.publish("/door", {"data": True})
+        await bench.until(lambda: bench.of(ControlReadings), "a reading")
+        bench.send(OfferControls(now_ns(), ()))
+        await bench.until(lambda: bench.bridge.operations("unsubscribe", "/door"), "the end of it")
+        bench.send(use("volume", 1.0))
+        assert (await ended(bench)).state == "succeeded"
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize(
+    ("text", "path"),
+    [("data", ("data",)), ("status[0].level", ("status", 0, "level")), ("a.b[1][2].c", ("a", "b", 1, 2, "c"))],
+)
+def test_paths_to_fields(text: str, path: tuple[str | int, ...]) -> None:
+    assert parse_path(text) == path
+
+
+@pytest.mark.parametrize("text", ["", ".", "a.", "a[", "a[-1]", "a[b]", "a b", "__import__('os')", "a[99999999]"])
+def test_what_is_no_path(text: str) -> None:
+    with pytest.raises(ValueError, match="not a path"):
+        parse_path(text)
+
+
+def test_values_at_paths() -> None:
+    message = {"a": [1, {"b": "x"}], "inf": float("inf"), "null": None, "huge": 10**400}
+    assert value_at(message, ("a", 0), 2.0) == 2.0
+    assert value_at(message, ("a", 1, "b"), 2.0) == "x"
+    assert [value_at(message, (name,), 1.0) for name in ("inf", "null", "huge")] == [None] * 3
+    for path in (("b",), ("a", 5), ("a", "b"), ("a",), ("inf", 0)):
+        with pytest.raises(MessageError):
+            value_at(message, path, 1.0)

@@ -1,0 +1,123 @@
+"""Every way in which a robot can have an emergency stop."""
+
+from dataclasses import replace
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import SetEmergencyStop
+from caris_desktop.domain.events import EmergencyStopChanged, Problem
+from caris_desktop.domain.sensing import BatteryState
+from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource
+from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
+
+
+def robot(interface: EmergencyStopInterface, ros: int = 1) -> RobotProfile:
+    return RobotProfile("test", "Test", ros=ros, emergency_stop=interface)  # type: ignore[arg-type]
+
+
+def latched(bench: LoopBench) -> list[tuple[bool, str]]:
+    return [(change.latched, change.by) for change in bench.of(EmergencyStopChanged)]
+
+
+def test_a_topic_that_says_that_all_is_well_is_read_the_other_way_round() -> None:
+    async def test(bench: LoopBench) -> None:
+        await bench.bridge.publish("/motors_on", {"data": True})
+        await bench.bridge.publish("/motors_on", {"data": False})
+        await bench.until(lambda: latched(bench) == [(True, "robot")], "latched")
+        # The console cannot clear what only the robot can.
+        bench.send(SetEmergencyStop(now_ns(), False))
+        assert latched(bench) == [(True, "robot")] * 2
+        assert bench.of(Problem)[-1].what == "The robot's own emergency stop is still set."
+        await bench.bridge.publish("/motors_on", {"data": True})
+        await bench.until(lambda: latched(bench)[-1] == (False, "robot"), "released")
+
+    with_link(robot(EmergencyStopInterface(topic="/motors_on", inverted=True)), test)
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_service_to_set_and_one_to_clear(ros: int) -> None:
+    interface = EmergencyStopInterface(set_service="/stop", clear_service="/release", service_type="std_srvs/Empty")
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers = {"/stop": {}, "/release": {}, **inventory(services=("/stop", "/release"))}
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True))
+        [call] = await bench.until(lambda: bench.bridge.operations("call_service", "/stop"), "the call")
+        assert call["args"] == {}
+        assert latched(bench) == [(True, "wizard")]
+        bench.send(SetEmergencyStop(now_ns(), False))
+        assert latched(bench) == [(True, "wizard")]
+        await bench.until(lambda: latched(bench)[1:] == [(False, "wizard")], "cleared once the robot has answered")
+        assert [problem for problem in bench.of(Problem) if "emergency stop" in problem.what] == []
+
+    with_link(robot(interface, ros), test, prepare=prepare)
+
+
+def test_a_trigger_that_refuses_to_clear_keeps_it_set() -> None:
+    interface = EmergencyStopInterface(set_service="/stop", clear_service="/release")
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers = {
+            "/stop": {"success": True, "message": ""},
+            "/release": {"success": False, "message": "the button is pressed"},
+        }
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True), SetEmergencyStop(now_ns(), False))
+        [problem] = await bench.until(lambda: bench.of(Problem), "a problem")
+        assert "the button is pressed" in problem.what
+        assert latched(bench)[-1] == (True, "robot")
+
+    with_link(robot(interface), test, prepare=prepare)
+
+
+def test_the_wizards_last_word_counts_when_the_robot_is_slow() -> None:
+    interface = EmergencyStopInterface(service="/estop")
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True), SetEmergencyStop(now_ns(), False))
+        bench.send(SetEmergencyStop(now_ns(), True))
+        await bench.until(lambda: len(bench.bridge.operations("call_service", "/estop")) == 3, "three calls")
+        # What is published after the answers arrives after them.
+        await bench.bridge.publish("/battery", {"percentage": 0.5})
+        await bench.until(lambda: bench.of(BatteryState), "what came after the answers")
+        assert latched(bench) == [(True, "wizard")]
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers = {"/estop": {"success": True, "message": ""}}
+
+    with_link(replace(robot(interface), battery=TopicSource("/battery")), test, prepare=prepare)
+
+
+def test_a_command_topic_is_said_again_to_a_robot_that_comes_back() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True))
+        assert await bench.until(lambda: bench.bridge.published("/e_stop"), "the stop") == [{"data": True}]
+        bench.bridge.lines.clear()
+        await bench.bridge.drop()
+        assert await bench.until(lambda: bench.bridge.published("/e_stop"), "the stop again") == [{"data": True}]
+        [advertised] = bench.bridge.operations("advertise", "/e_stop")
+        assert advertised["latch"] is True
+        bench.send(SetEmergencyStop(now_ns(), False))
+        await bench.until(lambda: bench.bridge.published("/e_stop")[1:] == [{"data": False}], "cleared")
+        assert latched(bench) == [(True, "wizard"), (False, "wizard")]
+        bench.bridge.lines.clear()
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.bridge.operations("advertise", "/e_stop"), "the link again")
+        assert bench.bridge.published("/e_stop") == []
+
+    with_link(robot(EmergencyStopInterface(command_topic="/e_stop")), test)
+
+
+def test_a_robot_without_the_service_leaves_the_stop_to_the_console() -> None:
+    interface = EmergencyStopInterface(service="/estop")
+
+    async def test(bench: LoopBench) -> None:
+        await bench.until(lambda: bench.of(Problem), "what is missing")
+        bench.send(SetEmergencyStop(now_ns(), True), SetEmergencyStop(now_ns(), False))
+        assert latched(bench) == [(True, "wizard"), (False, "wizard")]
+        assert bench.bridge.operations("call_service", "/estop") == []
+
+    with_link(robot(interface), test, prepare=lambda bridge: bridge.answers.update(inventory()))
