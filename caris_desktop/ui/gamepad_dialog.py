@@ -127,9 +127,8 @@ class GamepadDialog(QDialog):
         theme.changed.connect(self._style)
         self._style()
         self._refresh()
-
-    def sizeHint(self) -> QSize:
-        return QSize(860, 760)
+        # Qt would take two thirds of the screen at most, which cuts the rows on a small laptop.
+        self.resize(QSize(860, 760).boundedTo(self.screen().availableSize() - QSize(40, 60)))
 
     @property
     def learned_action(self) -> str:
@@ -304,7 +303,7 @@ class GamepadView(QWidget):
         self._wish = AT_REST
         self._names: dict[str, str] = {}
         self._dead_zone = 0.0
-        self.setFixedHeight(148)
+        self.setFixedHeight(112)
         self.setAccessibleName("The gamepad, live")
         theme.changed.connect(self.update)
 

@@ -140,6 +140,7 @@ class DrivePanel(Panel):
             target, source = (self._first, self._second) if beside else (self._second, self._first)
             source.removeWidget(self._settings)
             target.addWidget(self._settings)
+            self._show_guard(self.state.drive.value)
         self._arrange_views()
 
     def _available_views(self) -> list[QWidget]:
@@ -274,12 +275,15 @@ class DrivePanel(Panel):
 
     def _show_guard(self, drive: DriveStatus) -> None:
         self._guard.setVisible(drive.guard != "absent")
+        # Beside the arrows there is room for its sign only; the words are in the line above.
+        beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
         if drive.guard == "overridden":
-            self._guard.set_label("Guard off", icon="shield-slash", look="amber")
+            self._guard.set_label("" if beside else "Guard off", icon="shield-slash", look="amber")
+            self._guard.setAccessibleName("Guard is off")
             self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Press to switch the guard on.")
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label("Guard", icon=icon, look="plain")
+            self._guard.set_label("" if beside else "Guard", icon=icon, look="plain")
             self._guard.setAccessibleName("Guard is on")
             self._guard.setToolTip("Slows and stops the robot before obstacles. Press to switch it off.")
 
@@ -385,6 +389,7 @@ class HeadControl(QWidget):
         self._angles.setAlignment(Qt.AlignmentFlag.AlignCenter)
         ahead = ActionButton(theme, "Ahead", height_px=28, text_px=tokens.STATUS_PX)
         ahead.setObjectName("look_ahead_button")
+        ahead.setMinimumWidth(128)  # its longest cap included
         ahead.bind(actions, "look_ahead")
         column = QVBoxLayout()
         column.setSpacing(4)
@@ -401,7 +406,7 @@ class HeadControl(QWidget):
         self._style()
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(self.stick.minimumSizeHint().width() + 106, self.stick.minimumSizeHint().height())
+        return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())
 
     def show_angles(self, pan_rad: float, tilt_rad: float) -> None:
         self._angles.setText(words.head_angles(pan_rad, tilt_rad))

@@ -15,8 +15,8 @@ from caris_desktop.ui.theme import Theme
 StickUse = Literal["base", "head"]
 
 _DEAD_ZONE = 0.08
-_RING = 0.78  # from this share of the radius outward is the ring that moves sideways
-_KNOB = 0.3
+_RING = 0.74  # from this share of the radius outward is the ring that moves sideways
+_KNOB = 0.28
 
 
 def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> MotionWish:
@@ -186,7 +186,8 @@ class Joystick(QWidget):
             middle = radius * (1 + _RING) / 2
             ink = theme.color("blue" if self._held and self._sideways else "dim")
             for icon, side in (("caret-double-left", -1), ("caret-double-right", 1)):
-                rect = QRectF(center.x() + side * middle - 7, center.y() - 7, 14, 14)
+                size = min(14.0, radius - inner)
+                rect = QRectF(center.x() + side * middle - size / 2, center.y() - size / 2, size, size)
                 draw_icon(painter, rect, icon, ink)
         self._paint_ways(painter, center, inner)
         knob = center + self._knob * self._reach()
@@ -201,11 +202,12 @@ class Joystick(QWidget):
     def _paint_ways(self, painter: QPainter, center: QPointF, inner: float) -> None:
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         turns = self._use == "base"
-        offset = inner - 13
+        size = min(14.0, inner * 0.3)
+        offset = inner - size * 0.85
         for icon, x, y in (
             ("caret-up", 0, -1), ("caret-down", 0, 1),
             ("arrow-counter-clockwise" if turns else "caret-left", -1, 0),
             ("arrow-clockwise" if turns else "caret-right", 1, 0),
         ):  # fmt: skip
-            rect = QRectF(center.x() + x * offset - 7, center.y() + y * offset - 7, 14, 14)
+            rect = QRectF(center.x() + x * offset - size / 2, center.y() + y * offset - size / 2, size, size)
             draw_icon(painter, rect, icon, self._theme.color("dim"))

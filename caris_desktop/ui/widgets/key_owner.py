@@ -18,7 +18,7 @@ _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
     "window": ("Alt drives", "dim", "keyboard"),
     "dialog": ("No keys: dialog open", "amber", "keyboard"),
     "menu": ("No keys: menu open", "amber", "keyboard"),
-    "elsewhere": ("No keys: another window is in front", "amber", "keyboard"),
+    "elsewhere": ("Keys go elsewhere", "amber", "keyboard"),
     "off": ("", "dim", "keyboard"),
 }
 
