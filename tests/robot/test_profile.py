@@ -1,51 +1,69 @@
-"""Robot profiles: what loads, and what a mistake in one is answered with."""
+"""Robot profiles: what loads, what a mistake in one is answered with, and that what is written reads back."""
 
+import math
 import pickle
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from caris_desktop.robot.profile import ProfileError, load_profile, parse_profile, shipped_profiles
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
+from caris_desktop.robot.profile import (
+    ProfileError,
+    RobotProfile,
+    SpeechAction,
+    leaves_ros_open,
+    list_profiles,
+    load_profile,
+    parse_profile,
+    polygon_mistake,
+    profile_data,
+    profile_file_name,
+    read_profile,
+    save_profile,
+    shipped_profiles,
+    with_ros,
+)
+from caris_desktop.robot.profile_file import ProfileText, profile_yaml
 
 GOOD = "version: 1\nros: 1\nvelocity:\n  topic: /cmd_vel\n"
+GOOD2 = "version: 1\nros: 2\nvelocity: {topic: cmd_vel}\n"
 
 
-def message_of(text: str) -> str:
+def parsed(text: str, file_name: str = "robot.yaml") -> RobotProfile:
+    return parse_profile(text, file_name=file_name, name="robot")
+
+
+def message_of(text: str, file_name: str = "robot.yaml") -> str:
     with pytest.raises(ProfileError) as raised:
-        parse_profile(text, file_name="robot.yaml", name="robot")
+        parsed(text, file_name)
     return str(raised.value)
 
 
 def test_the_shipped_profiles_load_and_travel_to_another_process() -> None:
-    assert set(shipped_profiles()) == {"simulated", "simulated-ros2", "generic-ros1", "generic-ros2"}
+    assert {"simulated", "simulated-ros2", "generic-ros1", "generic-ros2"} <= set(shipped_profiles())
     for name in shipped_profiles():
         profile = load_profile(name)
         assert pickle.loads(pickle.dumps(profile)) == profile  # noqa: S301 - our own bytes
 
 
-def test_the_simulated_profiles_name_what_the_simulator_offers() -> None:
-    profile = load_profile("simulated")
-    assert profile.velocity.topic == "/cmd_vel"
-    assert profile.navigation is not None
-    assert (profile.navigation.kind, profile.navigation.name) == ("move_base", "/move_base")
-    assert profile.speech is not None
-    assert (profile.speech.topic, profile.speech.speaking, profile.speech.stop) == (
-        "/tts",
-        "/tts/speaking",
-        "/tts/stop",
-    )
-    assert [camera.topic for camera in profile.cameras] == ["/camera/image_raw/compressed"]
-    ros2 = load_profile("simulated-ros2")
-    assert ros2.ros == 2
-    assert ros2.navigation is not None
-    assert ros2.navigation.kind == "navigate_to_pose"
-
-
-def test_an_address_is_a_profile_with_the_usual_names() -> None:
+def test_an_address_is_a_profile_with_the_usual_names_and_nothing_of_one_robot_alone() -> None:
     profile = load_profile("ws://192.168.1.20:9090")
     assert (profile.ros, profile.address) == (1, "ws://192.168.1.20:9090")
+    assert (profile.controls, profile.head, profile.cameras[0].model) == ((), None, None)
     profile = load_profile("ws://192.168.1.20:9090?ros=2")
     assert (profile.ros, profile.address) == (2, "ws://192.168.1.20:9090")
+
+
+def test_an_address_says_whether_it_leaves_the_ros_version_open() -> None:
+    assert leaves_ros_open("ws://robot:9090")
+    assert not leaves_ros_open("ws://robot:9090?ros=1")
+    assert not leaves_ros_open("simulated")
+    assert load_profile(with_ros("ws://robot:9090", 2)).ros == 2
 
 
 @pytest.mark.parametrize("address", ["http://robot:9090", "ws://", "ws://host:99999", "ws://host?ros=3", "ws://h?x=1"])
@@ -61,31 +79,181 @@ def test_a_profile_file_of_ones_own(tmp_path: Path) -> None:
     assert profile.name == "turtle"
     assert profile.limits.forward_mps == 0.22
     assert profile.scan is not None
-    assert profile.scan.throttle_ms == 100
+    assert (profile.scan.topic, profile.scan.throttle_ms) == ("/scan", 100)
     assert profile.navigation is None
+
+
+def test_a_namespace_stands_before_every_relative_name_and_no_absolute_one() -> None:
+    profile = parsed(
+        GOOD
+        + """
+namespace: /lab/robot1
+scan: {topic: scan}
+tf: {topic: /tf}
+cameras:
+  - {name: front, topic: camera/image/compressed, info: camera/camera_info}
+navigation: {kind: move_base, name: move_base}
+initial_pose: initialpose
+maps: {slam_toolbox: slam_toolbox}
+speech: {topic: tts, speaking: /tts/speaking}
+emergency_stop: {set_service: stop/set, clear_service: stop/clear}
+head: {kind: joint_angles, topic: joint_angles, pan_joint: a, tilt_joint: b}
+controls:
+  - {id: a, title: A, kind: button, call: {service: wave, type: std_srvs/Trigger}}
+  - {id: b, title: B, kind: readout, shows: {topic: heat, type: std_msgs/Float32, field: data}}
+  - {id: c, title: C, kind: button, action: {name: dance, type: a/DanceAction}}
+"""
+    )
+    assert profile.velocity.topic == "/cmd_vel"
+    assert profile.scan is not None
+    assert profile.scan.topic == "/lab/robot1/scan"
+    assert profile.tf is not None
+    assert profile.tf.topic == "/tf"
+    assert profile.cameras[0].info == "/lab/robot1/camera/camera_info"
+    assert profile.navigation is not None
+    assert profile.navigation.name == "/lab/robot1/move_base"
+    assert profile.initial_pose == "/lab/robot1/initialpose"
+    assert profile.maps is not None
+    assert profile.maps.slam_toolbox == "/lab/robot1/slam_toolbox"
+    assert profile.speech is not None
+    assert (profile.speech.topic, profile.speech.speaking) == ("/lab/robot1/tts", "/tts/speaking")
+    assert profile.emergency_stop is not None
+    assert profile.emergency_stop.clear_service == "/lab/robot1/stop/clear"
+    assert profile.head is not None
+    assert profile.head.joint_states == "/lab/robot1/joint_states"
+    call, shows, action = profile.controls
+    assert isinstance(call.effect, CallService)
+    assert call.effect.service == "/lab/robot1/wave"
+    assert shows.reading is not None
+    assert shows.reading.topic == "/lab/robot1/heat"
+    assert isinstance(action.effect, SendActionGoal)
+    assert action.effect.action == "/lab/robot1/dance"
+
+
+def test_maps_and_fixed_transforms_are_latched_unless_the_file_says_otherwise() -> None:
+    profile = parsed(
+        GOOD + "map: {topic: /map}\ntf_static: {topic: /tf_static, latched: false}\npose: {topic: /p, latched: true}\n"
+    )
+    assert profile.map is not None
+    assert profile.tf_static is not None
+    assert profile.pose is not None
+    assert (profile.map.latched, profile.tf_static.latched, profile.pose.latched) == (True, False, True)
+
+
+def test_a_camera_is_described_as_its_data_sheet_does() -> None:
+    camera = """cameras:
+  - name: front
+    topic: /c
+    model: {width_px: 640, height_px: 480, horizontal_fov_deg: 90, x_m: 0.1, z_m: 1.2, tilt_deg: 45}
+"""
+    model = parsed(GOOD + camera).cameras[0].model
+    assert model is not None
+    assert model.fx_px == pytest.approx(320.0)
+    assert (model.cx_px, model.cy_px, model.x_m, model.heading_rad) == (320.0, 240.0, 0.1, 0.0)
+    # looking down at 45 degrees from 1.2 m, the middle of the picture is 1.2 m ahead
+    assert model.floor_point(320.0, 240.0) == pytest.approx((1.3, 0.0))
+    lens = "model: {width_px: 640, height_px: 480, fx_px: 500, cy_px: 200}"
+    model = parsed(GOOD + f"cameras:\n  - {{name: a, topic: /c, {lens}}}\n").cameras[0].model
+    assert model == CameraModel(640, 480, 500.0, 500.0, 320.0, 200.0)
+
+
+def test_a_footprint_is_a_circle_or_an_outline_counter_clockwise() -> None:
+    assert parsed(GOOD).footprint_radius_m == 0.25
+    assert parsed(GOOD + "footprint_radius_m: 0.3\n").footprint_radius_m == 0.3
+    assert parsed(GOOD + "footprint: {radius_m: 0.2}\n").footprint_radius_m == 0.2
+    clockwise = parsed(GOOD + "footprint: {polygon_m: [[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]}\n")
+    assert clockwise.footprint_m == ((-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2), (0.3, 0.2))
+    assert clockwise.footprint_radius_m == pytest.approx(math.hypot(0.3, 0.2))
+
+
+def test_a_voice_that_is_an_action_and_every_kind_of_emergency_stop() -> None:
+    speech = "speech: {action: {name: /tts, type: a/TtsAction, goal: {rawtext: {text: $value, lang_id: en_GB}}}}\n"
+    profile = parsed(GOOD + speech)
+    assert profile.speech is not None
+    assert profile.speech.action == SpeechAction(
+        "/tts", "a/TtsAction", {"rawtext": {"text": "$value", "lang_id": "en_GB"}}
+    )
+    stop = parsed(GOOD + "emergency_stop: {service: /motors, service_field: on, service_stop_value: false}\n")
+    assert stop.emergency_stop is not None
+    assert (stop.emergency_stop.service_field, stop.emergency_stop.service_stop_value) == ("on", False)
+    stop = parsed(
+        GOOD2 + "emergency_stop: {set_service: /s, clear_service: /c, service_type: std_srvs/srv/Empty, topic: /t}\n"
+    )
+    assert stop.emergency_stop is not None
+    assert stop.emergency_stop.service_type == "std_srvs/Empty"
+
+
+def test_words_that_other_yaml_readers_take_for_something_else_are_words() -> None:
+    profile = parsed(
+        GOOD + "guard: {on: false, stop_distance_m: 2e-1}\ntitle: 12:30\n"
+        "controls:\n  - {id: a, title: Off, kind: choice, choices: [{title: yes, value: no}],\n"
+        "     publish: {topic: /t, type: a/B, message: {data: $value}}}\n"
+    )
+    assert (profile.guard.on, profile.guard.stop_distance_m, profile.title) == (False, 0.2, "12:30")
+    assert (profile.controls[0].choices[0].title, profile.controls[0].choices[0].value) == ("yes", "no")
+
+
+CONTROL = "controls:\n  - {id: a, title: A, kind: %s}\n"
+PUBLISH = "publish: {topic: /t, type: a/B, message: {data: %s}}"
+HEAD = "head: {kind: joint_angles, topic: /j, pan_joint: a, tilt_joint: b, %s}\n"
+CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48, %s}}\n"
 
 
 @pytest.mark.parametrize(
     ("text", "line", "names"),
     [
-        (GOOD + "veloctiy: {}\n", 5, ["veloctiy", "velocity"]),
+        (GOOD + "veloctiy: {}\n", 5, ["veloctiy", "Did you mean 'velocity'"]),
         ("version: 1\nros: 3\nvelocity: {topic: /cmd_vel}\n", 2, ["ros", "3", "1, 2"]),
-        ("version: 1\nros: 1\nvelocity:\n  topic: /cmd_vel\n  type: Twits\n", 5, ["Twits", "Twist, TwistStamped"]),
+        (GOOD + "  type: Twits\n", 5, ["Twits", "Twist, TwistStamped", "mean"]),
         (GOOD + "limits:\n  forward_mps: -1\n", 6, ["limits.forward_mps", "a number above 0"]),
         (GOOD + "limits:\n  forward_mps: fast\n", 6, ["limits.forward_mps", "fast"]),
         (GOOD + "scan: {topic: /my scan}\n", 5, ["scan.topic", "a ROS name"]),
+        (GOOD + "scan:\n", 5, ["scan", "empty"]),
         (GOOD + "cameras:\n  - {name: front, topic: /a}\n  - {name: back}\n", 7, ["cameras.1", "topic"]),
+        (GOOD + "cameras:\n  - {name: a, topic: /a}\n  - {name: a, topic: /b}\n", 7, ["two cameras", "a"]),
         ("version: 1\nros: 1\nros: 2\n", 3, ["ros", "twice"]),
         ("version: 1\nros: [1\n", 3, ["not YAML"]),
         ("version: 7\nros: 1\n", 1, ["version 7", "newer"]),
         ("ros: 1\n", 1, ["version"]),
+        (GOOD + "title: &a x\nnamespace: *a\n", 6, ["references"]),
+        (GOOD + "title: !!python/name:os.system\n", 5, ["tag"]),
+        (GOOD + "command_rate_hz: .inf\n", 5, ["usable number"]),
+        (GOOD + "namespace: 1robot\n", 5, ["namespace", "robot1"]),
+        (GOOD2 + "scan: {topic: /robot/1/scan}\n", 4, ["scan.topic", "ROS 2", "digit"]),
+        (GOOD2 + "scan: {topic: /my__scan}\n", 4, ["ROS 2"]),
+        (GOOD + "address: ws://user:secret@host:9090\n", 5, ["address", "without a password"]),
+        (GOOD + "footprint: {polygon_m: [[1, 1], [-1, 1]]}\n", 5, ["footprint.polygon_m", "three corners"]),
+        (GOOD + "footprint: {polygon_m: [[1, 1], [2, 1], [2, 2]]}\n", 5, ["footprint.polygon_m", "centre"]),
+        (GOOD + "footprint: {polygon_m: [[1, 1], [-1, -1], [1, -1], [-1, 1]]}\n", 5, ["cross"]),
+        (GOOD + "footprint: {}\n", 5, ["either radius_m or polygon_m"]),
+        (GOOD + "footprint: {radius_m: 1}\nfootprint_radius_m: 1\n", 6, ["keep one"]),
+        (GOOD + CAMERA % "z_m: 1", 6, ["either horizontal_fov_deg or fx_px"]),
+        (GOOD + CAMERA % "fx_px: 9, heading_deg: 1, heading_rad: 1", 6, ["heading_rad", "keep one"]),
+        (GOOD + CAMERA % "fx_px: 9, on_head: true", 6, ["no head"]),
+        (GOOD + "navigation: {kind: navigate_to_pose, name: /n}\n", 5, ["ros: 1", "move_base"]),
+        (GOOD + "speech: {speaking: /s}\n", 5, ["speech", "either a topic or an action"]),
+        (GOOD + "speech: {action: {name: /s, type: a/B, goal: {text: hi}}}\n", 5, ["speech.action.goal", "$value"]),
+        (GOOD + "emergency_stop: {set_service: /s}\n", 5, ["set_service", "clear_service"]),
+        (GOOD + "emergency_stop: {service: /s, command_topic: /c}\n", 5, ["one way"]),
+        (GOOD + "emergency_stop: {inverted: true}\n", 5, ["inverted", "topic"]),
+        (GOOD + HEAD % "pan_range_rad: [1, -1]", 5, ["head.pan_range_rad", "lower"]),
+        (GOOD + HEAD.replace("tilt_joint: b", "tilt_joint: a") % "speed_radps: 1", 5, ["two joints"]),
+        (GOOD + "maps: {folder: ../../etc}\n", 5, ["maps.folder"]),
+        (GOOD + CONTROL % "button", 6, ["controls.0", "one of publish, call, action"]),
+        (GOOD + CONTROL % f"readout, {PUBLISH % 1}", 6, ["controls.0"]),
+        (GOOD + CONTROL % f"knob, {PUBLISH % 1}", 6, ["controls.0.kind", "slider"]),
+        (GOOD + CONTROL % f"slider, range: [1, 0], {PUBLISH % '$value'}", 6, ["the lower number first"]),
+        (GOOD + CONTROL % f"toggle, {PUBLISH % 1}", 6, ["$value", "no effect"]),
+        (GOOD + CONTROL % f"button, range: [0, 1], {PUBLISH % 1}", 6, ["belongs to a slider"]),
+        (GOOD + CONTROL % f"button, {PUBLISH % 1}" + CONTROL.split("\n")[1] % f"text, {PUBLISH % 1}", 7, ["twice"]),
+        (GOOD + "security: {rosauth_secret_env: my secret}\n", 5, ["rosauth_secret_env", "environment variable"]),
     ],
-)
+)  # fmt: skip
 def test_a_mistake_is_named_with_its_line_and_what_is_allowed(text: str, line: int, names: list[str]) -> None:
     message = message_of(text)
     assert f"robot.yaml, line {line}:" in message
     for name in names:
-        assert name in message
+        assert name in message, message
 
 
 @pytest.mark.parametrize("text", ["", "just a text", "- a\n- b\n", "version: 1\nros: !!python/object:os.system 1\n"])
@@ -93,8 +261,215 @@ def test_what_is_no_profile_at_all_is_refused(text: str) -> None:
     assert "robot.yaml" in message_of(text)
 
 
-def test_a_profile_that_is_not_there_is_answered_with_those_that_are() -> None:
-    with pytest.raises(ProfileError, match="generic-ros1"):
-        load_profile("pepper")
+def test_a_bomb_of_references_and_a_tower_of_brackets_are_refused_at_once() -> None:
+    bomb = "a: &a [x]\n" + "".join(f"{b}: &{b} [*{a}, *{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+    assert "references" in message_of(bomb)
+    assert "levels" in message_of("a: " + "[" * 2000)
+    assert "larger" in message_of("#" * 2_000_000)
+
+
+@settings(max_examples=60)
+@given(st.text(max_size=60) | st.binary(max_size=60).map(lambda data: data.decode("latin-1")))
+def test_nothing_but_a_profile_error_comes_of_any_text(text: str) -> None:
+    for head in ("", GOOD):
+        try:
+            parsed(head + text)
+        except ProfileError as error:
+            assert "robot.yaml" in str(error)
+
+
+def test_a_profile_that_is_not_there_is_answered_with_those_that_are(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match=r"mean 'pepper'.*generic-ros1"):
+        load_profile("peper", user_dir=tmp_path)
     with pytest.raises(ProfileError, match="cannot be read"):
         load_profile("/nowhere/robot.yaml")
+
+
+def test_certificates_lie_beside_the_profile(tmp_path: Path) -> None:
+    (tmp_path / "lab.pem").write_text("not checked here")
+    (tmp_path.parent / "other.pem").write_text("")
+    path = tmp_path / "robot.yaml"
+    path.write_text(GOOD + "security: {ca_file: lab.pem, rosauth_secret_env: LAB_SECRET}\n")
+    profile = read_profile(path)
+    assert profile.security.ca_file == str((tmp_path / "lab.pem").resolve())
+    assert profile.security.rosauth_secret_env == "LAB_SECRET"
+    save_profile(profile, tmp_path / "copy.yaml")
+    assert "ca_file: lab.pem" in (tmp_path / "copy.yaml").read_text()
+    with pytest.raises(ProfileError, match="Copy the certificate file"):
+        save_profile(profile, tmp_path / "elsewhere" / "copy.yaml")
+    for outside in ("../other.pem", str(tmp_path.parent / "other.pem")):
+        assert "folder of the profile" in message_of(GOOD + f"security: {{ca_file: '{outside}'}}\n", str(path))
+    assert "no file" in message_of(GOOD + "security: {ca_file: lost.pem}\n", str(path))
+
+
+def test_own_profiles_are_listed_and_a_broken_one_hides_nothing(tmp_path: Path) -> None:
+    (tmp_path / "lab-robot.yaml").write_text(GOOD + "title: Robot of the lab\naddress: ws://10.0.0.5:9090\n")
+    (tmp_path / "broken.yaml").write_text(GOOD + "nonsense: 1\n")
+    (tmp_path / "pepper.yaml").write_text(GOOD + "title: Our Pepper\n")
+    listed = {profile.name: profile for profile in list_profiles(tmp_path)}
+    assert set(listed) == {"lab-robot", "broken", *shipped_profiles()}
+    assert (listed["lab-robot"].title, listed["lab-robot"].address) == ("Robot of the lab", "ws://10.0.0.5:9090")
+    assert not listed["lab-robot"].shipped
+    assert "nonsense" in listed["broken"].error
+    assert (listed["pepper"].title, listed["pepper"].shipped) == ("Our Pepper", False)
+    assert listed["nao"].shipped
+    assert load_profile("lab-robot", user_dir=tmp_path).title == "Robot of the lab"
+    assert load_profile("pepper", user_dir=tmp_path).title == "Our Pepper"
+    assert load_profile("nao", user_dir=tmp_path / "not there").title == "NAO"
+
+
+@pytest.mark.parametrize("name", shipped_profiles())
+def test_a_shipped_profile_reads_back_as_it_was_written(name: str, tmp_path: Path) -> None:
+    profile = load_profile(name, user_dir=tmp_path)
+    path = tmp_path / "robots" / f"{name}.yaml"
+    save_profile(profile, path)
+    assert read_profile(path) == profile
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert max(len(line) for line in path.read_text().splitlines()) < 130
+
+
+def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("before")
+    with pytest.raises(ProfileError, match="not saved"):
+        save_profile(replace(load_profile("simulated"), footprint_m=((1, 0), (0, 1), (-1, -1))), path)
+    with pytest.raises(ProfileError, match="a number above 0"):
+        profile = load_profile("simulated")
+        save_profile(replace(profile, limits=replace(profile.limits, forward_mps=0.0)), path)
+    assert path.read_text() == "before"
+    with pytest.raises(ProfileError, match="name of a profile"):
+        save_profile(load_profile("simulated"), tmp_path / "my robot.yaml")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(ProfileError, match="not written"):
+        save_profile(load_profile("simulated"), blocked / "robot.yaml")
+
+
+def test_a_title_becomes_a_file_name() -> None:
+    assert profile_file_name("Ümit's Robot 2 (ROS 1)") == "umit-s-robot-2-ros-1.yaml"
+    assert profile_file_name("机器人") == "robot.yaml"
+
+
+NAMES = st.from_regex(r"\A/?[a-z][a-z0-9]{0,6}(/[a-z][a-z0-9]{0,4}){0,2}\Z")
+WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=12)
+NUMBERS = st.floats(0.06, 1.9, allow_nan=False)
+ANGLES = st.floats(-90.0, 90.0, allow_nan=False)
+SOURCES = st.fixed_dictionaries(
+    {"topic": NAMES}, optional={"throttle_ms": st.integers(0, 9999), "latched": st.booleans()}
+)
+PUBLISHES = st.fixed_dictionaries(
+    {"topic": NAMES, "type": st.just("std_msgs/String")}, optional={"message": st.just({"data": "at $value %"})}
+)
+VALUES = st.one_of(st.booleans(), st.floats(-9, 9), st.integers(-9, 9), WORDS, st.sampled_from(["yes", "1e3", "~", ""]))
+CONTROLS = st.one_of(
+    st.fixed_dictionaries(
+        {"kind": st.just("button"), "title": WORDS, "publish": PUBLISHES},
+        optional={"group": WORDS, "confirm": st.booleans()},
+    ),
+    st.fixed_dictionaries(
+        {
+            "kind": st.just("choice"),
+            "title": WORDS,
+            "publish": st.just({"topic": "/t", "type": "a/B", "message": {"data": "$value"}}),
+            "choices": st.lists(st.fixed_dictionaries({"title": WORDS, "value": VALUES}), min_size=1, max_size=3),
+        }
+    ),
+    st.fixed_dictionaries(
+        {
+            "kind": st.just("readout"),
+            "title": WORDS,
+            "shows": st.fixed_dictionaries(
+                {"topic": NAMES, "type": st.just("a/B"), "field": st.sampled_from(["data", "status[0].level"])},
+                optional={"scale": NUMBERS, "throttle_ms": st.integers(0, 9999)},
+            ),
+        }
+    ),
+)
+MODELS = st.fixed_dictionaries(
+    {"width_px": st.integers(16, 2000), "height_px": st.integers(16, 2000), "horizontal_fov_deg": st.floats(5, 170)},
+    optional={"x_m": NUMBERS, "z_m": NUMBERS, "heading_deg": ANGLES, "tilt_deg": ANGLES},
+) | st.fixed_dictionaries(
+    {"width_px": st.integers(16, 2000), "height_px": st.integers(16, 2000), "fx_px": st.floats(1, 5000)},
+    optional={"fy_px": st.floats(1, 5000), "cx_px": st.floats(0, 900), "tilt_rad": st.floats(-1.5, 1.5)},
+)
+PROFILES = st.fixed_dictionaries(
+    {"version": st.just(1), "ros": st.just(1), "velocity": st.fixed_dictionaries({"topic": NAMES})},
+    optional={
+        "title": WORDS,
+        "namespace": st.sampled_from(["robot1", "/lab/two"]),
+        "simulation_time": st.booleans(),
+        "limits": st.fixed_dictionaries({}, optional={"forward_mps": NUMBERS, "left_mps": NUMBERS}),
+        "guard": st.fixed_dictionaries({}, optional={"on": st.booleans(), "reaction_s": NUMBERS}),
+        "footprint": st.fixed_dictionaries({"radius_m": NUMBERS})
+        | st.fixed_dictionaries({"polygon_m": st.just([[0.3, 0.21], [-0.3, 0.2], [-0.3, -0.2], [0.31, -0.2]])}),
+        "scan": SOURCES,
+        "map": SOURCES,
+        "path": SOURCES,
+        "cameras": st.lists(
+            st.fixed_dictionaries({"name": st.just("a"), "topic": NAMES}, optional={"model": MODELS, "info": NAMES}),
+            max_size=1,
+        ),
+        "navigation": st.fixed_dictionaries({"kind": st.just("move_base"), "name": NAMES}),
+        "initial_pose": NAMES,
+        "maps": st.fixed_dictionaries({"slam_toolbox": NAMES}, optional={"folder": st.sampled_from(["/maps", "m a"])}),
+        "speech": st.fixed_dictionaries({"topic": NAMES}, optional={"stop": NAMES})
+        | st.just({"action": {"name": "say", "type": "a/SayAction", "goal": {"text": ["$value", 1, None, True, 0.5]}}}),
+        "emergency_stop": st.fixed_dictionaries({"topic": NAMES}, optional={"inverted": st.booleans()})
+        | st.fixed_dictionaries({"service": NAMES}, optional={"service_stop_value": st.booleans()}),
+        "head": st.fixed_dictionaries(
+            {
+                "kind": st.sampled_from(["joint_trajectory", "joint_angles"]),
+                "topic": NAMES,
+                "pan_joint": st.just("a"),
+                "tilt_joint": WORDS.filter(lambda word: word != "a"),
+            },
+            optional={"speed_radps": NUMBERS, "tilt_sign": st.sampled_from([1, -1]), "joint_states": NAMES},
+        ),
+        "controls": st.lists(CONTROLS, max_size=3).map(
+            lambda controls: [{"id": f"c{number}", **control} for number, control in enumerate(controls)]
+        ),
+        "laser": st.fixed_dictionaries(
+            {"robot_from_laser": st.fixed_dictionaries({}, optional={"x_m": NUMBERS, "heading_deg": ANGLES})}
+        ),
+    },
+)  # fmt: skip
+
+
+@settings(max_examples=60)
+@given(PROFILES)
+def test_any_profile_reads_back_as_it_was_written(data: dict[str, Any]) -> None:
+    profile = parsed(profile_yaml(data))
+    written = profile_yaml(profile_data(profile, Path()))
+    assert parsed(written) == profile, written
+
+
+@settings(max_examples=50)
+@given(st.dictionaries(WORDS, VALUES | st.lists(VALUES, max_size=3) | st.dictionaries(WORDS, VALUES, max_size=3)))
+def test_any_data_is_the_same_data_after_writing_and_reading(data: dict[str, Any]) -> None:
+    assert ProfileText(profile_yaml({"a": 1, **data}), "f").data == {"a": 1, **data}
+
+
+def test_every_field_of_a_profile_can_be_written() -> None:
+    """A field that is added to the dataclass and forgotten in the file would be lost without a word."""
+    written = set()
+    for name in shipped_profiles():
+        written |= set(profile_data(load_profile(name), Path()))
+    parts = {field.name for field in fields(RobotProfile)} - {"name"}
+    said = {"robot_from_laser": "laser", "footprint_radius_m": "footprint", "footprint_m": "footprint"}
+    seldom = {"security", "simulation_time"}
+    assert {said.get(part, part) for part in parts} - seldom <= written | {"frames"}
+
+
+def test_an_outline_with_the_centre_on_its_edge_or_twice_the_same_corner_is_none() -> None:
+    square = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+    assert polygon_mistake(square) == ""
+    assert polygon_mistake([*square, square[0]])
+    assert polygon_mistake([(0.0, 0.5), (1.0, 0.5), (1.0, -0.5), (0.0, -0.5)])
+    assert polygon_mistake([(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)])
+
+
+def test_what_the_panel_sends_keeps_its_types() -> None:
+    profile = load_profile("tiago")
+    torso = next(control for control in profile.controls if control.id == "torso")
+    assert isinstance(torso.effect, PublishMessage)
+    assert torso.effect.message["points"] == [{"positions": ["$value"], "time_from_start": {"secs": 3, "nsecs": 0}}]

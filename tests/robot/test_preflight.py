@@ -1,0 +1,96 @@
+"""What a profile names, compared with what a robot has."""
+
+from dataclasses import replace
+
+from caris_desktop.robot.preflight import RobotInventory, missing_from, named_in, services_of
+from caris_desktop.robot.profile import load_profile, parse_profile, shipped_profiles
+from caris_desktop.ros.dialect import Dialect
+
+TIAGO = load_profile("tiago")
+TOPICS = {named.topic: named.types[0] for named in named_in(TIAGO)} | {
+    "/move_base/goal": "move_base_msgs/MoveBaseActionGoal",
+    "/tts/goal": "pal_interaction_msgs/TtsActionGoal",
+    "/play_motion/goal": "play_motion_msgs/PlayMotionActionGoal",
+}
+WHOLE = RobotInventory(TOPICS, frozenset())
+
+
+def without(*topics: str) -> RobotInventory:
+    return replace(WHOLE, topics={topic: kind for topic, kind in TOPICS.items() if topic not in topics})
+
+
+def test_a_robot_with_everything_lacks_nothing() -> None:
+    assert missing_from(TIAGO, WHOLE) == []
+
+
+def test_each_thing_that_is_missing_is_a_sentence_of_its_own() -> None:
+    sentences = missing_from(
+        TIAGO, without("/scan", "/key_vel", "/tts/goal", "/move_base/goal", "/head_controller/command")
+    )
+    assert sentences == [
+        "Driving: nothing on the robot listens to /key_vel.",
+        "LIDAR: the robot has no topic /scan.",
+        "Head: nothing on the robot listens to /head_controller/command.",
+        "Navigation: the robot has no action /move_base.",
+        "Speech: the robot has no action /tts.",
+    ]
+
+
+def test_what_comes_only_at_times_is_not_missed() -> None:
+    assert missing_from(TIAGO, without("/move_base/GlobalPlanner/plan", "/amcl_pose", "/initialpose")) == []
+
+
+def test_controls_without_effect_are_one_sentence() -> None:
+    lacking = without("/play_motion/goal", "/power/battery_level")
+    [sentence] = missing_from(TIAGO, lacking)
+    assert sentence.endswith("they use: Battery, Wave, Fold the arm.")
+
+
+def test_another_type_is_told_with_the_expected_one_as_the_robot_spells_it() -> None:
+    profile = load_profile("turtlebot4")
+    topics = {named.topic: named.types[0].replace("/", "/msg/", 1) for named in named_in(profile)}
+    topics = {topic: kind.replace("/msg/msg/", "/msg/") for topic, kind in topics.items()}
+    names = frozenset(service for _field, _label, service in services_of(profile)) | {"/slam_toolbox/serialize_map"}
+    inventory = RobotInventory(topics | {"/cmd_vel": "geometry_msgs/msg/Twist"}, names, None)
+    assert inventory.dialect is Dialect.ROS2
+    [sentence] = missing_from(profile, inventory)
+    assert (
+        sentence
+        == "Driving: /cmd_vel carries geometry_msgs/msg/Twist, but geometry_msgs/msg/TwistStamped was expected."
+    )
+
+
+def test_one_of_the_nodes_for_maps_is_enough() -> None:
+    profile = replace(load_profile("simulated-ros2"), controls=())
+    topics = {named.topic: named.types[0].replace("/", "/msg/", 1) for named in named_in(profile)}
+    stop = {"/emergency_stop/set"}
+    for there in ("/slam_toolbox/serialize_map", "/map_server/load_map"):
+        inventory = RobotInventory(topics, frozenset(stop | {there}), frozenset({"/navigate_to_pose"}))
+        assert missing_from(profile, inventory) == []
+    [sentence] = missing_from(profile, RobotInventory(topics, frozenset(stop), frozenset({"/navigate_to_pose"})))
+    assert sentence.startswith("Maps: the robot has none of /slam_toolbox/serialize_map,")
+
+
+def test_an_action_that_the_robot_does_not_tell_is_not_called_missing() -> None:
+    profile = replace(load_profile("generic-ros2"), maps=None)
+    topics = {named.topic: named.types[0].replace("/", "/msg/", 1) for named in named_in(profile)}
+    assert missing_from(profile, RobotInventory(topics, frozenset(), None)) == []
+    assert missing_from(profile, RobotInventory(topics, frozenset(), frozenset())) == [
+        "Navigation: the robot has no action /navigate_to_pose."
+    ]
+
+
+def test_every_name_of_every_shipped_profile_is_looked_for() -> None:
+    for name in shipped_profiles():
+        profile = load_profile(name)
+        looked_for = {named.topic for named in named_in(profile)}
+        sources = (profile.scan, profile.odometry, profile.map, profile.map_updates, profile.path, profile.battery)
+        assert {source.topic for source in sources if source is not None} <= looked_for
+        assert {profile.velocity.topic, *(camera.topic for camera in profile.cameras)} <= looked_for
+    text = (
+        "version: 1\nros: 1\nvelocity: {topic: a}\n"
+        "emergency_stop: {topic: b, set_service: c, clear_service: d}\nspeech: {topic: e, speaking: f, stop: g}\n"
+    )
+    profile = parse_profile(text, file_name="x", name="x")
+    assert [named.topic for named in named_in(profile)] == ["/a", "/e", "/f", "/g", "/b"]
+    assert [service for _field, _label, service in services_of(profile)] == ["/c", "/d"]

@@ -1,0 +1,86 @@
+"""The shipped profiles against robots of those kinds: the simulated robot in their dress, which knows no profile."""
+
+import re
+
+import pytest
+
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.profile import load_profile, shipped_profiles
+from tests.support.simulated_robot import SimulatedRobot
+
+DRESSES = {
+    "simulated": ("generic", 1),
+    "simulated-ros2": ("generic", 2),
+    "tiago": ("tiago", 1),
+    "turtlebot3": ("turtlebot3", 2),
+    "turtlebot4": ("turtlebot4", 2),
+    "pepper": ("pepper", 1),
+    "nao": ("nao", 1),
+}
+
+
+def test_these_profiles_are_shipped() -> None:
+    others = {"generic-ros1", "generic-ros2", "tiago-base", "turtlebot3-humble"}
+    assert set(shipped_profiles()) == set(DRESSES) | others
+
+
+@pytest.mark.parametrize("name", shipped_profiles())
+def test_a_shipped_profile_tells_where_its_names_are_from_and_can_be_driven(name: str) -> None:
+    text = (resources_dir() / "robots" / f"{name}.yaml").read_text(encoding="utf-8")
+    assert text.startswith("# yaml-language-server: $schema=../schemas/robot-profile.schema.json\n")
+    about = " ".join(line.lstrip("# ") for line in text.splitlines()[1:] if line.startswith("#"))
+    assert re.search(r"Names from|caris-desktop simulate|usual names", about)
+    if not name.startswith("simulated"):
+        assert "Not verified" in about or "Not tried" in about
+    profile = load_profile(name)
+    assert profile.odometry is not None
+    assert profile.guard.on
+    assert 0.05 <= profile.limits.forward_mps <= 0.7
+    # Whoever is stopped from 0.7 m/s at most must come to rest within the guard's sight.
+    assert profile.limits.forward_mps**2 / (2 * profile.limits.deceleration_mps2) < 0.5
+
+
+def test_the_wizard_of_a_humanoid_can_go_sideways_and_look_around() -> None:
+    for name in ("pepper", "nao"):
+        profile = load_profile(name)
+        assert profile.holonomic
+        assert profile.head is not None
+        assert profile.head.kind == "joint_angles"
+        assert profile.cameras[0].model is not None
+        assert profile.cameras[0].model.on_head
+
+
+def test_the_camera_of_the_simulated_robot_is_the_one_that_it_draws_with() -> None:
+    from caris_desktop.simulator import camera_model
+    from caris_desktop.simulator.robot import Body
+
+    for name in ("simulated", "simulated-ros2"):
+        model = load_profile(name).cameras[0].model
+        assert model is not None
+        assert (model.width_px, model.height_px) == (camera_model.WIDTH_PX, camera_model.HEIGHT_PX)
+        assert model.fx_px == pytest.approx(camera_model.FOCAL_PX)
+        assert (model.x_m, model.z_m) == (Body().robot_from_camera.x_m, Body().camera_height_m)
+
+
+def _lacking(name: str) -> list[str]:
+    dress, ros = DRESSES[name]
+    with SimulatedRobot(dress=dress, ros=ros) as robot:
+        return check_robot(load_profile(name), robot.address)
+
+
+@pytest.mark.parametrize("name", ["simulated", "simulated-ros2"])
+def test_the_simulated_robot_has_all_that_its_profile_names(name: str) -> None:
+    assert _lacking(name) == []
+
+
+@pytest.mark.parametrize("name", sorted(set(DRESSES) - {"simulated", "simulated-ros2"}))
+def test_a_robot_in_its_dress_has_all_that_its_profile_names_but_what_only_it_can_do(name: str) -> None:
+    for sentence in _lacking(name):
+        assert sentence.startswith("Without effect in the Robot panel")
+
+
+def test_a_profile_for_the_other_ros_is_told_and_not_taken() -> None:
+    with SimulatedRobot(dress="turtlebot4") as robot:
+        first, *_ = check_robot(load_profile("tiago"), robot.address)
+    assert "runs ROS 2, but the profile says ROS 1" in first
