@@ -221,7 +221,7 @@ async def _film_forever(robot: Robot, topics: RobotTopics, server: BridgeServer,
             due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
             await asyncio.sleep(due_s - loop.time())
             faults = topics.faults
-            if faults.camera_silent or not server.has_subscribers(topics.camera_topic):
+            if faults.camera_silent or topics.camera_topic is None or not server.has_subscribers(topics.camera_topic):
                 continue
             stamp_ns = clock.now_ns()
             if not (faults.camera_frozen and frozen):

@@ -94,7 +94,7 @@ class Dress:
     odometry: str
     tf: str
     tf_static: str
-    camera: CameraTopics
+    camera: CameraTopics | None = None
     map_frame: str = "map"
     odom_frame: str = "odom"
     base_frame: str = "base_link"

@@ -58,10 +58,10 @@ class HeadOnRos:
             Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
         ]
 
-    def camera_mount(self) -> Placement:
+    def camera_mount(self, camera_frame: str) -> Placement:
         """Where the camera sits, on the head or on the body."""
         wiring = self._wiring
-        frame, body = wiring.frame(wiring.dress.camera.frame), wiring.robot.body
+        frame, body = wiring.frame(camera_frame), wiring.robot.body
         if wiring.dress.head is not None:
             return Placement(wiring.frame(wiring.dress.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
         return Placement(wiring.frame(wiring.dress.base_frame), frame, body.robot_from_camera, body.camera_height_m)

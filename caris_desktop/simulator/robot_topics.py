@@ -55,6 +55,7 @@ class RobotTopics:
         self._twists_received = 0
         self._last_twist_s: float | None = None
         self._stop_state: str | None = None
+        self._camera: str | None = None
         self._periodic: list[_Periodic] = []
         self._head = HeadOnRos(wiring)
         self._map = MapOnRos(wiring, maps or MapFiles())
@@ -79,8 +80,8 @@ class RobotTopics:
         return self._speech.voice if self._speech is not None else None
 
     @property
-    def camera_topic(self) -> str:
-        """Where the pictures go."""
+    def camera_topic(self) -> str | None:
+        """Where the pictures go; None without a camera."""
         return self._camera
 
     def publish_due(self) -> None:
@@ -97,12 +98,15 @@ class RobotTopics:
 
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
         """Publish one camera picture and, where somebody wants it, what the camera is like."""
-        wiring = self._wiring
-        frame = wiring.frame(wiring.dress.camera.frame)
+        wiring, camera = self._wiring, self._wiring.dress.camera
+        if camera is None or self._camera is None:
+            return
+        frame = wiring.frame(camera.frame)
         picture = messages.encode_compressed_image(wiring.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
         wiring.publish(self._camera, picture)
-        if wiring.wanted(self._camera_info):
-            self._publish_camera_info()
+        info = wiring.dress.absolute(camera.info)
+        if wiring.wanted(info):
+            self._publish_camera_info(info, frame)
 
     def stop(self) -> None:
         """Be silent, and let nothing happen later."""
@@ -134,8 +138,9 @@ class RobotTopics:
         self._odometry = wiring.publishes(dress.odometry, "nav_msgs", "Odometry")
         self._tf = wiring.publishes(dress.tf, "tf2_msgs", "TFMessage")
         self._tf_static = wiring.publishes(dress.tf_static, "tf2_msgs", "TFMessage", latched=True)
-        self._camera = wiring.publishes(dress.camera.image, "sensor_msgs", "CompressedImage")
-        self._camera_info = wiring.publishes(dress.camera.info, "sensor_msgs", "CameraInfo")
+        if dress.camera is not None:
+            self._camera = wiring.publishes(dress.camera.image, "sensor_msgs", "CompressedImage")
+            wiring.publishes(dress.camera.info, "sensor_msgs", "CameraInfo")
         self._scan = wiring.publishes(dress.scan, "sensor_msgs", "LaserScan") if dress.scan else None
         self._every(2, self._odometry, self._publish_odometry)
         self._every(2, self._tf, self._publish_transforms)
@@ -211,7 +216,8 @@ class RobotTopics:
         placements = [Placement(base, wiring.frame(name), _AT_BASE) for name in dress.same_as_base]
         if lidar is not None and self._robot.body.laser_frame not in (dress.base_frame, *dress.same_as_base):
             placements.append(Placement(base, wiring.frame(self._robot.body.laser_frame), lidar.robot_from_laser))
-        placements.append(self._head.camera_mount())
+        if dress.camera is not None:
+            placements.append(self._head.camera_mount(dress.camera.frame))
         message = encoding.transforms(wiring.dialect, placements, stamp_ns=wiring.stamp_ns())
         wiring.publish(self._tf_static, message)
 
@@ -244,7 +250,7 @@ class RobotTopics:
             message["percentage"] = 100.0 * fraction
         wiring.publish(topic, message)
 
-    def _publish_camera_info(self) -> None:
+    def _publish_camera_info(self, topic: str, frame: str) -> None:
         wiring = self._wiring
         message = encoding.camera_info(
             wiring.dialect,
@@ -252,9 +258,9 @@ class RobotTopics:
             height_px=HEIGHT_PX,
             focal_px=FOCAL_PX,
             stamp_ns=wiring.stamp_ns(),
-            frame_id=wiring.frame(wiring.dress.camera.frame),
+            frame_id=frame,
         )
-        wiring.publish(self._camera_info, message)
+        wiring.publish(topic, message)
 
     def _on_twist(self, velocity: VelocityInput, message: Message) -> None:
         stamped = velocity.type == "TwistStamped" or (velocity.type == "either" and "twist" in message)

@@ -2,8 +2,8 @@
 
 Nothing here is taken from the profiles in ``resources/robots``: a mistake in one must show in the other.
 
-- TIAGo (ROS 1): pal-robotics/tiago_robot, pmb2_robot (twist_mux), tiago_tutorials, pal_msgs (TtsAction)
-- TurtleBot3 (ROS 2 Jazzy): ROBOTIS-GIT/turtlebot3 (bringup, node, navigation2, cartographer)
+- TIAGo and its base (ROS 1): pal-robotics/tiago_robot, pmb2_robot (twist_mux), tiago_tutorials, pal_msgs (TtsAction)
+- TurtleBot3 (ROS 2 Jazzy and Humble): ROBOTIS-GIT/turtlebot3 (bringup, node, navigation2, cartographer)
 - TurtleBot4 (ROS 2 Jazzy): turtlebot/turtlebot4, turtlebot4-user-manual, iRobotEducation/irobot_create_msgs
 - Pepper, NAO (ROS 1): ros-naoqi/naoqi_driver and its documentation (topics of ``/pepper_robot`` and ``/nao_robot``)
 """
@@ -111,7 +111,7 @@ def _tiago() -> Dress:
         name="tiago",
         dialect=Dialect.ROS1,
         body=Body(
-            base=BaseModel(radius_m=0.27, forward_mps=1.0, reverse_mps=0.5, turn_radps=2.0),
+            base=BaseModel(radius_m=0.27, forward_mps=1.0, reverse_mps=0.2, turn_radps=math.radians(120.0)),
             # a SICK TiM5xx behind the gap in the cover of the base
             lidar=LidarModel(
                 beams=666,
@@ -157,6 +157,17 @@ def _tiago() -> Dress:
         # told of the red button on its back, which nobody can press from afar
         stop_state="/power/is_emergency",
     )
+
+
+def _tiago_base() -> Dress:
+    """The base alone: no torso, no head, no camera."""
+    tiago = _tiago()
+    body = replace(tiago.body, head=FIXED)
+    return replace(tiago, name="tiago-base", body=body, camera=None, head=None)
+
+
+def _turtlebot3_humble() -> Dress:
+    return replace(_turtlebot3(), name="turtlebot3-humble", velocity=(VelocityInput("cmd_vel"),))
 
 
 def _turtlebot3() -> Dress:
@@ -206,7 +217,8 @@ def _turtlebot4() -> Dress:
         name="turtlebot4",
         dialect=Dialect.ROS2,
         body=Body(
-            base=BaseModel(radius_m=0.175, forward_mps=0.46, reverse_mps=0.46, turn_radps=1.9),
+            # with its own safety on
+            base=BaseModel(radius_m=0.175, forward_mps=0.306, reverse_mps=0.306, turn_radps=1.9),
             # an RPLIDAR A1, mounted a quarter turn to the left
             lidar=LidarModel(range_min_m=0.15, range_max_m=12.0, robot_from_laser=Pose2D(-0.04, 0.0, math.pi / 2)),
             laser_frame="rplidar_link",
@@ -303,7 +315,9 @@ def _nao() -> Dress:
 _DRESSES: dict[str, dict[int, Callable[[], Dress]]] = {
     DEFAULT: {1: lambda: _generic(Dialect.ROS1), 2: lambda: _generic(Dialect.ROS2)},
     "tiago": {1: _tiago},
+    "tiago-base": {1: _tiago_base},
     "turtlebot3": {2: _turtlebot3},
+    "turtlebot3-humble": {2: _turtlebot3_humble},
     "turtlebot4": {2: _turtlebot4},
     "pepper": {1: _pepper},
     "nao": {1: _nao},

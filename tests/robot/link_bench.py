@@ -83,12 +83,18 @@ class BridgeDouble:
 
 
 class LinkProcess:
-    """The control link in a spawned child, as the console runs it."""
+    """The control link in a spawned child, as the console runs it; ``method`` may be a cheaper way to start one."""
 
     def __init__(
-        self, address: str, profile: str = "simulated", *, body: Any = run_control_link, extra: Any = ()
+        self,
+        address: str,
+        profile: str = "simulated",
+        *,
+        body: Any = run_control_link,
+        extra: Any = (),
+        method: str = "spawn",
     ) -> None:
-        context = multiprocessing.get_context("spawn")
+        context: Any = multiprocessing.get_context(method)
         self._ours, theirs = context.Pipe()
         settings = LinkSettings(load_profile(profile), address)
         self.process = context.Process(target=body, args=(theirs, settings, *extra), daemon=True)

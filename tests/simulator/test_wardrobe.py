@@ -162,7 +162,9 @@ def test_a_namespace_is_put_before_relative_names_only() -> None:
 
 
 def test_what_is_no_dress_is_refused_with_a_list() -> None:
-    with pytest.raises(NoSuchDress, match="generic, nao, pepper, tiago, turtlebot3, turtlebot4"):
+    with pytest.raises(
+        NoSuchDress, match="generic, nao, pepper, tiago, tiago-base, turtlebot3, turtlebot3-humble, turtlebot4"
+    ):
         dress_named("r2d2")
     with pytest.raises(NoSuchDress, match="ROS 2"):
         dress_named("turtlebot3", 1)
@@ -174,4 +176,4 @@ def test_every_definition_can_be_resolved_to_the_last_field() -> None:
     for dialect in Dialect:
         for typedef in typedefs.message_typedefs(dialect, "nav_msgs/Odometry"):
             assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
-    assert set(dress_names()) == {"generic", *PUBLISHED}
+    assert set(dress_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
