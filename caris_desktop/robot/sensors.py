@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
 from caris_desktop.robot.latched import LatchedTopics
@@ -32,13 +34,14 @@ logger = logging.getLogger(__name__)
 MOST_PATH_POINTS = 500
 # A robot may tell of its frames one by one; who complains earlier complains for nothing.
 FRAMES_KNOWN_AFTER_NS = 3_000_000_000
+PLACE_KNOWN_AFTER_NS = 8_000_000_000
 CLOCK = TopicSource("/clock", throttle_ms=100)
 
 
 class Sensors:
     """Subscribes to what the profile names and hands domain values to ``put``.
 
-    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose as well.
+    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose too.
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class Sensors:
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
         self._told_frames: set[str] = set()
+        self._told_lost = False
         self.pose_in_map: Pose2D | None = None
         self._subscribe()
 
@@ -78,6 +82,7 @@ class Sensors:
         self._poses.forget()
         self._transforms_since_ns = None
         self._told_frames.clear()
+        self._told_lost = False
         self.pose_in_map = None
 
     def close(self) -> None:
@@ -165,6 +170,8 @@ class Sensors:
         if told and self._transforms_since_ns is None:
             self._transforms_since_ns = self._ros.arrival_ns
         self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
+        if self.pose_in_map is None:
+            self._complain_of_place()
 
     def _take_path(self, message: Any) -> None:
         path = decode_path(message)
@@ -183,6 +190,27 @@ class Sensors:
             self.pose_in_map = pose.pose_in_map
             self._put(pose)
             self._pose_taken(pose)
+
+    def _complain_of_place(self) -> None:
+        since_ns = self._transforms_since_ns
+        wanted = self._profile.map is not None or self._profile.navigation is not None
+        if self._told_lost or not wanted or since_ns is None:
+            return
+        if self._ros.arrival_ns - since_ns < PLACE_KNOWN_AFTER_NS:
+            return
+        self._told_lost = True
+        frames = self._profile.frames
+        self._put(
+            Problem(
+                now_ns(),
+                "warning",
+                "The robot does not tell where it is: its transforms do not lead from "
+                f"{frames.map!r} to {frames.base!r}.",
+                "It is not shown on the map, and the distance to goals is not known.",
+                "Set where it is on the map. If that does not help, compare 'frames' in the robot profile with the "
+                f"robot's own: {', '.join(sorted(self._poses.tree.frames)[:8])}.",
+            )
+        )
 
     def _complain_of_frame(self, frame: str, meaning: str) -> None:
         since_ns = self._transforms_since_ns

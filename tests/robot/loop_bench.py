@@ -14,7 +14,7 @@ from caris_desktop.domain.events import LinkChanged
 from caris_desktop.robot.control_link import ControlLink
 from caris_desktop.robot.media_link import MediaLink
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.ros.rosbridge import encode_cbor
+from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 
 V = TypeVar("V")
 Answer = dict[str, Any] | Callable[[dict[str, Any]], dict[str, Any] | str | None]
@@ -68,7 +68,7 @@ class Bridge:
 
     async def publish(self, topic: str, message: Any, *, cbor: bool = False) -> None:
         operation = {"op": "publish", "topic": topic, "msg": message}
-        await self.send(encode_cbor(operation) if cbor else json.dumps(operation))
+        await self.send(encode_cbor(operation) if cbor else encode_json(operation))
 
     async def send(self, payload: str | bytes) -> None:
         for client in list(self.clients):

@@ -1,6 +1,7 @@
 """The media link against a rosbridge double: pictures into the ring, maps to the console."""
 
 import base64
+import pickle
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
@@ -9,10 +10,15 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.events import LinkChanged, Problem
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_media_link
+from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
+from tests.robot.loop_bench import LoopBench, with_link
 from tests.support.polling import wait_for
 
 CAMERA = "/camera/image_raw/compressed"
@@ -108,3 +114,56 @@ def test_a_map_arrives(bridge: BridgeDouble, link: LinkProcess) -> None:
     [grid] = wait_for(lambda: link.of(OccupancyGrid), "the map")
     assert grid.cells.tolist() == [[-1, 0, 100], [0, 0, 50]]
     assert grid.origin_in_map.x_m == -1.0
+
+
+def grid_message(width: int, height: int, cell: int) -> dict[str, object]:
+    origin = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    info = {"resolution": 0.05, "width": width, "height": height, "origin": origin}
+    return {"info": info, "data": [cell] * (width * height)}
+
+
+UPDATING = RobotProfile("test", "Test", map=TopicSource("/map"), map_updates=TopicSource("/map_updates"))
+
+
+def test_updates_are_written_into_the_map_and_a_new_map_replaces_all() -> None:
+    async def test(bench: LoopBench) -> None:
+        def update(x: int, y: int, cells: list[list[int]]) -> dict[str, object]:
+            return encode_occupancy_grid_update(Dialect.ROS1, np.array(cells, np.int8), x=x, y=y, stamp_ns=7)
+
+        # Before its map an update means nothing.
+        await bench.bridge.publish("/map_updates", update(0, 0, [[5]]))
+        await bench.bridge.publish("/map", grid_message(3, 2, 0))
+        await bench.bridge.publish("/map_updates", update(1, 0, [[100, 100]]), cbor=True)
+        await bench.bridge.publish("/map_updates", update(0, 1, [[-1]]))
+        await bench.until(lambda: len(bench.of(OccupancyGrid)) == 2, "the map, and once all that is new")
+        first, second = bench.of(OccupancyGrid)
+        assert first.cells.tolist() == [[0, 0, 0], [0, 0, 0]]
+        assert second.cells.tolist() == [[0, 100, 100], [-1, 0, 0]]
+        assert second.robot_stamp_ns == 7
+        for x, y in ((2, 0), (0, 3), (50, 50)):
+            await bench.bridge.publish("/map_updates", update(x, y, [[1, 1]]))
+        [problem] = await bench.until(lambda: bench.of(Problem), "a problem")
+        assert "do" in problem.what
+        assert "not lie within the map of 3 x 2" in problem.what
+        await bench.bridge.publish("/map", grid_message(2, 1, 50))
+        await bench.bridge.publish("/map_updates", update(1, 0, [[0]]))
+        await bench.until(lambda: bench.of(OccupancyGrid)[-1].cells.tolist() == [[50, 0]], "the new map, updated")
+
+    with_link(UPDATING, test, media=True)
+
+
+def test_a_large_map_is_deflated_on_its_way_and_noise_is_not() -> None:
+    corridor = np.zeros((1000, 1000), np.int8)
+    corridor[:, ::50] = 100
+    grid = OccupancyGrid(1, 2, 0.05, Pose2D(1.0, 2.0, 0.0), corridor)
+    content = pickle.dumps(grid)
+    assert len(content) < 100_000
+    back = pickle.loads(content)  # noqa: S301 - made just before
+    assert (back.stamp_ns, back.robot_stamp_ns, back.origin_in_map) == (1, 2, grid.origin_in_map)
+    assert back.cells.dtype == np.int8
+    assert np.array_equal(back.cells, corridor)
+    noise = np.random.default_rng(1).integers(-1, 101, (1000, 1000), dtype=np.int8)
+    for cells in (noise, noise[:5, :5], noise[::2, ::2], np.zeros((0, 7), np.int8)):
+        content = pickle.dumps(OccupancyGrid(1, None, 0.05, Pose2D(0, 0, 0), cells))
+        back = pickle.loads(content)  # noqa: S301 - made just before
+        assert np.array_equal(back.cells, cells)

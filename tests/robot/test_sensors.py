@@ -1,0 +1,273 @@
+"""What the robot tells of itself over rosbridge: scans, transforms with their time, paths, the simulated clock."""
+
+import asyncio
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import CancelGoal, Drive, GoTo
+from caris_desktop.domain.events import GoalChanged, LinkQuality, Problem
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
+from caris_desktop.robot import latched, sensors
+from caris_desktop.robot.profile import NavigationServer, RobotProfile, TopicSource, TransformFrames, VelocityTopic
+from caris_desktop.robot.sensors import points_in_parent, thinned
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.messages import encode_laser_scan, encode_tf_message
+from caris_desktop.ros.navigation_messages import encode_clock, encode_path
+from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
+
+ROBOT = RobotProfile(
+    "test",
+    "Test",
+    scan=TopicSource("/scan"),
+    odometry=TopicSource("/odom"),
+    tf=TopicSource("/tf"),
+    tf_static=TopicSource("/tf_static"),
+    path=TopicSource("/plan"),
+    map=TopicSource("/map"),
+    frames=TransformFrames(base="base_footprint"),
+    navigation=NavigationServer("move_base", "/robot1/move_base"),
+)
+START_NS = 100_000_000_000
+MS = 1_000_000
+
+
+def scan_message(stamp_ns: int, frame: str = "laser") -> dict[str, Any]:
+    scan = LaserScan(0, None, frame, 0.0, 0.1, 0.1, 10.0, np.ones(3, np.float32), Pose2D(0.0, 0.0, 0.0))
+    return encode_laser_scan(Dialect.ROS1, scan, stamp_ns=stamp_ns)
+
+
+async def tell_transforms(bench: LoopBench, *told: tuple[str, str, Pose2D], at_ns: int, static: bool = False) -> None:
+    message = encode_tf_message(Dialect.ROS1, list(told), stamp_ns=at_ns)
+    await bench.bridge.publish("/tf_static" if static else "/tf", message)
+
+
+async def scans(bench: LoopBench, count: int) -> list[LaserScan]:
+    await bench.until(lambda: len(bench.of(LaserScan)) >= count, f"{count} scans")
+    return bench.of(LaserScan)
+
+
+def test_a_scan_of_a_turning_robot_lies_where_it_was_taken() -> None:
+    async def test(bench: LoopBench) -> None:
+        mounted = Pose2D(0.2, 0.0, math.pi)
+        await tell_transforms(bench, ("base_footprint", "base_link", Pose2D(0, 0, 0)), at_ns=0, static=True)
+        await tell_transforms(bench, ("base_link", "/laser", mounted), at_ns=0, static=True)
+        # A localizer tells its transform ahead of time.
+        for step in range(11):
+            at_ns = START_NS + step * 50 * MS
+            await tell_transforms(bench, ("map", "odom", Pose2D(1.0, 0.0, 0.0)), at_ns=at_ns + 100 * MS)
+            await tell_transforms(bench, ("odom", "base_footprint", Pose2D(2.0, 0.0, 0.05 * step)), at_ns=at_ns)
+        # Taken 75 ms before the newest transform: at a heading of 0.425 between two samples.
+        await bench.bridge.publish("/scan", scan_message(START_NS + 425 * MS), cbor=True)
+        # And one that is ahead of the transforms by 50 ms.
+        await scans(bench, 1)
+        await bench.bridge.publish("/scan", scan_message(START_NS + 550 * MS), cbor=True)
+        past, ahead = await scans(bench, 2)
+        for scan, heading_rad in ((past, 0.425), (ahead, 0.55)):
+            assert scan.robot_from_laser == mounted
+            assert scan.map_from_laser is not None
+            expected = Pose2D(3.0, 0.0, heading_rad) @ mounted
+            assert (scan.map_from_laser.x_m, scan.map_from_laser.y_m) == pytest.approx((expected.x_m, expected.y_m))
+            assert scan.map_from_laser.heading_rad == pytest.approx(expected.heading_rad)
+        assert bench.of(RobotPose)[-1].pose_in_map.x_m == 3.0
+        assert bench.of(Problem) == []
+
+    with_link(ROBOT, test)
+
+
+def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensors, "FRAMES_KNOWN_AFTER_NS", 0)
+    robot = replace(ROBOT, robot_from_laser=Pose2D(0.3, 0.0, 0.0))
+
+    async def test(bench: LoopBench) -> None:
+        await tell_transforms(
+            bench, ("tiago/base_footprint", "tiago/laser", Pose2D(0, 0, 0)), ("a", "b", Pose2D(0, 0, 0)),
+            ("b", "a", Pose2D(0, 0, 0)), at_ns=START_NS,
+        )  # fmt: skip
+        for number in range(3):
+            await bench.bridge.publish("/scan", scan_message(START_NS))
+            await scans(bench, number + 1)
+        await bench.bridge.publish("/scan", scan_message(START_NS, "a"))
+        assert {scan.robot_from_laser.x_m for scan in await scans(bench, 4)} == {0.3}
+        assert {scan.map_from_laser for scan in bench.of(LaserScan)} == {None}
+        first, second = bench.of(Problem)
+        assert "do not lead from base_footprint to 'laser'; the robot has tiago/laser." in first.what
+        assert "to 'a'" in second.what
+
+    with_link(robot, test)
+
+
+def test_a_robot_that_does_not_tell_its_place_is_to_be_told_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensors, "PLACE_KNOWN_AFTER_NS", 0)
+
+    async def test(bench: LoopBench) -> None:
+        for step in range(5):
+            await tell_transforms(bench, ("odom", "base_footprint", Pose2D(step, 0, 0)), at_ns=START_NS + step * MS)
+        [problem] = await bench.until(lambda: bench.of(Problem), "a problem")
+        assert "do not lead from 'map' to 'base_footprint'" in problem.what
+        assert "Set where it is on the map" in problem.advice
+        assert "base_footprint, odom" in problem.advice
+
+    with_link(ROBOT, test)
+
+
+def test_a_path_is_thinned_and_brought_into_the_map() -> None:
+    async def test(bench: LoopBench) -> None:
+        turned = Pose2D(1.0, 2.0, math.pi / 2)
+        await tell_transforms(bench, ("map", "odom", turned), at_ns=START_NS)
+        points = np.stack([np.linspace(0.0, 10.0, 2000), np.zeros(2000)], axis=1).astype(np.float32)
+        await bench.bridge.publish("/plan", encode_path(Dialect.ROS1, points, stamp_ns=START_NS, frame_id="/odom"))
+        [path] = await bench.until(lambda: bench.of(PlannedPath), "a path")
+        assert path.points_in_map.shape == (500, 2)
+        assert path.points_in_map.dtype == np.float32
+        assert path.points_in_map[0] == pytest.approx((1.0, 2.0), abs=1e-5)
+        assert path.points_in_map[-1] == pytest.approx((1.0, 12.0), abs=1e-5)
+        await bench.bridge.publish("/plan", encode_path(Dialect.ROS1, points[:3], stamp_ns=START_NS, frame_id="moon"))
+        await bench.bridge.publish("/plan", encode_path(Dialect.ROS1, points[:0], stamp_ns=START_NS, frame_id="map"))
+        await bench.until(lambda: len(bench.of(PlannedPath)) == 2, "an empty path, and none of the moon")
+        assert bench.of(PlannedPath)[-1].points_in_map.shape == (0, 2)
+
+    with_link(ROBOT, test)
+
+
+def test_points_are_thinned_evenly_and_keep_both_ends() -> None:
+    points = np.arange(2 * 1201, dtype=np.float32).reshape(-1, 2)
+    few = thinned(points, 500)
+    assert (few[0].tolist(), few[-1].tolist(), len(few)) == (points[0].tolist(), points[-1].tolist(), 500)
+    assert np.diff(few[:, 0]).max() <= 6.0
+    assert thinned(points[:7], 500) is not None
+    moved = points_in_parent(Pose2D(1.0, 0.0, math.pi), np.array([[1.0, 1.0]], np.float32))
+    assert moved[0] == pytest.approx((0.0, -1.0))
+
+
+def test_the_distance_left_is_told_also_where_the_robot_does_not_and_the_path_ends_with_the_goal() -> None:
+    def status(goal_id: str, number: int) -> dict[str, Any]:
+        return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": number, "text": ""}
+
+    async def test(bench: LoopBench) -> None:
+        await tell_transforms(bench, ("map", "base_footprint", Pose2D(0.0, 0.0, 0.0)), at_ns=START_NS)
+        await bench.until(lambda: bench.of(RobotPose), "a pose")
+        bench.send(GoTo(now_ns(), "g", Pose2D(3.0, 4.0, 0.0)))
+        [goal] = await bench.until(lambda: bench.bridge.published("/robot1/move_base/goal"), "the goal")
+        assert goal["goal"]["target_pose"]["header"]["frame_id"] == "map"
+        assert bench.of(GoalChanged)[0].distance_left_m == 5.0
+        goal_id = goal["goal_id"]["id"]
+        await bench.bridge.publish("/robot1/move_base/status", {"status_list": [status(goal_id, 1)]})
+        await bench.until(lambda: bench.of(GoalChanged)[-1].state == "active", "active")
+
+        def nearer() -> bool:
+            return bench.of(GoalChanged)[-1].distance_left_m == pytest.approx(2.0)
+
+        for step in range(30):
+            pose = Pose2D(3.0, 2.0, 0.0)
+            await tell_transforms(bench, ("map", "base_footprint", pose), at_ns=START_NS + (step + 1) * 50 * MS)
+            await asyncio.sleep(0.03)
+            if nearer():
+                break
+        assert nearer()
+        bench.send(CancelGoal(now_ns()))
+        await bench.until(lambda: bench.bridge.published("/robot1/move_base/cancel"), "the cancellation")
+        await bench.bridge.publish("/robot1/move_base/result", {"status": status(goal_id, 2), "result": {}})
+        await bench.until(lambda: bench.of(GoalChanged)[-1].state == "cancelled", "cancelled")
+        assert bench.of(PlannedPath)[-1].points_in_map.shape == (0, 2)
+        bench.send(GoTo(now_ns(), "h", Pose2D(3.0, 4.0, 0.0)))
+        _, goal = await bench.until(lambda: bench.bridge.published("/robot1/move_base/goal")[1:] and
+                                    bench.bridge.published("/robot1/move_base/goal"), "another goal")  # fmt: skip
+        rejected = {"status": status(goal["goal_id"]["id"], 5), "result": {}}
+        await bench.bridge.publish("/robot1/move_base/result", rejected)
+        await bench.until(lambda: bench.of(GoalChanged)[-1].state == "failed", "refused")
+        assert bench.of(GoalChanged)[-1].detail == "the robot gave up and does not say why"
+
+    with_link(ROBOT, test)
+
+
+def test_goals_of_ros2_are_in_the_profiles_map_frame_and_known_by_their_uuid() -> None:
+    robot = replace(
+        ROBOT,
+        ros=2,
+        frames=TransformFrames(map="robot1/map"),
+        navigation=NavigationServer("navigate_to_pose", "/robot1/navigate_to_pose"),
+    )
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(GoTo(now_ns(), "g", Pose2D(3.0, 4.0, 0.0)))
+        [goal] = await bench.until(lambda: bench.bridge.operations("send_action_goal"), "the goal")
+        assert goal["action"] == "/robot1/navigate_to_pose"
+        assert goal["args"]["pose"]["header"]["frame_id"] == "robot1/map"
+        entry = {"goal_info": {"goal_id": {"uuid": list(range(16))}, "stamp": {"sec": 1, "nanosec": 0}}, "status": 2}
+        await bench.bridge.publish("/robot1/navigate_to_pose/_action/status", {"status_list": [entry]})
+        await bench.until(lambda: bench.of(GoalChanged)[-1].state == "active", "active before any feedback")
+        bench.send(Drive(now_ns(), Twist2D(0.2), "keyboard"))
+        name = "/robot1/navigate_to_pose/_action/cancel_goal"
+        [call] = await bench.until(lambda: bench.bridge.operations("call_service", name), "the cancellation")
+        assert call["args"]["goal_info"]["goal_id"]["uuid"] == list(range(16))
+        assert bench.bridge.operations("cancel_action_goal")[0]["id"] == goal["id"]
+
+    with_link(robot, test)
+
+
+def test_stamps_follow_the_simulated_clock() -> None:
+    robot = RobotProfile(
+        "test",
+        "Test",
+        ros=2,
+        simulation_time=True,
+        velocity=VelocityTopic("/cmd_vel", "TwistStamped"),
+        guard=ROBOT.guard,
+    )
+
+    async def test(bench: LoopBench) -> None:
+        simulated_ns = 40_000_000_000
+        for _ in range(3):
+            await bench.bridge.publish("/clock", encode_clock(Dialect.ROS2, simulated_ns))
+            simulated_ns += 20 * MS
+            await asyncio.sleep(0.02)
+        quality = await bench.until(lambda: [q for q in bench.of(LinkQuality) if q.clock_offset_ms], "an offset")
+        assert quality
+        bench.send(Drive(now_ns(), Twist2D(0.2), "keyboard"))
+        [first, *_] = await bench.until(lambda: bench.bridge.published("/cmd_vel"), "a velocity")
+        assert abs(first["header"]["stamp"]["sec"] - 40) <= 3
+
+    with_link(robot, test)
+
+
+def test_a_latched_topic_that_stays_silent_is_asked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(latched, "FIRST_LOOK_S", 0.1)
+    robot = replace(ROBOT, ros=2)
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers.update(inventory({"/tf_static": "tf2_msgs/msg/TFMessage", "/tf": "tf2_msgs/msg/TFMessage"}))
+
+        async def react(operation: dict[str, Any]) -> None:
+            # As with rosbridge of ROS 2: the first subscription came before the publisher and is volatile.
+            subscriptions = bridge.operations("subscribe", "/tf_static")
+            if operation["op"] == "subscribe" and operation["topic"] == "/tf_static" and len(subscriptions) == 2:
+                message = encode_tf_message(Dialect.ROS2, [("base_footprint", "laser", Pose2D(0.4, 0, 0))], stamp_ns=1)
+                await bridge.publish("/tf_static", message)
+
+        bridge.on_operation = react
+
+    async def test(bench: LoopBench) -> None:
+        await bench.until(lambda: len(bench.bridge.operations("subscribe", "/tf_static")) == 2, "a second subscription")
+        first, second = bench.bridge.operations("subscribe", "/tf_static")
+        assert first["id"] != second["id"]
+        assert [line["id"] for line in bench.bridge.operations("unsubscribe", "/tf_static")] == [first["id"]]
+
+        async def mounted() -> bool:
+            await bench.bridge.publish("/scan", scan_message(START_NS))
+            await asyncio.sleep(0.01)
+            return bool(bench.of(LaserScan)) and bench.of(LaserScan)[-1].robot_from_laser.x_m == 0.4
+
+        while not await mounted():
+            pass
+        # It was heard, so it is left alone.
+        await asyncio.sleep(0.3)
+        assert len(bench.bridge.operations("subscribe", "/tf_static")) == 2
+        assert len(bench.bridge.operations("subscribe", "/tf")) == 1
+
+    with_link(robot, test, prepare=prepare)
