@@ -1,0 +1,313 @@
+"""Exploring a robot: what is proposed for whatever it offers, and what is said of each stream."""
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.robot.explore import (
+    ExploreError,
+    StreamCheck,
+    check_streams,
+    detect_dialect,
+    explore_robot,
+    load_profile_blocking,
+    picture_size,
+    value_at,
+)
+from caris_desktop.robot.profile import ProfileError, load_profile, read_profile, save_profile
+from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
+from caris_desktop.ros.dialect import Dialect
+from tests.support.simulated_robot import SimulatedRobot
+
+ROS1 = {
+    "/cmd_vel": "geometry_msgs/Twist",
+    "/scan": "sensor_msgs/LaserScan",
+    "/odom": "nav_msgs/Odometry",
+    "/tf": "tf2_msgs/TFMessage",
+}
+
+
+def offer(topics: dict[str, str], **more: object) -> Offer:
+    return Offer(topics, dialect=Dialect.ROS1, **more)  # type: ignore[arg-type]  # the words of the tests below
+
+
+def chosen(topics: dict[str, str], **more: object) -> dict[str, str]:
+    return propose(offer(topics, **more)).chosen
+
+
+def why(proposal: Proposal, field: str) -> str:
+    return next(each.why for each in proposal.fields if each.field == field)
+
+
+def test_the_usual_names_are_proposed_and_what_is_not_there_is_left_empty() -> None:
+    proposal = propose(offer(ROS1))
+    values = proposal.chosen
+    assert (values["velocity"], values["scan"], values["odometry"], values["tf"]) == (
+        "/cmd_vel",
+        "/scan",
+        "/odom",
+        "/tf",
+    )
+    assert (values["map"], values["speech"], values["navigation"]) == ("", "", "")
+    assert why(proposal, "map") == "The robot offers nothing of this kind."
+    assert why(proposal, "scan") == "Carries sensor_msgs/LaserScan, is named 'scan'."
+
+
+def test_the_type_counts_before_the_name() -> None:
+    proposal = propose(offer(ROS1 | {"/scan": "sensor_msgs/PointCloud2", "/hokuyo": "sensor_msgs/LaserScan"}))
+    assert proposal.chosen["scan"] == "/hokuyo"
+    stamped = profile_of(
+        offer({"/cmd_vel": "geometry_msgs/TwistStamped"}),
+        {"velocity": "/cmd_vel"},
+        name="a",
+        title="A",
+        address="ws://a",
+    )
+    assert stamped.velocity.type == "TwistStamped"
+
+
+def test_of_several_the_robot_s_own_comes_first_and_the_doubtful_ones_are_candidates() -> None:
+    proposal = propose(
+        offer(
+            ROS1
+            | {
+                "/camera/depth/image/compressed": "sensor_msgs/CompressedImage",
+                "/camera/color/image_raw/compressed": "sensor_msgs/CompressedImage",
+                "/camera/color/image_rect/compressed": "sensor_msgs/CompressedImage",
+                "/rear/image_raw/compressed": "sensor_msgs/CompressedImage",
+                "/move_base/local_costmap/costmap": "nav_msgs/OccupancyGrid",
+                "/rear_scan": "sensor_msgs/LaserScan",
+            }
+        )
+    )
+    values = proposal.chosen
+    assert values["cameras.0"] == "/camera/color/image_raw/compressed"
+    assert values["cameras.1"] == values["cameras.2"] == ""
+    assert values["map"] == ""
+    assert values["scan"] == "/scan"
+    scan = next(each for each in proposal.fields if each.field == "scan")
+    assert [candidate.value for candidate in scan.candidates] == ["/scan", "/rear_scan"]
+    assert "'rear' speaks against it" in scan.candidates[1].why
+
+
+def test_a_person_drives_through_the_input_of_the_multiplexer() -> None:
+    names = ("/nav_vel", "/key_vel", "/joy_vel", "/mobile_base_controller/cmd_vel", "/twist_mux/out")
+    topics = dict.fromkeys(names, "geometry_msgs/Twist")
+    proposal = propose(offer(topics))
+    assert proposal.chosen["velocity"] == "/key_vel"
+    assert any("multiplexer" in note for note in proposal.notes)
+
+
+def test_a_topic_that_nothing_publishes_comes_behind_one_that_something_does() -> None:
+    topics = ROS1 | {"/scan_filtered": "sensor_msgs/LaserScan"}
+    assert chosen(topics, publishers={"/scan": 0, "/scan_filtered": 1})["scan"] == "/scan_filtered"
+
+
+def test_namespaces_are_found_and_one_robot_is_mapped_at_a_time() -> None:
+    topics = {f"/{robot}/{name}": kind for robot in ("robot1", "robot2") for name, kind in (*ROS1.items(),)} | {
+        "/tf": "tf2_msgs/TFMessage",
+        "/mobile_base_controller/cmd_vel": "geometry_msgs/Twist",
+    }
+    topics = {topic.replace("//", "/"): kind for topic, kind in topics.items()}
+    first = propose(offer(topics))
+    assert first.namespaces == ("robot1", "robot2")
+    assert first.chosen["velocity"] == "/robot1/cmd_vel"
+    second = propose(offer(topics), namespace="robot2")
+    assert (second.chosen["velocity"], second.chosen["scan"]) == ("/robot2/cmd_vel", "/robot2/scan")
+    assert second.chosen["tf"] == "/robot2/tf"
+
+
+@pytest.mark.parametrize(
+    ("services", "expected", "field", "stops_with"),
+    [
+        ({"/emergency_stop/set": "std_srvs/SetBool"}, "/emergency_stop/set", "data", True),
+        ({"/motor_power": "std_srvs/srv/SetBool"}, "/motor_power", "data", False),
+        ({"/e_stop": "irobot_create_msgs/srv/EStop"}, "/e_stop", "e_stop_on", True),
+        ({"/lights/set": "std_srvs/SetBool"}, "", "", True),
+    ],
+)
+def test_an_emergency_stop_is_told_with_its_field_and_sense(
+    services: dict[str, str], expected: str, field: str, stops_with: bool
+) -> None:
+    found = offer(ROS1, services=services)
+    values = propose(found).chosen
+    assert values["emergency_stop.service"] == expected
+    stop = profile_of(found, values, name="a", title="A", address="ws://a").emergency_stop
+    if not expected:
+        assert stop is None
+    else:
+        assert stop is not None
+        assert (stop.service, stop.service_field, stop.service_stop_value) == (expected, field, stops_with)
+
+
+def test_two_services_make_one_emergency_stop() -> None:
+    found = offer(ROS1, services={"/estop/trigger": "std_srvs/Empty", "/estop/reset": "std_srvs/Empty"})
+    values = propose(found).chosen
+    assert values["emergency_stop.service"] == "/estop/trigger | /estop/reset"
+    stop = profile_of(found, values, name="a", title="A", address="ws://a").emergency_stop
+    assert stop is not None
+    assert (stop.set_service, stop.clear_service, stop.service_type) == (
+        "/estop/trigger",
+        "/estop/reset",
+        "std_srvs/Empty",
+    )
+
+
+def test_what_the_robot_hears_is_not_its_voice() -> None:
+    topics = ROS1 | {
+        "/speech_recognition/result": "std_msgs/String",
+        "/tts/status": "std_msgs/String",
+        "/stop": "std_msgs/Empty",
+    }
+    values = chosen(topics)
+    assert (values["speech"], values["speech.stop"]) == ("", "")
+    assert chosen(topics | {"/robot/say": "std_msgs/String"})["speech"] == "/robot/say"
+
+
+def test_a_head_needs_joints_that_are_known() -> None:
+    topics = ROS1 | {
+        "/head_controller/command": "trajectory_msgs/JointTrajectory",
+        "/arm_controller/command": "trajectory_msgs/JointTrajectory",
+        "/joint_states": "sensor_msgs/JointState",
+    }
+    assert chosen(topics)["head"] == ""
+    found = offer(topics, joints=("wheel", "head_2_joint", "head_1_joint"))
+    values = propose(found).chosen
+    assert values["head"] == "/head_controller/command"
+    head = profile_of(found, values, name="a", title="A", address="ws://a").head
+    assert head is not None
+    assert (head.pan_joint, head.tilt_joint, head.joint_states) == ("head_1_joint", "head_2_joint", "/joint_states")
+
+
+def test_a_robot_that_offers_nothing_is_proposed_nothing_and_still_makes_a_profile(tmp_path: Path) -> None:
+    nothing = Offer({})
+    proposal = propose(nothing)
+    assert set(proposal.chosen.values()) == {""}
+    assert any("Nothing was found to drive with" in note for note in proposal.notes)
+    profile = profile_of(nothing, proposal.chosen, name="empty", title="Empty", address="ws://10.0.0.5:9090")
+    save_profile(profile, tmp_path / "empty.yaml")
+    assert read_profile(tmp_path / "empty.yaml") == profile
+
+
+def test_a_simulator_s_clock_is_noticed() -> None:
+    found = offer(ROS1 | {"/clock": "rosgraph_msgs/Clock"})
+    assert profile_of(found, propose(found).chosen, name="a", title="A", address="ws://a").simulation_time
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["ros1", "ros2"])
+def robot(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
+    with SimulatedRobot(ros=request.param) as simulated:
+        yield simulated
+
+
+def test_the_ros_version_is_detected(robot: SimulatedRobot) -> None:
+    assert asyncio.run(detect_dialect(robot.address)) is Dialect(robot.ros)
+    assert load_profile_blocking(robot.address).ros == robot.ros
+    assert load_profile_blocking(f"{robot.address}?ros=1").ros == 1
+
+
+def test_an_unknown_robot_is_explored_checked_and_saved(robot: SimulatedRobot, tmp_path: Path) -> None:
+    steps: list[str] = []
+    found = asyncio.run(explore_robot(robot.address, on_progress=steps.append))
+    assert steps[0] == "Connecting"
+    assert found.offer.dialect is Dialect(robot.ros)
+    assert found.resembles[0].name == ("simulated" if robot.ros == 1 else "simulated-ros2")
+    assert found.resembles[0].share == 1.0
+
+    proposed = profile_of(found.offer, found.proposal.chosen, name="found", title="Found", address=robot.address)
+    known = load_profile(found.resembles[0].name)
+    for field in (
+        "ros", "velocity", "scan", "odometry", "tf", "tf_static", "frames", "map", "map_updates", "path", "battery",
+        "navigation", "initial_pose", "maps", "speech", "emergency_stop",
+    ):  # fmt: skip
+        assert getattr(proposed, field) == getattr(known, field), field
+    assert proposed.head is not None
+    assert known.head is not None
+    assert (proposed.head.topic, proposed.head.pan_joint) == (known.head.topic, known.head.pan_joint)
+    assert proposed.cameras[0].topic == known.cameras[0].topic
+    assert proposed.limits.forward_mps < known.limits.forward_mps
+
+    seen: list[StreamCheck] = []
+    checks = asyncio.run(check_streams(proposed, seconds=1.2, on_check=seen.append))
+    assert sorted(map(str, seen)) == sorted(map(str, checks))
+    by_field = {check.field: check for check in checks}
+    assert {check.state for check in checks} <= {"good", "quiet"}, checks
+    scan = by_field["scan"]
+    assert scan.rate_hz is not None
+    assert 2.0 < scan.rate_hz < 20.0
+    assert scan.age_s is not None
+    assert scan.age_s < 1.0
+    assert "beams" in scan.detail
+    assert "640x480" in by_field["cameras.0"].detail
+    assert "m in cells of" in by_field["map"].detail
+    assert by_field["path"].state == "quiet"
+
+    save_profile(proposed, tmp_path / "found.yaml")
+    assert load_profile("found", user_dir=tmp_path) == proposed
+
+
+def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(
+        f"version: 1\nros: {robot.ros}\naddress: {robot.address}\nvelocity: {{topic: /cmd_vel, type: TwistStamped}}\n"
+        "scan: {topic: /odom}\nodometry: {topic: /nothing}\nbattery: {topic: /battery_state}\n"
+        "emergency_stop: {service: /nothing/set}\n"
+        "controls:\n  - id: a\n    title: A\n    kind: readout\n"
+        "    shows: {topic: /eyes/state, type: std_msgs/Bool, field: dat}\n"
+    )
+    checks = {check.field: check for check in asyncio.run(check_streams(read_profile(path), seconds=1.2))}
+    states = {field: check.state for field, check in checks.items()}
+    assert states == {
+        "velocity": "wrong",
+        "scan": "wrong",
+        "odometry": "nothing",
+        "battery": "good",
+        "emergency_stop.service": "nothing",
+        "controls.a.shows": "wrong",
+    }
+    assert "sensor_msgs/LaserScan was expected" in checks["scan"].detail
+    assert "the message has no dat" in checks["controls.a.shows"].detail
+
+
+def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: SimulatedRobot) -> None:
+    other = load_profile("tiago" if robot.ros == 2 else "turtlebot4")
+    with pytest.raises(ExploreError, match=f"runs ROS {robot.ros}") as raised:
+        asyncio.run(check_streams(other, robot.address))
+    assert f"'ros: {robot.ros}'" in raised.value.advice
+
+
+def test_a_robot_in_another_dress_is_recognized() -> None:
+    with SimulatedRobot(dress="pepper") as robot:
+        found = asyncio.run(explore_robot(robot.address))
+    assert [each.name for each in found.resembles] == ["pepper"]
+    values = found.proposal.chosen
+    assert (values["scan"], values["head"], values["speech"]) == ("/pepper_robot/laser", "/joint_angles", "/speech")
+
+
+def test_nobody_at_the_address_is_said_and_the_ros_version_is_then_taken_for_1() -> None:
+    address = "ws://127.0.0.1:9"
+    with pytest.raises(ExploreError, match="no rosbridge listens") as raised:
+        asyncio.run(explore_robot(address, timeout_s=2.0))
+    assert "rosbridge runs on the robot" in raised.value.advice
+    assert load_profile_blocking(address, timeout_s=1.0).ros == 1
+    with pytest.raises(ProfileError):
+        load_profile_blocking("ws://:")
+
+
+def test_the_size_of_a_picture_is_read_from_its_head() -> None:
+    jpeg = b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x11\x08\x01\xe0\x02\x80" + bytes(12)
+    assert picture_size(jpeg) == (640, 480)
+    assert picture_size(b"\x89PNG\r\n\x1a\n" + bytes(8) + (320).to_bytes(4) + (240).to_bytes(4)) == (320, 240)
+    for broken in (b"", b"\xff\xd8", jpeg[:14], b"GIF89a", b"\xff\xd8\xff\xe0\x00\x00" * 3):
+        assert picture_size(broken) is None
+
+
+def test_a_value_is_found_by_its_path() -> None:
+    message = {"status": [{"level": 2, "name": "x"}], "data": True}
+    assert value_at(message, "status[0].level") == 2
+    assert value_at(message, "data") is True
+    for path in ("status", "status[1].level", "data.x", "nothing"):
+        with pytest.raises(ValueError, match=r"status|data|nothing"):
+            value_at(message, path)
