@@ -1,5 +1,6 @@
 """The embedded language model: a process body that serves it on loopback with an OpenAI-compatible API."""
 
+import contextlib
 import importlib.util
 import logging
 import os
@@ -70,8 +71,7 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process ends at once, native threads and all, since
     the server keeps no state and an orphan would keep a processor busy.
     """
-    if hasattr(os, "nice"):
-        os.nice(niceness)
+    _step_back(niceness)
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
     server = None
     try:
@@ -83,6 +83,21 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     # Keeps the server alive, which would stop when collected.
     threading.Event().wait()
     del server
+
+
+def _step_back(niceness: int) -> None:
+    """Let everything else run first: an answer that comes a little later harms nobody, a late stop does.
+
+    Where the system can, this process runs only while nothing else wants the processor. Niceness alone was measured to
+    let a thread that has just become ready wait up to a whole slice: 1.2 ms instead of 0.5 ms at the 95th percentile.
+    """
+    if niceness <= 0:
+        return
+    if hasattr(os, "SCHED_IDLE"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    if hasattr(os, "nice"):
+        os.nice(niceness)
 
 
 def _serve() -> Any:

@@ -48,7 +48,7 @@ class LiveStream(QObject):
         """
         if self.value is None:
             return None
-        arrived_ago_s = ((clock.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
+        arrived_ago_s: float = ((clock.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
         return arrived_ago_s + self._delay_s()
 
     def _delay_s(self) -> float:

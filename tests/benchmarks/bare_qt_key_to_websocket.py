@@ -1,16 +1,16 @@
 """The floor of teleoperation: a bare window whose key handler writes to a websocket, and nothing else.
 
-``python -m tests.benchmarks.bare_qt_key_to_websocket ADDRESS`` presses keys in its own window every 70-130 ms. Each
-message carries the monotonic time of its key press, so that whoever receives it can subtract.
+``python -m tests.benchmarks.bare_qt_key_to_websocket ADDRESS`` presses a key in its own window for each line on
+standard input. Each message carries the monotonic time of its key press, so that whoever receives it can subtract.
 """
 
 import json
-import random
+import os
 import signal
 import sys
 import time
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QSocketNotifier, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
@@ -37,20 +37,19 @@ class BareWindow(QWidget):
 def main(address: str) -> None:
     application = QApplication(sys.argv[:1])
     signal.signal(signal.SIGTERM, lambda *_: application.quit())
-    chance = random.Random(1)  # noqa: S311 (intervals, not secrets)
     with connect(address, compression=None) as socket:
         socket.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": "std_msgs/String"}))
         window = BareWindow(socket)
         window.show()
-        timer = QTimer()
+        asked = QSocketNotifier(sys.stdin.fileno(), QSocketNotifier.Type.Read)
 
         def press() -> None:
-            window.press()
-            timer.start(chance.randint(70, 130))
+            if os.read(sys.stdin.fileno(), 4096):
+                window.press()
+            else:
+                application.quit()
 
-        timer.setSingleShot(True)
-        timer.timeout.connect(press)
-        timer.start(200)
+        asked.activated.connect(press)
         print("ready", flush=True)
         application.exec()
 

@@ -1,4 +1,6 @@
-"""The real console in a real window with a simulated robot, video, perception and recording, for the benchmarks."""
+"""The real console in a real window for the benchmarks, with a simulated robot, video, perception and recording, and
+with the embedded language model answering all the time where that is asked for.
+"""
 
 import os
 import signal
@@ -15,13 +17,17 @@ from PySide6.QtWidgets import QApplication, QWidget
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import LlmExchange
 from caris_desktop.study.trial import TrialDetails
 
 
 class ConsoleUnderLoad:
     """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all."""
 
-    def __init__(self, *, record: bool = True, perception_timeout_s: float = 120.0) -> None:
+    def __init__(
+        self, *, record: bool = True, language_model: bool = False, perception_timeout_s: float = 120.0
+    ) -> None:
+        self._asking = QTimer()
         self._folder = tempfile.TemporaryDirectory(prefix="caris-benchmark-")
         root = Path(self._folder.name)
         self.run = ConsoleRun(
@@ -40,6 +46,21 @@ class ConsoleUnderLoad:
         if record:
             self.console.start_session(TrialDetails(participant="benchmark"))
             self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 20.0)
+        self._answers = self._answered_characters = 0
+        self._asking.timeout.connect(self._keep_asking)
+        if language_model:
+            self.wait_for(lambda: self.state.assistant.value.state == "ready", "language model", 60.0)
+            self.state.event_happened.connect(self._count_answer)
+            self._asking.start(20)
+
+    def _keep_asking(self) -> None:
+        if self.state.assistant.value.state == "ready":
+            self.console.ask_assistant("What is there to see in this lab? Tell me all of it.")
+
+    def _count_answer(self, event: object) -> None:
+        if isinstance(event, LlmExchange):
+            self._answers += 1
+            self._answered_characters += len(event.answer)
 
     def focus_driving(self) -> QWidget:
         """Go to driving as a wizard does, and give the widget that has the keys then."""
@@ -81,10 +102,13 @@ class ConsoleUnderLoad:
             "scans": self.state.scan.arrivals,
             "perception_model": self.state.perception.value.model,
             "recording": self.state.recording.value.state,
+            "answers": self._answers,
+            "answered_characters": self._answered_characters,
             "cpu_count": os.cpu_count(),
         }
 
     def close(self) -> None:
+        self._asking.stop()
         self.run.close()
         self._folder.cleanup()
 

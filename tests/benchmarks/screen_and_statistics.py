@@ -22,3 +22,9 @@ def percentiles(samples: list[float]) -> dict[str, float]:
         return round(ordered[min(len(ordered) - 1, int(fraction * len(ordered)))], 3) if ordered else float("nan")
 
     return {"p50": at(0.5), "p95": at(0.95), "p99": at(0.99), "max": at(1.0), "samples": len(ordered)}
+
+
+def above(samples: list[float], floor: list[float]) -> dict[str, float]:
+    """By how much the percentiles of ``samples`` lie above those of ``floor``."""
+    ours, base = percentiles(samples), percentiles(floor)
+    return {name: round(ours[name] - base[name], 3) for name in ("p50", "p95", "p99")}
