@@ -152,7 +152,7 @@ class EmergencyStop:
         elif interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
-            self._in_background(self._call(interface.service, kind, request, latched=latched))
+            self._call(interface.service, kind, request, latched=latched)
         elif (service := interface.set_service if latched else interface.clear_service) is not None:
             package, _, name = interface.service_type.partition("/")
             kind = service_type_name(self._dialect, package, name)

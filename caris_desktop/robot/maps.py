@@ -14,7 +14,7 @@ from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapReque
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.map_services import (
@@ -36,6 +36,7 @@ logger = logging.getLogger(__name__)
 MAP_WAIT_S = 60.0
 LONGEST_NAME = 100
 _NAME = re.compile(r"[\w][\w .-]*", re.UNICODE)
+_RESULT = re.compile(rb'"result"\s*:\s*([0-9]{1,3})\b')
 _PAUSED = "paused_new_measurements"
 
 
@@ -211,7 +212,13 @@ class RobotMaps:
         if offer.load is None:
             return "the robot offers no service for it"
         package = "nav_msgs" if self._dialect is Dialect.ROS1 else "nav2_msgs"
-        return load_failure(await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml")))
+        try:
+            answer = await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml"))
+        except AnswerTooLargeError as large:
+            # It answers with the whole map, and whether that was loaded stands behind it. The map itself comes on
+            # its topic, over the other link.
+            answer = {"result": int(found[1])} if (found := _RESULT.search(large.tail)) else {"result": 255}
+        return load_failure(answer)
 
     async def _call(self, service: str, package: str, name: str, request: dict[str, Any]) -> dict[str, Any]:
         return await self._ros.ask(

@@ -61,8 +61,11 @@ Callback = Callable[..., Any]
 _STANDING = {"subscribe", "advertise", "advertise_service"}
 _ENDING = {"unsubscribe": "subscribe", "unadvertise": "advertise", "unadvertise_service": "advertise_service"}
 _HEAD_BYTES = 400
+_TAIL_BYTES = 400
 _JSON_PUBLISH = re.compile(rb'"op"\s*:\s*"publish"')
 _JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
+_JSON_ANSWER = re.compile(rb'"op"\s*:\s*"service_response"')
+_JSON_ID = re.compile(rb'"id"\s*:\s*"(call_service:[^"\\]+)"')
 _CBOR_PUBLISH = b"\x62op\x67publish"
 _CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
 _UNDECODABLE_BEFORE_JSON = 3
@@ -115,6 +118,25 @@ class ServiceCallError(Exception):
     """A service call failed, timed out, or the link was lost under it."""
 
 
+@dataclass(frozen=True, slots=True)
+class LargeAnswer:
+    """An answer that is too large to be read; ``tail`` is its end, as it came."""
+
+    size_bytes: int
+    tail: bytes
+
+    def __str__(self) -> str:
+        return f"its answer of {self.size_bytes / 2**20:.0f} MB is larger than is accepted"
+
+
+class AnswerTooLargeError(ServiceCallError):
+    """The service answered, and more than this link reads."""
+
+    def __init__(self, service: str, answer: LargeAnswer) -> None:
+        super().__init__(f"{service}: {answer}")
+        self.tail = answer.tail
+
+
 class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
     """The rosbridge operations of one connection."""
 
@@ -134,7 +156,8 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         """Decode and handle one message. Never raises."""
         factory = self.factory
         if len(payload) > factory.sizes.message_bytes:
-            factory.refuse(f"a message of {len(payload) / 2**20:.0f} MB, larger than is accepted")
+            if not self._take_large_answer(payload):
+                factory.refuse(f"a message of {len(payload) / 2**20:.0f} MB, larger than is accepted")
             return
         # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
         binary = payload[:1] >= b"\x80"
@@ -149,6 +172,19 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             factory.binary_worked()
         self._binary = binary
         self._handle(operation)
+
+    def _take_large_answer(self, payload: bytes) -> bool:
+        """Whether it answers a call, which fails then: not even its end is awaited by decoding all of it."""
+        ends = payload[:_HEAD_BYTES], payload[-_TAIL_BYTES:]
+        if not any(_JSON_ANSWER.search(end) for end in ends):
+            return False
+        found = next((found for end in ends if (found := _JSON_ID.search(end))), None)
+        request_id = "" if found is None else found[1].decode("utf-8", "replace")
+        _, errback = self._pending_service_requests.pop(request_id, (None, None))
+        if errback is None:
+            return False
+        self.factory.run_safely(errback, LargeAnswer(len(payload), ends[1]))
+        return True
 
     def _handle(self, operation: Operation) -> None:
         handler = self._message_handlers.get(operation["op"])
@@ -771,7 +807,9 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         def fail(reason: Any) -> None:
             if not answer.done():
                 logger.debug("%s (%s) failed: %s", service, service_type, reason)
-                answer.set_exception(ServiceCallError(f"{service}: {reason}"))
+                large = isinstance(reason, LargeAnswer)
+                error = AnswerTooLargeError(service, reason) if large else ServiceCallError(f"{service}: {reason}")
+                answer.set_exception(error)
 
         operation: Operation = {
             "op": "call_service",

@@ -159,6 +159,21 @@ def test_the_map_server_says_why_it_does_not_load() -> None:
     with_link(ROBOT, test, prepare=lambda bridge: SlamToolbox().fit_out(bridge, "/map_server/load_map"))
 
 
+@pytest.mark.parametrize(("result", "state"), [(0, "succeeded"), (2, "failed")])
+def test_a_map_server_that_answers_with_a_huge_map(result: int, state: str) -> None:
+    def prepare(bridge: Bridge) -> None:
+        SlamToolbox().fit_out(bridge, "/map_server/load_map")
+        bridge.answers["/map_server/load_map"] = lambda _: {"map": {"data": [0] * 2_000_000}, "result": result}
+
+    async def test(bench: LoopBench) -> None:
+        await first_mapping(bench)
+        bench.send(RequestMap(now_ns(), "r", "load", "hall"))
+        assert (await ended(bench, "r")).state == state
+        assert not [problem for problem in bench.of(Problem) if "cannot be used" in problem.what]
+
+    with_link(ROBOT, test, prepare=prepare)
+
+
 def test_what_cannot_be_is_refused_and_nothing_is_sent() -> None:
     async def test(bench: LoopBench) -> None:
         await first_mapping(bench)
