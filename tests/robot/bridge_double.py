@@ -3,7 +3,7 @@
 Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
 (``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
 thing to send to every client: ``{"text": ...}``, ``{"hex": ...}`` or ``{"size": N}``. Service calls listed in
-``answers`` are answered, all others refused; scans and odometry are published while somebody subscribes to them.
+``answers`` are answered, others of rosapi refused; scans and odometry are published while somebody subscribes to them.
 """
 
 import asyncio
@@ -70,7 +70,8 @@ async def handle(client: ServerConnection) -> None:
             elif operation["op"] == "call_service":
                 known = answers().get(operation["service"])
                 answer = {"op": "service_response", "id": operation["id"], "result": known is not None}
-                await client.send(json.dumps({**answer, "values": known or "there is no such service"}))
+                if known is not None or operation["service"].startswith("/rosapi/"):
+                    await client.send(json.dumps({**answer, "values": known or "there is no such service"}))
     del clients[client]
     note(event="disconnected")
 
