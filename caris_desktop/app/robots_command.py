@@ -1,0 +1,100 @@
+"""``caris-desktop robots``: which robots are known, what an unknown one offers, and whether its streams come."""
+
+import argparse
+import asyncio
+import sys
+from pathlib import Path
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.robot.explore import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
+from caris_desktop.robot.profile import (
+    ProfileError,
+    check_address,
+    list_profiles,
+    profile_file_name,
+    save_profile,
+    user_robots_dir,
+)
+from caris_desktop.robot.proposal import profile_of
+
+_MARKS = {"good": "ok  ", "quiet": "..  ", "slow": "SLOW", "nothing": "NONE", "wrong": "FIX "}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--explore", metavar="ws://HOST:PORT", help="ask the robot what it offers, and propose a profile for it"
+    )
+    parser.add_argument("--save", metavar="TITLE", help="save the proposed profile among your own under this title")
+    parser.add_argument(
+        "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and say how it comes"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit status 0 when all is well; without arguments the known robots are listed."""
+    try:
+        if arguments.explore:
+            return _explore(check_address(arguments.explore), arguments.save)
+        if arguments.listen:
+            return _listen(arguments.listen)
+    except (ToldFailure, ProfileError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    if arguments.save:
+        print("--save needs --explore: which robot is it?", file=sys.stderr)
+        return 2
+    return _list()
+
+
+def _list() -> int:
+    for profile in list_profiles():
+        whose = "shipped" if profile.shipped else "own"
+        print(f"{profile.name:<20} {whose:<8} {profile.error or f'{profile.title}, {profile.address}'}")
+    print(f"Your own profiles belong into {user_robots_dir()}.")
+    return 0
+
+
+def _explore(address: str, title: str | None) -> int:
+    found = asyncio.run(explore_robot(address, on_progress=lambda words: print(f"{words} ...", flush=True)))
+    _tell(found)
+    if title is None:
+        return 0
+    path: Path = user_robots_dir() / profile_file_name(title)
+    if path.exists():
+        print(f"{path} exists already. Choose another title, or remove it first.", file=sys.stderr)
+        return 1
+    profile = profile_of(found.offer, found.proposal.chosen, name=path.stem, title=title, address=address)
+    save_profile(profile, path)
+    print(f"Saved as {path}. Use it with --robot {path.stem}.")
+    return 0
+
+
+def _tell(found: Exploration) -> None:
+    offer = found.offer
+    ros = f"ROS {offer.dialect.value}" if offer.dialect else "an unknown ROS"
+    print(
+        f"{ros} {offer.distribution}: {len(offer.topics)} topics, {len(offer.services)} services, "
+        f"{len(offer.actions)} actions."
+    )
+    for resemblance in found.resembles:
+        print(f"It looks like {resemblance.title}: --robot {resemblance.name} ({resemblance.share:.0%} of its names).")
+    for proposal in found.proposal.fields:
+        print(f"{proposal.label:<22} {proposal.value or '-':<40} {proposal.why}")
+        others = [candidate.value for candidate in proposal.candidates if candidate.value != proposal.value]
+        if others:
+            print(f"{'':<22} or {', '.join(others[:5])}")
+    for note in found.proposal.notes:
+        print(note)
+
+
+def _listen(name: str) -> int:
+    profile = load_profile_blocking(name)
+    print(f"Listening to {profile.title} at {profile.address} ...", flush=True)
+    checks = asyncio.run(check_streams(profile))
+    for check in checks:
+        print(f"{_MARKS[check.state]} {check.label:<24} {check.topic:<36} {_rate(check)}{check.detail}")
+    return 1 if any(check.state in ("nothing", "wrong") for check in checks) else 0
+
+
+def _rate(check: StreamCheck) -> str:
+    return "" if check.rate_hz is None else f"{check.rate_hz:.1f} Hz. "
