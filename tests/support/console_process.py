@@ -1,4 +1,4 @@
-"""A handle on ``tests.app.console_child``: say what to press, see what is on show."""
+"""A handle on ``tests.app.console_child`` and its kin: say what to press, see what is on show."""
 
 import json
 import os
@@ -14,9 +14,11 @@ from tests.support.polling import wait_for
 class ConsoleProcess:
     """The console in a process that may be stopped and killed."""
 
-    def __init__(self, address: str, study: Path, **environment: str) -> None:
+    def __init__(
+        self, address: str, study: Path, *, module: str = "tests.app.console_child", **environment: str
+    ) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.app.console_child", address, str(study)],
+            [sys.executable, "-m", module, address, str(study)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

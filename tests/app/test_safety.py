@@ -1,0 +1,323 @@
+"""The safety rules that no scenario can switch off, watched on the wire by an independent client.
+
+Each rule and the tests that prove it; those without a file name are below. ``link`` is tests/robot/test_link.py,
+``lease`` tests/robot/test_lease.py, ``keys`` tests/ui/test_drive_keys.py, ``desktop`` tests/ui/test_desktop.py,
+``controller`` tests/live/test_drive_controller.py, ``console`` tests/app/test_console_and_robot.py, ``guard``
+tests/robot/test_guard_in_simulator.py.
+
+A Twist is sent only while something holds the lease:
+    test_release_is_zero_at_once_repeated_and_then_silence; link: without_renewal_the_robot_is_stopped; lease: all
+Zero at once, repeated for 0.5 s, then silence:
+    the same, and test_what_ends_driving for each way in which driving ends
+Driving ends when the application is deactivated:
+    test_what_ends_driving[other_program]; desktop: another_program_in_front_ends_driving
+... a modal dialog opens:
+    test_what_ends_driving[dialog]; keys: a_dialog_releases, a_menu_releases
+... the driving focus is lost:
+    test_what_ends_driving[focus]; keys: losing_the_driving_focus_releases
+... the gamepad is unplugged:
+    GAMEPAD
+... the GUI stalls over 150 ms:
+    test_what_ends_driving[stall]; console: a_stopped_console_stops_the_robot
+... the link is in trouble:
+    link: a_robot_that_stops_answering_is_noticed_within_a_second
+... the program exits:
+    test_leaving_stops_the_robot_and_cancels_its_goal; link: the_death_of_the_console_stops_the_robot
+A navigation goal survives a focus change; stop, loss of the link and exit cancel it:
+    test_a_goal_survives_a_focus_change_and_stop_cancels_it; link: a_goal_does_not_outlive_the_link;
+    test_leaving_stops_the_robot_and_cancels_its_goal
+Commands are never queued while the link is down:
+    console: a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back;
+    link: a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command
+A command older than 0.25 s is dropped:
+    test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept; link: an_old_order_moves_nothing
+Stop halts motion and cancels goals, always:
+    test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere
+The emergency stop latches, refuses, clears only by an explicit act, and is told to the robot's own service:
+    test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking;
+    link: the_emergency_stop_latches_and_clears_only_by_asking,
+    an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back
+Driving is capped when video or LIDAR is stale:
+    test_driving_is_capped_without_fresh_video, test_driving_is_capped_without_a_fresh_scan;
+    in the link alone: test_the_link_caps_by_itself_without_a_scan
+Driving is refused when the link is stale:
+    controller: a_link_that_does_not_answer_refuses; link: a_robot_that_stops_answering_is_noticed_within_a_second
+The robot touches nothing that its LIDAR sees:
+    guard: all; test_an_obstacle_stops_the_console_s_robot_until_the_wizard_overrides
+Stale data looks stale:
+    tests/ui/test_panels.py; console: a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back
+"""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import Drive, Release, RenewLease, StopMotion
+from caris_desktop.domain.events import DriveEnded, GuardChanged
+from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.sensing import LaserScan
+from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
+from tests.robot.link_bench import LinkProcess
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+from tests.support.twist_listener import SeenTwist, TwistListener
+
+S = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def robot() -> Iterator[SimulatedRobot]:
+    with SimulatedRobot("--empty") as robot:
+        yield robot
+
+
+@pytest.fixture(scope="module")
+def running(robot: SimulatedRobot, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]:
+    folder = tmp_path_factory.mktemp("safety")
+    environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
+    # Nobody is to be found here, and looking for people would slow down everything else.
+    (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
+    environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
+    environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
+    console = ConsoleProcess(robot.address, folder / "study", module="tests.app.safety_child", **environment)
+    yield console
+    console.close()
+
+
+@pytest.fixture(scope="module")
+def wire(robot: SimulatedRobot) -> Iterator[TwistListener]:
+    listener = TwistListener(robot.address)
+    yield listener
+    listener.close()
+
+
+@pytest.fixture
+def console(running: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[ConsoleProcess]:
+    """Ready to drive, in the middle of the corridor; quiet again afterwards."""
+    robot.fault("clear")
+    robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
+    running.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
+    wire.seen.clear()
+    yield running
+    robot.fault("clear")
+    _wait_for_silence(wire)
+
+
+def _moving(wire: TwistListener) -> list[SeenTwist]:
+    return [twist for twist in list(wire.seen) if twist.moving]
+
+
+def _drive(console: ConsoleProcess, wire: TwistListener, key: str = "A") -> None:
+    console.say(f"press {key}")
+    wait_for(lambda: len(_moving(wire)) > 4, f"{key} drives")
+
+
+def _wait_for_silence(wire: TwistListener) -> None:
+    wait_for(lambda: not wire.seen or time.monotonic_ns() - wire.seen[-1].at_ns > 0.3 * S, "silence on the wire")
+
+
+def _zero_after(wire: TwistListener, ended_ns: int, within_s: float) -> None:
+    """From ``ended_ns`` on: zero within that time, nothing else for half a second, then nothing at all."""
+    zero = wait_for(
+        lambda: next((twist for twist in list(wire.seen) if twist.at_ns > ended_ns and not twist.moving), None), "zero"
+    )
+    assert zero is not None
+    _wait_for_silence(wire)
+    after = [twist for twist in wire.seen if twist.at_ns >= zero.at_ns]
+    assert not any(twist.moving for twist in after)
+    assert zero.at_ns - ended_ns < within_s * S
+    assert 0.4 * S < after[-1].at_ns - zero.at_ns < 0.7 * S
+    assert len(after) >= 8, "20 a second"
+
+
+def test_release_is_zero_at_once_repeated_and_then_silence(console: ConsoleProcess, wire: TwistListener) -> None:
+    assert wire.seen == [], "nothing is sent while nothing is held"
+    _drive(console, wire)
+    released_ns = time.monotonic_ns()
+    console.say("release A")
+    _zero_after(wire, released_ns, 0.2)
+
+
+@pytest.mark.parametrize("ending", ["other_program", "dialog", "focus speak_field", "stall 0.4"])
+def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending: str) -> None:
+    _drive(console, wire)
+    ended_ns = time.monotonic_ns()
+    console.say(ending)
+    # A stalled GUI says nothing; the link notices 150 ms after the last that it heard.
+    _zero_after(wire, ended_ns, 0.4)
+    if ending == "dialog":
+        console.say("close_dialog")
+    console.say("release A")
+    console.say("press D")
+    wire.seen.clear()
+    wait_for(lambda: _moving(wire), "a new key press drives")
+    assert all(twist.turn_radps <= 0.0 for twist in wire.seen), "only what was pressed anew"
+    console.say("release D")
+
+
+def test_a_goal_survives_a_focus_change_and_stop_cancels_it(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
+    console.say("go 1.5 5.0")
+    wait_for(lambda: robot.state()["goal_id"], "the robot goes")
+    for line in ("other_program", "dialog", "close_dialog", "focus speak_field"):
+        console.say(line)
+    wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it drives by itself")
+    assert robot.state()["goal_id"]
+    assert _moving(wire) == []
+    console.say("key Escape")
+    wait_for(lambda: not robot.state()["goal_id"], "the goal is given up")
+    wait_for(lambda: robot.state()["speed_mps"] == 0.0, "it stands")
+
+
+def test_escape_stops_also_before_a_modal_dialog(console: ConsoleProcess, wire: TwistListener) -> None:
+    console.say("dialog")
+    console.say("key Escape")
+    wait_for(lambda: len(wire.seen) > 4, "zeros, though nothing was held")
+    assert _moving(wire) == []
+    console.say("close_dialog")
+    time.sleep(0.7)  # another Escape before would be an emergency stop
+
+
+@pytest.mark.parametrize("how", ["key Pause", "click emergency_stop"])
+def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener, how: str
+) -> None:
+    _drive(console, wire)
+    pressed_ns = time.monotonic_ns()
+    console.say(how)
+    _zero_after(wire, pressed_ns, 0.2)
+    wait_for(lambda: robot.state()["emergency_stopped"], "the robot's own emergency stop")
+    console.wait_until_shown(drive_allowed=False)
+    wire.seen.clear()
+    console.say("release A")
+    console.say("press D")
+    console.say("go 1.5 5.0")
+    wait_for(lambda: any("cannot go" in problem for problem in console.shown["problems"]), "the goal is refused")
+    console.say("release D")
+    assert _moving(wire) == []
+    assert robot.state()["goal_id"] == ""
+    console.say("clear")
+    wait_for(lambda: not robot.state()["emergency_stopped"], "cleared at the robot too")
+    console.wait_until_shown(drive_allowed=True)
+    assert _moving(wire) == [], "clearing moves nothing"
+    _drive(console, wire)
+    console.say("release A")
+
+
+def test_driving_is_capped_without_fresh_video(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
+    _drive(console, wire)
+    wait_for(lambda: len(wire.seen) > 12, "up to its speed")
+    before_radps = wire.seen[-1].turn_radps
+    robot.fault("silent_camera")
+    wait_for(lambda: wire.seen[-1].turn_radps <= 0.31 * before_radps, "slower")
+    wait_for(lambda: len(wire.seen) > 60, "and it stays so")
+    assert all(twist.turn_radps <= 0.31 * before_radps for twist in wire.seen[-5:])
+    console.say("release A")
+
+
+def test_driving_is_capped_without_a_fresh_scan(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
+    _drive(console, wire)
+    wait_for(lambda: len(wire.seen) > 12, "up to its speed")
+    before_radps = wire.seen[-1].turn_radps
+    robot.fault("silent_lidar")
+    wait_for(lambda: wire.seen[-1].turn_radps <= 0.31 * before_radps, "slower")
+    console.wait_until_shown(guard="blind")
+    console.say("release A")
+
+
+def test_an_obstacle_stops_the_console_s_robot_until_the_wizard_overrides(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
+    robot.call("/simulator/reset_pose", x=9.5, y=5.0, heading_deg=90.0)
+    wait_for(lambda: robot.state()["gap_m"] < 0.6, "it stands there")
+    _drive(console, wire, "W")
+    console.wait_until_shown(guard="blocked")
+    wait_for(lambda: robot.state()["speed_mps"] == 0.0, "it stands")
+    assert robot.state()["touches"] == 0
+    assert not wire.seen[-1].moving
+    console.say("guard off")
+    console.wait_until_shown(guard="overridden")
+    wait_for(lambda: robot.state()["touches"] > 0, "the wizard wanted it")
+    console.say("release W")
+    console.say("guard on")
+
+
+# The link alone, whatever the console does
+
+
+@pytest.fixture(scope="module")
+def running_link(robot: SimulatedRobot) -> Iterator[LinkProcess]:
+    process = LinkProcess(robot.address)
+    process.wait_for_state("connected")
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def link(running_link: LinkProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[LinkProcess]:
+    robot.fault("clear")
+    robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
+    running_link.values.clear()
+    wait_for(lambda: len(running_link.of(LaserScan)) > 2, "scans")
+    wire.seen.clear()
+    yield running_link
+    robot.fault("clear")
+    running_link.send(Release(now_ns()))
+    _wait_for_silence(wire)
+
+
+def test_the_link_caps_by_itself_without_a_scan(link: LinkProcess, robot: SimulatedRobot, wire: TwistListener) -> None:
+    link.drive(0.0, 1.0)
+    link.hold(lambda: [twist for twist in wire.seen if twist.turn_radps == 1.0], "full speed")
+    robot.fault("silent_lidar")
+    link.hold(lambda: wire.seen[-1].turn_radps == pytest.approx(0.3), "30 % of the robot's own")
+    assert [changed.state for changed in link.of(GuardChanged)][-1] == "blind"
+
+
+def test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept(
+    link: LinkProcess, wire: TwistListener
+) -> None:
+    pid = link.process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        given_ns = now_ns()
+        link.send(Drive(given_ns, Twist2D(0.0, 0.0, 1.0), "keyboard"))
+        while now_ns() - given_ns < 0.3 * S:
+            time.sleep(0.05)
+            link.send(RenewLease(now_ns()))
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    [ended] = wait_for(lambda: link.of(DriveEnded), "the refusal")
+    assert "too late" in ended.reason
+    link.send(StopMotion(now_ns()))
+    wait_for(lambda: wire.seen, "it goes on obeying")
+    assert _moving(wire) == []
+
+
+# The end
+
+
+def test_leaving_stops_the_robot_and_cancels_its_goal(
+    console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
+    """Last, because the console is gone afterwards."""
+    console.say("go 1.5 5.0")
+    wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it drives by itself")
+    console.close()
+    state = robot.state()
+    assert state["goal_id"] == ""
+    assert state["speed_mps"] == 0.0
+    assert wire.seen
+    assert _moving(wire) == []
