@@ -308,11 +308,28 @@ class HoldToDrive(QObject):
                 # Qt takes this repeat for a press; a held F1 would say its phrase again and again.
                 event.accept()
                 return True
+            if event.type() == QEvent.Type.KeyPress and self._is_slip(event):
+                self._owned[identity] = None
+                return True
             return False
         event.accept()
         if event.type() == QEvent.Type.KeyPress and not repeated:
             self._on_press(identity, hold)
         return True
+
+    def _is_slip(self, event: QKeyEvent) -> bool:
+        """Alt with a character that nothing is bound to: beside the drive key, or a direction the robot lacks.
+
+        Qt would type it. A Mac types other characters in this way, so there it is left alone.
+        """
+        return (
+            sys.platform != "darwin"
+            and event.modifiers() & _CHORD_MODIFIERS == Qt.KeyboardModifier.AltModifier
+            and event.text().isprintable()
+            and bool(event.text())
+            and self._takes_keys()
+            and isinstance(self._app.focusWidget(), _TEXT_INPUTS)
+        )
 
     def _on_press(self, identity: int, hold: _Hold) -> None:
         spec = self._actions.spec(hold.action_id)
@@ -442,7 +459,7 @@ class HoldToDrive(QObject):
         if window.windowType() == Qt.WindowType.Popup or isinstance(window, QDialog):
             return False
         parent = window.parentWidget()
-        while parent is not None and parent is not self._window:
+        while parent is not None and parent is not self._window and not isinstance(parent, QDialog):
             parent = parent.parentWidget()
         return parent is self._window
 

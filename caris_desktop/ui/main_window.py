@@ -20,6 +20,7 @@ from caris_desktop.ui.actions import Actions, Feature
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.gamepad_dialog import GamepadDialog
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
@@ -173,6 +174,8 @@ class MainWindow(QWidget):
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
+        self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency)
+        self._emergency_copy.pressed.connect(console.emergency_stop)
         console.state.event_happened.connect(self._on_event)
         console.state.robot.changed.connect(self._on_robot_changed)
         console.state.places.changed.connect(self._on_places_changed)

@@ -1,0 +1,69 @@
+"""The red button stays within reach while a modal dialog locks the window that it is in."""
+
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class EmergencyOverDialogs(QObject):
+    """Puts a copy of the red button over the locked one, as a small window that belongs to the dialog.
+
+    A window of the dialog's own is the one thing that a modal dialog does not lock. Where the system does not let a
+    program place its windows (Wayland) it comes up where the system puts it.
+    """
+
+    pressed = Signal()
+
+    def __init__(self, theme: Theme, button: QWidget) -> None:
+        super().__init__(button)
+        self._theme = theme
+        self._button = button
+        self._copy: QWidget | None = None
+        app = QApplication.instance()
+        if app is not None:
+            app.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if (
+            event.type() in (QEvent.Type.Show, QEvent.Type.Hide)
+            and isinstance(watched, QWidget)
+            and watched.isWindow()
+            and watched.isModal()
+        ):
+            # Once Qt has made up its list of modal windows.
+            QTimer.singleShot(0, self, self._follow)
+        return False
+
+    def _follow(self) -> None:
+        dialog = QApplication.activeModalWidget()
+        if self._copy is not None and (dialog is None or self._copy.parentWidget() is not dialog):
+            self._copy.hide()
+            self._copy.deleteLater()
+            self._copy = None
+        if dialog is not None and self._copy is None and self._button.isVisible():
+            self._copy = self._copy_for(dialog)
+
+    def _copy_for(self, dialog: QWidget) -> QWidget:
+        flags = Qt.WindowType.Tool | Qt.WindowType.FramelessWindowHint | Qt.WindowType.WindowDoesNotAcceptFocus
+        window = QWidget(dialog, flags)
+        window.setObjectName("emergency_over_dialog")
+        window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+        window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
+        window.destroyed.connect(self._on_copy_destroyed)
+        button = ActionButton(self._theme, "Emergency stop", key="Esc Esc", look="danger", height_px=40)
+        button.setObjectName("emergency_stop_copy")
+        button.setToolTip("Stops the robot and keeps it stopped until you release it. Also Pause.")
+        button.pressed.connect(self.pressed)
+        layout = QVBoxLayout(window)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(button)
+        window.resize(self._button.size())
+        window.move(self._button.mapToGlobal(QPoint(0, 0)))
+        window.show()
+        return window
+
+    def _on_copy_destroyed(self) -> None:
+        # With its dialog.
+        self._copy = None

@@ -1,0 +1,96 @@
+"""A virtual screen with a window manager and one program on it, driven by real key and mouse events."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+TOOLS = ("Xvfb", "openbox", "xdotool", "setxkbmap")
+MISSING_TOOLS = tuple(tool for tool in TOOLS if shutil.which(tool) is None)
+
+_REPOSITORY = Path(__file__).resolve().parents[2]
+# Openbox keeps Alt+Escape for itself (it lowers the window); a desktop on which it reaches programs is wanted here.
+_OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
+<openbox_config xmlns="http://openbox.org/3.4/rc">
+  <desktops><number>2</number><popupTime>0</popupTime></desktops>
+  <focus><focusNew>yes</focusNew><followMouse>no</followMouse></focus>
+  <keyboard/>
+  <mouse><context name="Client"><mousebind button="Left" action="Press">
+    <action name="Focus"/><action name="Raise"/></mousebind></context></mouse>
+</openbox_config>
+"""
+
+
+class VirtualDesktop:
+    """``python -m MODULE`` on a screen of its own; what it prints is in ``lines()``."""
+
+    def __init__(self, folder: Path, module: str, *arguments: str, size: str = "1400x900") -> None:
+        read_end, write_end = os.pipe()
+        self._screen = subprocess.Popen(
+            ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24"],
+            pass_fds=(write_end,),
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(write_end)
+        with os.fdopen(read_end) as pipe:
+            number = pipe.readline().strip()
+        self.environment = {**os.environ, "DISPLAY": f":{number}", "QT_QPA_PLATFORM": "xcb", "HOME": str(folder)}
+        (folder / "rc.xml").write_text(_OPENBOX)
+        self._manager = subprocess.Popen(
+            ["openbox", "--config-file", str(folder / "rc.xml")], env=self.environment, stderr=subprocess.DEVNULL
+        )
+        self._output = (folder / "output").open("w+")
+        self._subject = subprocess.Popen(
+            [sys.executable, "-X", "faulthandler", "-m", module, *arguments],
+            env=self.environment,
+            cwd=_REPOSITORY,
+            stdin=subprocess.PIPE,
+            stdout=self._output,
+            stderr=self._output,
+            text=True,
+        )
+
+    def say(self, line: str) -> None:
+        """A line for the program's stdin."""
+        if self._subject.stdin is None:
+            raise RuntimeError("the program has no stdin")
+        self._subject.stdin.write(line + "\n")
+        self._subject.stdin.flush()
+
+    def lines(self) -> list[str]:
+        return Path(self._output.name).read_text().splitlines()
+
+    def wait_for(self, line: str, *, after: int = 0, timeout_s: float = 20.0) -> int:
+        """Index behind the first such line from ``after`` on."""
+        deadline_s = time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s:
+            for index, seen in enumerate(self.lines()[after:], start=after):
+                if seen.startswith(line):
+                    return index + 1
+            if self._subject.poll() is not None:
+                break
+            time.sleep(0.01)
+        seen = "\n".join(self.lines()[-60:])  # with the program's last words, if it crashed
+        raise AssertionError(f"waited in vain for {line!r}; seen at last:\n{seen}")
+
+    def do(self, *arguments: str) -> None:
+        """Real key and mouse events, in xdotool's words."""
+        subprocess.run(["xdotool", *arguments], env=self.environment, check=True, timeout=60, capture_output=True)
+
+    def use_layout(self, layout: str) -> None:
+        subprocess.run(["setxkbmap", layout], env=self.environment, check=True, timeout=20, capture_output=True)
+
+    def start_program(self, code: str) -> "subprocess.Popen[bytes]":
+        return subprocess.Popen([sys.executable, "-c", code], env=self.environment, stderr=subprocess.DEVNULL)
+
+    def close(self) -> None:
+        for process in (self._subject, self._manager, self._screen):
+            process.terminate()
+            try:
+                process.wait(timeout=15)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._output.close()

@@ -1,0 +1,150 @@
+"""The window on a virtual screen, for ``test_desktop``: ``python -m tests.ui.desktop_subject``.
+
+Prints each intent and each change of what is on show; does what the lines on stdin say.
+"""
+
+import sys
+import threading
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
+
+from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.ui.main_window import MainWindow
+from tests.support.virtual_gamepad import VirtualGamepad
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+
+class Subject(QObject):
+    """The window, and what the test can ask of it."""
+
+    line_read = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.console = FakeConsole(samples.TOUR)
+        samples.fill_console(self.console)
+        self.console.calls.clear()
+        self.gamepads = Gamepads(self.console.state, lambda event: print("GAMEPAD", event.connected, flush=True))
+        self.window = MainWindow(self.console, gamepads=self.gamepads)
+        self.window.resize(1200, 700)
+        field = self.window.findChild(QLineEdit, "speak_field")
+        assert field is not None
+        self.field: QLineEdit = field
+        self.combo = QComboBox(self.window)
+        self.combo.addItems(["one", "two", "three"])
+        self.combo.setGeometry(500, 300, 120, 30)
+        self.pad: VirtualGamepad | None = None
+        self._told = 0
+        self._shown: dict[str, object] = {}
+        self.line_read.connect(self._on_line)
+        self._timer = QTimer(interval=5)
+        self._timer.timeout.connect(self._tell)
+        self._timer.start()
+        threading.Thread(target=self._read, daemon=True).start()
+        self.window.show()
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            self.line_read.emit(line.strip())
+
+    def _tell(self) -> None:
+        for name, arguments in self.console.calls[self._told :]:
+            print(name, arguments, flush=True)
+        self._told = len(self.console.calls)
+        popup, dialog = QApplication.activePopupWidget(), QApplication.activeModalWidget()
+        shown = {
+            "READY": self.window.isActiveWindow(),
+            "TEXT": (self.field.text(), self.field.cursorPosition()),
+            "POPUP": popup is not None,
+            "DIALOG": dialog is not None,
+            "ACTIVE": type(QApplication.activeWindow()).__name__,
+            "KEYS": self.window.hold.key_owner,
+            "CAP": self.window.actions_table.key_text("drive_forward"),
+        }
+        for name, value in shown.items():
+            if self._shown.get(name) != value:
+                print(name, value, flush=True)
+        self._shown = shown
+
+    def _on_line(self, line: str) -> None:
+        word, _, rest = line.partition(" ")
+        getattr(self, f"do_{word}")(*rest.split())
+
+    def do_reset(self, number: str) -> None:
+        """As at the start: nothing open, nothing held, the video in focus."""
+        for widget in QApplication.topLevelWidgets():
+            if widget is not self.window and (
+                isinstance(widget, QDialog) or widget.windowType() == Qt.WindowType.Popup
+            ):
+                widget.close()
+        for dock in self.window.dock_host.docks.values():
+            if dock.isFloating():
+                dock.setFloating(False)
+        self.field.setCompleter(None)  # type: ignore[arg-type]  # the stubs do not know that None takes it away
+        self.field.clear()
+        self.console.clear_emergency_stop()
+        self.window.hold.release_all("reset")
+        self.window.hold._last_escape_s = float("-inf")  # the next Esc is not the second one of an earlier test
+        self.window.activateWindow()
+        self.window.focus_driving()
+        self._tell()
+        self.console.calls.clear()
+        self._told = 0
+        print("RESET", number, flush=True)
+
+    def do_dialog(self) -> None:
+        self.window.open_start_dialog()
+
+    def do_combo(self) -> None:
+        self.combo.show()
+        self.combo.raise_()
+        self.combo.showPopup()
+
+    def do_completer(self) -> None:
+        self.field.setFocus()
+        self.field.setCompleter(QCompleter(["hello", "help"], self.field))
+
+    def do_float(self, name: str, x: str, y: str) -> None:
+        dock = self.window.dock_host.docks[name]  # type: ignore[index]
+        dock.setFloating(True)
+        dock.resize(420, 300)
+        dock.move(int(x), int(y))
+        dock.show()
+
+    def do_focus(self, name: str) -> None:
+        widget = self.window.findChild(QWidget, name)
+        assert widget is not None
+        widget.setFocus()
+
+    def do_where(self, name: str) -> None:
+        widget = next(widget for widget in QApplication.allWidgets() if widget.objectName() == name)
+        center = widget.mapToGlobal(QPoint(widget.width() // 2, widget.height() // 2))
+        print("WHERE", name, center.x(), center.y(), flush=True)
+
+    def do_plug(self) -> None:
+        self._when_sdl_is_up(lambda: setattr(self, "pad", VirtualGamepad()))
+
+    def do_pad(self, action: str, *numbers: str) -> None:
+        assert self.pad is not None
+        if action == "push":
+            self.pad.push(int(numbers[0]), float(numbers[1]))
+        else:
+            getattr(self.pad, action)(*(int(number) for number in numbers))
+
+    def _when_sdl_is_up(self, do: Callable[[], None]) -> None:
+        self.gamepads.start()
+        try:
+            do()
+        except RuntimeError:
+            QTimer.singleShot(20, self, lambda: self._when_sdl_is_up(do))
+
+
+if __name__ == "__main__":
+    app = QApplication([])
+    subject = Subject()
+    status = app.exec()
+    subject.gamepads.stop()
+    sys.exit(status)
