@@ -14,6 +14,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.robot.profile import ProfileError
 
 PROFILE_VERSION = 1
 SCHEMA = "robot-profile.schema.json"
@@ -31,10 +32,6 @@ _SCALARS = (
     ("float", r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|\.inf)|\.nan", "-+.0123456789"),
     ("null", r"~|null|Null|NULL|", "~nN"),
 )
-
-
-class ProfileError(ValueError):
-    """A robot profile that cannot be used; the text names the file, the line and what is allowed."""
 
 
 def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:

@@ -20,14 +20,13 @@ from caris_desktop.robot.profile import (
     list_profiles,
     load_profile,
     parse_profile,
-    polygon_mistake,
-    profile_data,
     profile_file_name,
     read_profile,
     save_profile,
     shipped_profiles,
     with_ros,
 )
+from caris_desktop.robot.profile_content import polygon_mistake, profile_data
 from caris_desktop.robot.profile_file import ProfileText, profile_yaml
 
 GOOD = "version: 1\nros: 1\nvelocity:\n  topic: /cmd_vel\n"
@@ -313,6 +312,8 @@ def test_own_profiles_are_listed_and_a_broken_one_hides_nothing(tmp_path: Path) 
     assert "nonsense" in listed["broken"].error
     assert (listed["pepper"].title, listed["pepper"].shipped) == ("Our Pepper", False)
     assert listed["nao"].shipped
+    (tmp_path / "broken.yaml").write_text(GOOD + "title: Mended\n")
+    assert {profile.name: profile.title for profile in list_profiles(tmp_path)}["broken"] == "Mended"
     assert load_profile("lab-robot", user_dir=tmp_path).title == "Robot of the lab"
     assert load_profile("pepper", user_dir=tmp_path).title == "Our Pepper"
     assert load_profile("nao", user_dir=tmp_path / "not there").title == "NAO"
