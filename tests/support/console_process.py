@@ -56,7 +56,10 @@ class ConsoleProcess:
                     return report
             return None
 
-        report = wait_for(found, f"{expected}; last: {self.shown}", timeout_s=timeout_s)
+        try:
+            report = wait_for(found, f"{expected}", timeout_s=timeout_s)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; last: {self.shown}") from error
         if report is None:
             raise AssertionError
         return report
