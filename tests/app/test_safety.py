@@ -16,7 +16,7 @@ Driving ends when the application is deactivated:
 ... the driving focus is lost:
     test_what_ends_driving[focus]; keys: losing_the_driving_focus_releases
 ... the gamepad is unplugged:
-    GAMEPAD
+    test_unplugging_the_gamepad_ends_driving; tests/live/test_gamepad.py: a_gamepad_that_falls_silent_moves_nothing
 ... the GUI stalls over 150 ms:
     test_what_ends_driving[stall]; console: a_stopped_console_stops_the_robot
 ... the link is in trouble:
@@ -159,6 +159,24 @@ def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending:
     wait_for(lambda: _moving(wire), "a new key press drives")
     assert all(twist.turn_radps <= 0.0 for twist in wire.seen), "only what was pressed anew"
     console.say("release D")
+
+
+def test_unplugging_the_gamepad_ends_driving(console: ConsoleProcess, wire: TwistListener) -> None:
+    console.say("plug")
+    pushed_s = time.monotonic()
+
+    def driven() -> bool:
+        nonlocal pushed_s
+        if time.monotonic() - pushed_s > 0.1:  # the console looks for gamepads now and then
+            pushed_s = time.monotonic()
+            console.say("pad 0 0.0")
+            console.say("pad 0 -1.0")
+        return len(_moving(wire)) > 4
+
+    wait_for(driven, "the stick drives")
+    pulled_ns = time.monotonic_ns()
+    console.say("unplug")
+    _zero_after(wire, pulled_ns, 0.4)
 
 
 def test_a_goal_survives_a_focus_change_and_stop_cancels_it(
