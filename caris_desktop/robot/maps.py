@@ -35,6 +35,7 @@ logger = logging.getLogger(__name__)
 # Large maps are written and read for a while.
 MAP_WAIT_S = 60.0
 LONGEST_NAME = 100
+UNSURE = "The robot does not tell whether it found the map: look whether it shows the right one"
 _NAME = re.compile(r"[\w][\w .-]*", re.UNICODE)
 _RESULT = re.compile(rb'"result"\s*:\s*([0-9]{1,3})\b')
 _PAUSED = "paused_new_measurements"
@@ -159,14 +160,18 @@ class RobotMaps:
         return "" if able[command.operation] else "the robot offers no service for it"
 
     async def _carry_out(self, command: RequestMap) -> None:
+        detail = ""
         try:
             failure = await self._done(command)
+            if command.operation == "load" and self._offer.deserialize is not None:
+                # The answer of slam_toolbox is the same when there is no such map.
+                detail = UNSURE
         except (ServiceCallError, MessageError) as error:
             logger.warning("Map operation %s: %s", command.operation, error)
             failure = str(error)
         finally:
             self._busy = ""
-        self._tell(command, "failed" if failure else "succeeded", failure)
+        self._tell(command, "failed" if failure else "succeeded", failure or detail)
 
     async def _done(self, command: RequestMap) -> str:
         offer = self._offer

@@ -1,17 +1,53 @@
 """Both links against the simulated robot, in both dialects of ROS."""
 
+import math
 import time
 from collections.abc import Iterator
 
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import CancelGoal, GoTo, Release, Say, StopMotion
-from caris_desktop.domain.events import CommandSent, DriveEnded, GoalChanged, Problem, UtteranceChanged
+from caris_desktop.domain.commands import (
+    CancelGoal,
+    GoTo,
+    MoveHead,
+    Release,
+    RequestMap,
+    Say,
+    SetInitialPose,
+    StopMotion,
+    UseControl,
+)
+from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.events import (
+    CommandSent,
+    ControlUsed,
+    DriveEnded,
+    GoalChanged,
+    HeadMoved,
+    InitialPoseSet,
+    MapOperation,
+    MappingChanged,
+    MapRequestChanged,
+    Problem,
+    RequestState,
+    UtteranceChanged,
+)
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import BatteryState, FrameRef, LaserScan, OccupancyGrid, Odometry, RobotPose
+from caris_desktop.domain.sensing import (
+    BatteryState,
+    ControlReadings,
+    FrameRef,
+    HeadState,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PlannedPath,
+    RobotPose,
+)
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.maps import UNSURE
 from caris_desktop.robot.profile import load_profile
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring
@@ -101,6 +137,73 @@ def test_a_goal_is_reached_and_another_cancelled(simulator: SimulatedRobot, link
 def test_it_speaks(simulator: SimulatedRobot, link: LinkProcess) -> None:
     link.send(Say(now_ns(), "u", "Hello"))
     wait_for(lambda: [u.state for u in link.of(UtteranceChanged)] == ["started", "finished"], "said")
+
+
+def test_a_scan_says_where_in_the_map_it_was_taken(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    scan = wait_for(lambda: [scan for scan in link.of(LaserScan) if scan.map_from_laser], "a placed scan")[-1]
+    pose = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
+    laser = pose @ scan.robot_from_laser
+    assert math.hypot(scan.map_from_laser.x_m - laser.x_m, scan.map_from_laser.y_m - laser.y_m) < 0.1
+
+
+def test_the_head_turns_and_tells(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    link.send(MoveHead(now_ns(), 0.5, 0.2))
+    wait_for(lambda: link.of(HeadMoved), "the order")
+    wait_for(lambda: link.of(HeadState) and abs(link.of(HeadState)[-1].pan_rad - 0.5) < 0.05, "the head is there")
+    assert abs(link.of(HeadState)[-1].tilt_rad - 0.2) < 0.05
+    link.send(MoveHead(now_ns(), 0.0, 0.0))
+
+
+def test_a_goal_shows_its_path_until_it_ends(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    start = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
+    link.send(GoTo(now_ns(), "far", Pose2D(start.x_m + 3.0, start.y_m, 0.0)))
+    path = wait_for(lambda: [path for path in link.of(PlannedPath) if len(path.points_in_map)], "a path")[0]
+    assert math.hypot(path.points_in_map[0][0] - start.x_m, path.points_in_map[0][1] - start.y_m) < 0.5
+    assert link.of(GoalChanged)[0].distance_left_m == pytest.approx(3.0, abs=0.3)
+    link.send(CancelGoal(now_ns()))
+    wait_for(lambda: link.of(GoalChanged)[-1].state == "cancelled", "cancelled")
+    wait_for(lambda: len(link.of(PlannedPath)[-1].points_in_map) == 0, "no path any more")
+
+
+def test_maps_are_saved_loaded_and_switched(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    def outcome(operation: MapOperation, name: str = "") -> RequestState:
+        request_id = f"{operation} {name}"
+        link.send(RequestMap(now_ns(), request_id, operation, name))
+        told = lambda: [change for change in link.of(MapRequestChanged) if change.request_id == request_id][1:]  # noqa: E731
+        return wait_for(told, request_id)[0].state
+
+    assert outcome("save", "link test") == "succeeded"
+    assert outcome("load", "link test") == "succeeded"
+    assert link.of(MapRequestChanged)[-1].detail == UNSURE
+    assert outcome("start_localization") == "succeeded"
+    assert link.of(MappingChanged)[-1].mapping is False
+    assert outcome("start_mapping") == "succeeded"
+    last = link.of(MappingChanged)[-1]
+    assert (last.mapping, last.can_save, last.can_load, last.can_switch) == (True, True, True, True)
+    link.send(SetInitialPose(now_ns(), wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map))
+    wait_for(lambda: link.of(InitialPoseSet), "the place")
+
+
+def test_the_robots_controls_are_used_and_read(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    def outcome(control: str, value: ControlValue) -> ControlUsed:
+        link.send(UseControl(now_ns(), f"{control} {value}", control, value))
+        told = lambda: [event for event in link.of(ControlUsed) if event.request_id == f"{control} {value}"][1:]  # noqa: E731
+        return wait_for(told, control)[0]
+
+    for control, value in (
+        ("wave", True),
+        ("eyes", False),
+        ("volume", 35.0),
+        ("screen", "Hello"),
+        ("light_blue", True),
+    ):
+        assert outcome(control, value).state == "succeeded", control
+    wait_for(lambda: link.of(ControlReadings)[-1].values.get("volume") == 35.0, "the volume")
+    wait_for(lambda: "temperature" in link.of(ControlReadings)[-1].values, "the temperature")
+    wait_for(lambda: link.of(ControlReadings)[-1].values.get("eyes") is False, "the eyes")
+    refused = outcome("volume", "loud")
+    assert refused.state == "failed"
+    assert "must be a number, but it is the text 'loud'" in refused.detail
 
 
 def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
