@@ -33,8 +33,8 @@ def console(robot: SimulatedRobot, tmp_path: Path) -> Iterator[ConsoleProcess]:
 
 
 def _drive(console: ConsoleProcess, listener: TwistListener) -> None:
-    console.say("press A")  # turning on the spot: no wall can end it
-    wait_for(lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
+    # Turning on the spot: no wall can end it.
+    console.hold("A", lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
 
 
 def test_a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back(
@@ -55,8 +55,7 @@ def test_a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back(
         console.wait_until_shown(link="connected", video="fresh", scan="fresh", map="fresh", drive_allowed=True)
         assert not [twist for twist in listener.seen if twist.moving], "a key held from before does not drive"
         console.say("release A")
-        console.say("press D")
-        wait_for(lambda: [twist for twist in listener.seen if twist.moving], "a new key press drives")
+        console.hold("D", lambda: [twist for twist in listener.seen if twist.moving], "a new key press drives")
         assert all(twist.turn_radps <= 0 for twist in listener.seen), "only what was pressed anew"
         console.say("release D")
         listener.close()

@@ -92,16 +92,14 @@ def test_another_robot_takes_the_place_of_the_first(
     with SimulatedRobot(ros=2) as second:
         _profile("simulated-ros2", second.address, own_files / "robots" / "second.yaml")
         first_hears, second_hears = TwistListener(robot.address), TwistListener(second.address)
-        console.say("press A")
-        wait_for(lambda: [twist for twist in first_hears.seen if twist.moving], "the first is driven")
+        console.hold("A", lambda: [twist for twist in first_hears.seen if twist.moving], "the first is driven")
         console.say("robot second")
         console.wait_until_shown(robot="second", link="connected", video="fresh", scan="fresh", drive_allowed=True)
         switched_ns = time.monotonic_ns()
         assert not first_hears.seen[-1].moving, "the first was left standing"
         assert not [twist for twist in second_hears.seen if twist.moving], "a key held from before does not drive"
         console.say("release A")
-        console.say("press D")
-        wait_for(lambda: [twist for twist in second_hears.seen if twist.moving], "the second is driven")
+        console.hold("D", lambda: [twist for twist in second_hears.seen if twist.moving], "the second is driven")
         console.say("release D")
         assert not [twist for twist in first_hears.seen if twist.at_ns > switched_ns]
         console.say("robot nowhere")

@@ -1,10 +1,12 @@
 """A handle on ``tests.app.console_child`` and its kin: say what to press, see what is on show."""
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +65,16 @@ class ConsoleProcess:
         if report is None:
             raise AssertionError
         return report
+
+    def hold(self, key: str, seen: Callable[[], object], what: str) -> None:
+        """Press a drive key until ``seen``. A busy machine may stall the window, which ends a hold: press anew then."""
+        for _attempt in range(5):
+            self.say(f"press {key}")
+            with contextlib.suppress(AssertionError):
+                wait_for(seen, what, timeout_s=4.0)
+                return
+            self.say(f"release {key}")
+        raise AssertionError(f"not after five presses of {key}: {what}; last: {self.shown}")
 
     def kill(self) -> None:
         self._process.kill()
