@@ -84,6 +84,16 @@ class StopService:
 
 
 @dataclass(frozen=True, slots=True)
+class Order:
+    """Something else that the robot can be told to do, which the simulated one takes note of but has no body for."""
+
+    kind: Literal["topic", "service", "action"]
+    name: str
+    package: str
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
 class Dress:
     """Everything that can be told from outside. Names without a leading slash take the robot's namespace."""
 
@@ -117,6 +127,7 @@ class Dress:
     map_server: str | None = None
     map_saver: str | None = None
     gadgets: bool = False
+    orders: tuple[Order, ...] = ()
 
     def absolute(self, name: str) -> str:
         """The name as it is on the wire."""

@@ -23,6 +23,7 @@ from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAc
 from caris_desktop.simulator.head_topics import HeadOnRos
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.map_topics import MapOnRos
+from caris_desktop.simulator.orders import OrdersOnRos
 from caris_desktop.simulator.server import CallFailed, Message
 from caris_desktop.simulator.speech import Voice
 from caris_desktop.simulator.speech_topics import SpeechOnAction, SpeechOnTopics
@@ -62,6 +63,7 @@ class RobotTopics:
         self._goals = self._navigation()
         self._speech = self._speech_of_dress(muted=muted)
         self._gadgets = Gadgets(wiring) if wiring.dress.gadgets else None
+        self._orders = OrdersOnRos(wiring)
         self._offer_sensors()
         self._offer_commands()
         self._offer_simulator()
@@ -92,7 +94,7 @@ class RobotTopics:
                 entry.publish()
         self._map.publish_due()
         self._head.publish_due()
-        for part in (self._goals, self._speech, self._gadgets):
+        for part in (self._goals, self._speech, self._gadgets, self._orders):
             if part is not None:
                 part.publish_due()
 
@@ -114,6 +116,7 @@ class RobotTopics:
             self.voice.stop()
         if self._gadgets is not None:
             self._gadgets.stop()
+        self._orders.stop()
 
     def _every(self, steps: int, topic: str, publish: Callable[[], None]) -> None:
         self._periodic.append(_Periodic(steps, topic, publish))
@@ -381,6 +384,7 @@ class RobotTopics:
             "known_map_share": robot.mapper.known_share,
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
             "panel": self._gadgets.state if self._gadgets is not None else {},
+            "orders": self._orders.taken,
         }
 
 

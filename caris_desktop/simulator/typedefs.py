@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from caris_desktop.ros.dialect import Dialect
 
 _PRIMITIVES = frozenset(("bool", "byte", "char", "string", "float32", "float64", "time", "duration")) | {
@@ -66,6 +68,16 @@ _BOTH = {
     "std_srvs/SetBool": "bool data --- bool success; string message",
     "std_srvs/Trigger": " --- bool success; string message",
     "std_srvs/Empty": " --- ",
+    "turtlebot3_msgs/Sound": (
+        "uint8 OFF=0; uint8 ON=1; uint8 LOW_BATTERY=2; uint8 ERROR=3; uint8 BUTTON1=4; uint8 BUTTON2=5; uint8 value "
+        "--- bool success; string message"
+    ),
+    "irobot_create_msgs/LedColor": "uint8 red; uint8 green; uint8 blue",
+    "irobot_create_msgs/LightringLeds": (
+        "std_msgs/Header header; irobot_create_msgs/LedColor[6] leds; bool override_system"
+    ),
+    "irobot_create_msgs/Dock": " --- bool is_docked --- bool sees_dock",
+    "irobot_create_msgs/Undock": " --- bool is_docked --- ",
     "irobot_create_msgs/EStop": "bool e_stop_on --- bool success; string message",
     "slam_toolbox/Pause": " --- bool status",
     "nav2_msgs/SaveMap": (
@@ -133,8 +145,19 @@ _ROS1 = {
         "string viseme_id; pal_interaction_msgs/TtsMark marks"
     ),
     "pal_interaction_msgs/TtsResult": "string text; string msg",
+    "play_motion_msgs/PlayMotionGoal": "string motion_name; bool skip_planning; int32 priority",
+    "play_motion_msgs/PlayMotionFeedback": "",
+    "play_motion_msgs/PlayMotionResult": "int32 error_code; string error_string",
+    "naoqi_bridge_msgs/BodyPoseWithSpeedGoal": "string posture_name; float32 speed",
+    "naoqi_bridge_msgs/BodyPoseWithSpeedFeedback": "",
+    "naoqi_bridge_msgs/BodyPoseWithSpeedResult": "",
 }
-for _package, _name in (("move_base_msgs", "MoveBase"), ("pal_interaction_msgs", "Tts")):
+for _package, _name in (
+    ("move_base_msgs", "MoveBase"),
+    ("pal_interaction_msgs", "Tts"),
+    ("play_motion_msgs", "PlayMotion"),
+    ("naoqi_bridge_msgs", "BodyPoseWithSpeed"),
+):
     _ROS1[f"{_package}/{_name}ActionGoal"] = (
         f"std_msgs/Header header; actionlib_msgs/GoalID goal_id; {_package}/{_name}Goal goal"
     )
@@ -197,9 +220,76 @@ def service_typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, 
     return _typedefs(dialect, _plain(type_), part)
 
 
-def is_known(dialect: Dialect, type_: str) -> bool:
-    """Whether the definition of a type is known."""
-    return _definition(dialect, _plain(type_)) is not None
+def misfit(dialect: Dialect, type_: str, message: Any, *, part: int = 0) -> str | None:
+    """What of ``message`` its type does not allow, as rosbridge would refuse it; None where all is well.
+
+    Fields that are left out are filled with zero by ROS. A type whose definition is not known allows everything.
+    """
+    definition = _definition(dialect, _plain(type_))
+    parts = definition.split("---") if definition is not None else []
+    return _misfit(dialect, _plain(type_), parts[part], message, "") if part < len(parts) else None
+
+
+def blank(dialect: Dialect, type_: str, *, part: int = 0) -> dict[str, Any]:
+    """A message with every field zero, false or empty."""
+    definition = _definition(dialect, _plain(type_)) or ""
+    parts = definition.split("---")
+    return {
+        entry.name: _blank(dialect, entry)
+        for entry in (_fields(parts[part]) if part < len(parts) else ())
+        if entry.value is None
+    }
+
+
+def _blank(dialect: Dialect, entry: _Field) -> Any:
+    if entry.length >= 0:
+        return []
+    if entry.type in ("time", "duration"):
+        return {"secs": 0, "nsecs": 0}
+    if entry.type not in _PRIMITIVES:
+        return blank(dialect, entry.type)
+    return {"string": "", "bool": False}.get(entry.type, 0)
+
+
+def _misfit(dialect: Dialect, name: str, definition: str, message: Any, where: str) -> str | None:
+    if not isinstance(message, dict):
+        return f"{where or name} must be a {name}"
+    fields = {entry.name: entry for entry in _fields(definition) if entry.value is None}
+    for key, value in message.items():
+        path = f"{where}.{key}" if where else key
+        if key not in fields:
+            return f"Message type {name} does not have a field {key}"
+        entry = fields[key]
+        if entry.length < 0:
+            problem = _misfit_of_one(dialect, entry.type, value, path)
+        elif isinstance(value, (bytes, np.ndarray)) or (isinstance(value, str) and entry.type in ("uint8", "char")):
+            problem = None  # blobs and typed arrays have their type on the wire
+        elif not isinstance(value, (list, tuple)):
+            problem = f"{path} must be a list of {entry.type}"
+        else:
+            problems = (_misfit_of_one(dialect, entry.type, item, f"{path}[{i}]") for i, item in enumerate(value))
+            problem = next((found for found in problems if found is not None), None)
+        if problem is not None:
+            return problem
+    return None
+
+
+def _misfit_of_one(dialect: Dialect, type_: str, value: Any, where: str) -> str | None:
+    if type_ in ("time", "duration"):
+        fits = isinstance(value, dict) and set(value) <= {"secs", "nsecs"}
+    elif type_ == "bool":
+        fits = isinstance(value, (bool, np.bool_))
+    elif type_ == "string":
+        fits = isinstance(value, str)
+    elif type_.startswith("float"):
+        # JSON has no infinity: rosbridge takes null for it
+        fits = value is None or (isinstance(value, (int, float, np.number)) and not isinstance(value, bool))
+    elif type_ in _PRIMITIVES:
+        fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    else:
+        definition = _definition(dialect, type_)
+        return _misfit(dialect, type_, definition, value, where) if definition is not None else None
+    return None if fits else f"{where} must be a {type_}"
 
 
 def _definition(dialect: Dialect, type_: str) -> str | None:

@@ -21,6 +21,7 @@ from caris_desktop.simulator.dress import (
     Dress,
     HeadTopics,
     Navigation,
+    Order,
     SpeechAction,
     SpeechTopics,
     StopService,
@@ -156,6 +157,10 @@ def _tiago() -> Dress:
         navigation=Navigation("/move_base", "/move_base_simple/goal", "/move_base/GlobalPlanner/plan"),
         # told of the red button on its back, which nobody can press from afar
         stop_state="/power/is_emergency",
+        orders=(
+            Order("action", "/play_motion", "play_motion_msgs", "PlayMotion"),
+            Order("topic", "/torso_controller/command", "trajectory_msgs", "JointTrajectory"),
+        ),
     )
 
 
@@ -163,7 +168,7 @@ def _tiago_base() -> Dress:
     """The base alone: no torso, no head, no camera."""
     tiago = _tiago()
     body = replace(tiago.body, head=FIXED)
-    return replace(tiago, name="tiago-base", body=body, camera=None, head=None)
+    return replace(tiago, name="tiago-base", body=body, camera=None, head=None, orders=())
 
 
 def _turtlebot3_humble() -> Dress:
@@ -206,6 +211,7 @@ def _turtlebot3() -> Dress:
         joint_states="joint_states",
         navigation=Navigation("navigate_to_pose", "goal_pose", "plan"),
         stop_service=StopService("motor_power", "std_srvs", "SetBool", "data", stopping=False),
+        orders=(Order("service", "sound", "turtlebot3_msgs", "Sound"),),
         slam_toolbox="slam_toolbox",
         map_server="map_server",
         map_saver="map_saver",
@@ -244,14 +250,27 @@ def _turtlebot4() -> Dress:
         joint_states="joint_states",
         navigation=Navigation("navigate_to_pose", "goal_pose", "plan"),
         stop_service=StopService("e_stop", "irobot_create_msgs", "EStop", "e_stop_on"),
+        orders=(
+            Order("topic", "hmi/display/message", "std_msgs", "String"),
+            Order("topic", "cmd_lightring", "irobot_create_msgs", "LightringLeds"),
+            Order("action", "dock", "irobot_create_msgs", "Dock"),
+            Order("action", "undock", "irobot_create_msgs", "Undock"),
+        ),
         slam_toolbox="slam_toolbox",
         map_server="map_server",
         map_saver="map_saver",
     )
 
 
+_POSE_SERVICES = tuple(
+    Order("service", f"pose/{name}", "std_srvs", "Empty") for name in ("wakeup", "rest", "life/enable", "life/disable")
+)
+
+
 def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
-    """naoqi_driver as its bringup packages start it; the ROS navigation stack runs beside it where there is a scan."""
+    """naoqi_driver and naoqi_pose as their bringup packages start them; the ROS navigation stack runs beside them where
+    there is a scan.
+    """
     return Dress(
         name=name,
         dialect=Dialect.ROS1,
@@ -274,6 +293,10 @@ def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
         speech=SpeechTopics("/speech"),
         navigation=Navigation(
             "/move_base" if scan else None, "/move_base_simple/goal", "/move_base/NavfnROS/plan" if scan else None
+        ),
+        orders=(
+            Order("action", "pose/body_pose_naoqi", "naoqi_bridge_msgs", "BodyPoseWithSpeed"),
+            *_POSE_SERVICES,
         ),
     )
 

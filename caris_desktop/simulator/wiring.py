@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
-from caris_desktop.simulator.server import BridgeServer, Message, Service, Topic
+from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service, Topic
 
 _WRONG_FRAME = "nowhere"
 
@@ -50,14 +52,28 @@ class Wiring:
         *,
         other_types: tuple[str, ...] = (),
     ) -> None:
-        """Offer a topic that the robot listens to."""
-        self.server.topics[self.dress.absolute(name)] = Topic(
-            type_name(self.dialect, package, kind), on_message=on_message, other_types=other_types
-        )
+        """Offer a topic that the robot listens to. What its type does not allow is refused as rosbridge does it."""
+        type_ = type_name(self.dialect, package, kind)
+
+        def checked(message: Message) -> None:
+            problem = typedefs.misfit(self.dialect, type_, message) if not other_types else None
+            if problem is not None:
+                raise MessageError(f"{name}: {problem}")
+            on_message(message)
+
+        self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=checked, other_types=other_types)
 
     def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
-        """Offer a service."""
-        self.server.services[self.dress.absolute(name)] = Service(service_type_name(self.dialect, package, kind), call)
+        """Offer a service. What its type does not allow is refused as rosbridge does it."""
+        type_ = service_type_name(self.dialect, package, kind)
+
+        def checked(arguments: Message) -> Message:
+            problem = typedefs.misfit(self.dialect, type_, arguments)
+            if problem is not None:
+                raise CallFailed(problem)
+            return call(arguments)
+
+        self.server.services[self.dress.absolute(name)] = Service(type_, checked)
 
     def wanted(self, name: str) -> bool:
         """Whether anybody takes this topic, by its name on the wire."""

@@ -24,8 +24,10 @@ from caris_desktop.domain.commands import (
     SetEmergencyStop,
     SetGuard,
     StopMotion,
+    UseControl,
 )
-from caris_desktop.domain.events import EmergencyStopChanged, GoalChanged, UtteranceChanged
+from caris_desktop.domain.controls import CallService, ControlEffect, ControlValue, PublishMessage, SendActionGoal
+from caris_desktop.domain.events import ControlUsed, EmergencyStopChanged, GoalChanged, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import (
     BatteryState,
@@ -37,6 +39,7 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.robot.link import check_robot
 from caris_desktop.robot.profile import RobotProfile, load_profile, shipped_profiles
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring
@@ -111,6 +114,44 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
             link.close()
             media.close()
             ring.close()
+
+
+def test_the_robot_has_everything_that_the_profile_names(bench: Bench) -> None:
+    assert check_robot(bench.profile, bench.robot.address) == []
+
+
+def test_every_control_of_the_profile_is_obeyed(bench: Bench) -> None:
+    controls = [control for control in bench.profile.controls if control.effect is not None]
+    if not controls:
+        pytest.skip("this profile has no controls")
+    for control in controls:
+        values: dict[str, ControlValue] = {"slider": control.highest, "text": "Hello"}
+        value = control.choices[0].value if control.choices else values.get(control.kind, True)
+        bench.link.send(UseControl(now_ns(), f"use {control.id}", control.id, value))
+
+        def states(wanted: str = f"use {control.id}") -> list[tuple[str, str]]:
+            return [(used.state, used.detail) for used in bench.link.of(ControlUsed) if used.request_id == wanted]
+
+        wait_for(lambda states=states: states()[-1:] and states()[-1][0] in ("succeeded", "failed"), f"{control.title}")
+        assert states()[-1][0] == "succeeded", states()
+    taken = [order["name"] for order in bench.state()["orders"]]
+    named = [_name_of(control.effect) for control in controls if control.effect is not None]
+    # the simulated robot's own controls move things that it has; those of other robots it takes note of
+    assert set(taken) == (set() if bench.robot.dress == "generic" else set(named))
+    if bench.robot.dress == "generic":
+        panel = bench.state()["panel"]
+        assert panel["waves_begun"] == 1
+        assert panel["volume"] == 100.0
+
+
+def _name_of(effect: ControlEffect) -> str:
+    match effect:
+        case PublishMessage(topic, _, _):
+            return topic
+        case CallService(service, _, _):
+            return service
+        case SendActionGoal(action, _, _):
+            return action
 
 
 def test_what_the_profile_names_arrives(bench: Bench) -> None:
