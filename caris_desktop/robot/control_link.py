@@ -166,6 +166,7 @@ class ControlLink:
                 self._lease.stop(now_s)
                 self._send_zero_first()
                 self._navigator.cancel_all("stopped by the wizard")
+                self._controls.cancel_goals("stopped by the wizard")
             case commands.SetEmergencyStop(latched=latched):
                 self._emergency_stop.set(latched)
             case commands.SetGuard(on=on):
@@ -373,6 +374,7 @@ class ControlLink:
             self._lease.stop(self._loop.time())
             self._move()
         self._report.changed("connected")
+        self._maps.link_heard()
 
     def link_lost(self, reason: str) -> None:
         self._connected = False

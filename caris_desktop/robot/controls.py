@@ -169,6 +169,8 @@ class RobotControls:
         """These of the scenario from now on, beside the profile's own; one of the same id takes its place."""
         offered = {control.id: control for control in (*self._own, *controls)}
         if offered == self._controls:
+            # Who offers the same again has forgotten what it was told.
+            self._tell_values_soon()
             return
         self._controls = offered
         self._listen()
@@ -213,8 +215,12 @@ class RobotControls:
         """The emergency stop: what the robot does by itself is cancelled, and no goal is sent until it is cleared."""
         self._held = held
         if held:
-            for server in self._servers.values():
-                self._fail_goals(server, "the emergency stop was set", cancel=True)
+            self.cancel_goals("the emergency stop was set")
+
+    def cancel_goals(self, reason: str) -> None:
+        """Cancel what controls have the robot do by itself."""
+        for server in self._servers.values():
+            self._fail_goals(server, reason, cancel=True)
 
     def _spelled(self, type_: str) -> str:
         package, _, name = plain_name(type_).partition("/")
@@ -338,6 +344,9 @@ class RobotControls:
         if value is None or (control in self._values and self._values[control] == value):
             return
         self._values[control] = value
+        self._tell_values_soon()
+
+    def _tell_values_soon(self) -> None:
         if self._timer is None:
             self._timer = self._loop.call_at(max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._tell_values)
 

@@ -90,6 +90,7 @@ class RobotMaps:
         self._in_background = in_background
         self._offer = _offer(self._services, dialect)
         self._mapping: bool | None = None
+        self._told = False
         self._busy = ""
         self._initial_pose: SafeTopic | None = None
         if profile.initial_pose is not None:
@@ -110,8 +111,14 @@ class RobotMaps:
         self._offer = offer
         self._in_background(self._find_out_mapping())
 
+    def link_heard(self) -> None:
+        """The link was in trouble, and who shows what is known of the robot has forgotten it."""
+        if self._told:
+            self._set_mapping(self._mapping)
+
     def link_lost(self) -> None:
         self._mapping = None
+        self._told = False
 
     def set_initial_pose(self, command: SetInitialPose) -> str:
         """Tell the localization. Why it was not told, or an empty text."""
@@ -254,6 +261,7 @@ class RobotMaps:
 
     def _set_mapping(self, mapping: bool | None) -> None:
         self._mapping = mapping
+        self._told = True
         offer = self._offer
         self._emit(
             MappingChanged(

@@ -92,7 +92,7 @@ class Sensors:
     def clear_path(self) -> None:
         """The goal is over: the way to it is shown no more."""
         if self._profile.path is not None:
-            self._put(PlannedPath(self._ros.arrival_ns, None, np.empty((0, 2), np.float32)))
+            self._put(PlannedPath(now_ns(), None, np.empty((0, 2), np.float32)))
 
     def _subscribe(self) -> None:
         profile = self._profile

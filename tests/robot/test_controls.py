@@ -1,11 +1,12 @@
 """The controls of the Robot panel against a rosbridge: what is sent, what is refused, what is read."""
 
+import json
 from typing import Any
 
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import OfferControls, SetEmergencyStop, UseControl
+from caris_desktop.domain.commands import OfferControls, SetEmergencyStop, StopMotion, UseControl
 from caris_desktop.domain.controls import (
     CallService,
     Choice,
@@ -148,7 +149,7 @@ def test_an_action_of_ros2() -> None:
             if operation["op"] == "send_action_goal":
                 assert (operation["action_type"], operation["args"]) == ("motion_msgs/action/Play", {"name": "wave"})
                 result = {"op": "action_result", "id": operation["id"], "action": "/play", "status": 6, "result": True}
-                await bench.bridge.send(__import__("json").dumps({**result, "values": {"error_msg": "no arm"}}))
+                await bench.bridge.send(json.dumps({**result, "values": {"error_msg": "no arm"}}))
 
         bench.bridge.on_operation = react
         bench.send(use("wave", True))
@@ -195,6 +196,28 @@ def test_readings_are_told_together_and_not_too_often() -> None:
         last = {"volume": 3900.0, "status": 39.0}
         await bench.until(lambda: [told for told in bench.of(ControlReadings) if told.values == last], "all")
         assert len(bench.of(ControlReadings)) <= 3
+
+    with_link(ROBOT, test)
+
+
+def test_who_has_forgotten_is_told_again() -> None:
+    async def test(bench: LoopBench) -> None:
+        await bench.bridge.publish("/volume/state", {"data": 0.5})
+        await bench.until(lambda: bench.of(ControlReadings), "a reading")
+        bench.send(OfferControls(now_ns(), ()))
+        await bench.until(lambda: len(bench.of(ControlReadings)) == 2, "the same again")
+        assert bench.of(ControlReadings)[1].values == {"volume": 50.0}
+
+    with_link(ROBOT, test)
+
+
+def test_stop_cancels_what_a_control_has_begun() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True))
+        await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        bench.send(StopMotion(now_ns()))
+        await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
+        assert (await ended(bench)).detail == "stopped by the wizard"
 
     with_link(ROBOT, test)
 
