@@ -20,6 +20,7 @@ from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
 from caris_desktop.robot.head import RobotHead
+from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
@@ -83,10 +84,12 @@ class ControlLink:
         )
         self._voice = make_voice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, emit=self._put)
+        self._latched = LatchedTopics(self._ros, self._dialect)
         self._controls = RobotControls(
             self._ros,
             self._dialect,
             profile.controls,
+            self._latched,
             emit=self._put,
             unusable=self._report_unusable_reading,
             in_background=self._in_background,
@@ -100,13 +103,20 @@ class ControlLink:
             in_background=self._in_background,
         )
         self._emergency_stop = EmergencyStop(
-            self._ros, self._dialect, profile.emergency_stop, self, emit=self._put, in_background=self._in_background
+            self._ros,
+            self._dialect,
+            profile.emergency_stop,
+            self,
+            self._latched,
+            emit=self._put,
+            in_background=self._in_background,
         )
         self._sensors = Sensors(
             self._ros,
             profile,
             self._report,
             self._measurement,
+            self._latched,
             put=self._put,
             scan_taken=self._scan_taken,
             odometry_taken=self._guard.take_odometry,
@@ -141,7 +151,7 @@ class ControlLink:
             # The timer goes on sending the zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
         self._closing = True
-        self._sensors.close()
+        self._latched.link_lost()
         self._controls.close()
         for task in self._tasks:
             task.cancel()
@@ -352,7 +362,7 @@ class ControlLink:
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._navigator.link_connected()
         self._emergency_stop.link_connected()
-        self._sensors.link_connected()
+        self._latched.link_connected()
         self._controls.link_connected()
         self._in_background(self._look_around())
 
@@ -388,6 +398,7 @@ class ControlLink:
         self._head.link_lost()
         self._controls.link_lost()
         self._maps.link_lost()
+        self._latched.link_lost()
         self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:

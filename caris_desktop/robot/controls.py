@@ -139,6 +139,7 @@ class RobotControls:
         ros: SafeRos,
         dialect: Dialect,
         own: tuple[RobotControl, ...],
+        latched: LatchedTopics,
         *,
         emit: Callable[[Any], None],
         unusable: Callable[[str, str], None],
@@ -152,7 +153,7 @@ class RobotControls:
         self._unusable = unusable
         self._in_background = in_background
         self._types = MessageTypes(ros, dialect)
-        self._latched = LatchedTopics(ros, dialect)
+        self._latched = latched
         self._controls: dict[str, RobotControl] = {}
         self._publishers: dict[tuple[str, str], SafeTopic] = {}
         self._servers: dict[tuple[str, str], _Server] = {}
@@ -195,11 +196,9 @@ class RobotControls:
         self._learn_types()
 
     def link_connected(self) -> None:
-        self._latched.link_connected()
         self._learn_types()
 
     def link_lost(self) -> None:
-        self._latched.link_lost()
         self._types.forget()
         self._values.clear()
         for server in self._servers.values():
@@ -207,7 +206,6 @@ class RobotControls:
 
     def close(self) -> None:
         """The link ends."""
-        self._latched.link_lost()
         if self._timer is not None:
             self._timer.cancel()
 

@@ -50,6 +50,7 @@ class Sensors:
         profile: RobotProfile,
         report: LinkReporter,
         measurement: LinkMeasurement,
+        latched: LatchedTopics,
         *,
         put: Callable[[Any], None],
         scan_taken: Callable[[LaserScan], None],
@@ -65,7 +66,7 @@ class Sensors:
         self._scan_taken = scan_taken
         self._odometry_taken = odometry_taken
         self._pose_taken = pose_taken
-        self._latched = LatchedTopics(ros, self._dialect)
+        self._latched = latched
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
         self._told_frames: set[str] = set()
@@ -73,21 +74,13 @@ class Sensors:
         self.pose_in_map: Pose2D | None = None
         self._subscribe()
 
-    def link_connected(self) -> None:
-        self._latched.link_connected()
-
     def link_lost(self) -> None:
         """What was known of the robot's place is no longer."""
-        self._latched.link_lost()
         self._poses.forget()
         self._transforms_since_ns = None
         self._told_frames.clear()
         self._told_lost = False
         self.pose_in_map = None
-
-    def close(self) -> None:
-        """The link ends."""
-        self._latched.link_lost()
 
     def clear_path(self) -> None:
         """The goal is over: the way to it is shown no more."""

@@ -84,6 +84,11 @@ def test_a_map_is_saved_as_pose_graph_and_as_picture() -> None:
     async def test(bench: LoopBench) -> None:
         offered = await first_mapping(bench)
         assert (offered.mapping, offered.can_save, offered.can_load, offered.can_switch) == (True, True, True, True)
+        # After a spell of trouble the console has forgotten it.
+        bench.link.link_heard()
+        assert [replace(change, stamp_ns=0) for change in bench.of(MappingChanged)] == [
+            replace(offered, stamp_ns=0)
+        ] * 2
         bench.send(RequestMap(now_ns(), "r", "save", "lab"))
         assert (await ended(bench, "r")).state == "succeeded"
         [serialize] = bench.bridge.operations("call_service", "/slam_toolbox/serialize_map")
