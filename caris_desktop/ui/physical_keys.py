@@ -21,11 +21,11 @@ LONGEST_REPEAT_GAP_S = 1.2
 
 
 class _XkbState(ctypes.Structure):
-    """XkbStateRec of X11/extensions/XKBstr.h; only ``group`` is read."""
+    """XkbStateRec of X11/extensions/XKBstr.h, whole, since Xlib fills it; only ``group`` is read."""
 
     _fields_ = [
         ("group", ctypes.c_ubyte), ("locked_group", ctypes.c_ubyte), ("base_group", ctypes.c_ushort),
-        ("latched_group", ctypes.c_ushort), ("mods", ctypes.c_ubyte * 8), ("ptr_buttons", ctypes.c_ushort),
+        ("latched_group", ctypes.c_ushort), ("mods", ctypes.c_ubyte * 9), ("ptr_buttons", ctypes.c_ushort),
     ]  # fmt: skip
 
 
