@@ -23,6 +23,7 @@ from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.logs import configure_child_logging
 
 _log = logging.getLogger(__name__)
+_SWITCH_WITHIN_S = 0.0005
 _CONTEXT = multiprocessing.get_context("spawn")
 
 
@@ -77,6 +78,8 @@ class ChildProcess:
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
+        # The GUI thread must not wait 5 ms for the interpreter lock while a reader thread takes a message apart.
+        sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_WITHIN_S))
         ours, theirs = _CONTEXT.Pipe(duplex=True)
         process = _CONTEXT.Process(
             target=_run_body, args=(self.body, theirs), name=f"caris-{self.body.name}", daemon=True

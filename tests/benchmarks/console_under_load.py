@@ -18,6 +18,7 @@ from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LlmExchange
+from caris_desktop.live.console import Console
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -25,7 +26,12 @@ class ConsoleUnderLoad:
     """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all."""
 
     def __init__(
-        self, *, record: bool = True, language_model: bool = False, perception_timeout_s: float = 120.0
+        self,
+        *,
+        record: bool = True,
+        language_model: bool = False,
+        perception_timeout_s: float = 120.0,
+        robot: Callable[[Console], DemoRobot] = lambda console: DemoRobot(console, seed=7),
     ) -> None:
         self._asking = QTimer()
         self._folder = tempfile.TemporaryDirectory(prefix="caris-benchmark-")
@@ -33,7 +39,7 @@ class ConsoleUnderLoad:
         self.run = ConsoleRun(
             default_arguments(scenario="tour-guide", study=root / "study"),
             settings=QSettings(str(root / "settings.ini"), QSettings.Format.IniFormat),
-            robot=lambda console: DemoRobot(console, seed=7),
+            robot=robot,
         )
         self.console, self.window = self.run.console, self.run.window
         self.state = self.console.state

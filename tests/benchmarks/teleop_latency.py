@@ -26,27 +26,27 @@ P95_ABSOLUTE_MS = 8.0
 P99_ABSOLUTE_MS = 15.0
 
 
-def _start(*words: str) -> "subprocess.Popen[str]":
+def start_program(*words: str) -> "subprocess.Popen[str]":
     process = subprocess.Popen([sys.executable, "-m", *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     if process.stdout is None or "ready" not in process.stdout.readline():
         sys.exit(f"{words[0]} did not start")
     return process
 
 
-def _moving(message: dict[str, dict[str, float]]) -> bool:
+def moving(message: dict[str, dict[str, float]]) -> bool:
     return any(message["linear"].values()) or any(message["angular"].values())
 
 
 def measure(presses: int, *, language_model: bool) -> dict[str, object]:
     load = ConsoleUnderLoad(language_model=language_model)
     chance = random.Random(2)  # noqa: S311 (intervals, not secrets)
-    listener = _start(
+    listener = start_program(
         "tests.benchmarks.rosbridge_listener",
         load.address,
         "/cmd_vel=geometry_msgs/Twist",
         f"{FLOOR_TOPIC}=std_msgs/String",
     )
-    floor = _start("tests.benchmarks.bare_qt_key_to_websocket", load.address)
+    floor = start_program("tests.benchmarks.bare_qt_key_to_websocket", load.address)
     sent: list[CommandSent] = []
     load.state.event_happened.connect(lambda event: sent.append(event) if isinstance(event, CommandSent) else None)
     pad = load.focus_driving()
@@ -81,11 +81,11 @@ def measure(presses: int, *, language_model: bool) -> dict[str, object]:
     load.close()
 
     ends_ns = [*pressed_ns[1:], released_ns[-1] + 10**9]
-    twists = [(line["arrived_ns"], _moving(line["msg"])) for line in lines if line["topic"] == "/cmd_vel"]
+    twists = [(line["arrived_ns"], moving(line["msg"])) for line in lines if line["topic"] == "/cmd_vel"]
     at_socket = [(event.stamp_ns, event.twist.moving) for event in sent]
     floors = [(line["arrived_ns"] - int(line["msg"]["data"])) / 1e6 for line in lines if line["topic"] == FLOOR_TOPIC]
-    to_twist = _first_after(pressed_ns, released_ns, twists, moving=True)
-    to_zero = _first_after(released_ns, ends_ns, twists, moving=False)
+    to_twist = first_after(pressed_ns, released_ns, twists, moves=True)
+    to_zero = first_after(released_ns, ends_ns, twists, moves=False)
     return {
         "benchmark": "teleop_latency",
         "key_to_twist_ms": percentiles(to_twist),
@@ -101,8 +101,8 @@ def measure(presses: int, *, language_model: bool) -> dict[str, object]:
         },
         "parts_ms": {
             "key_event_in_the_window": percentiles(handled_ms),
-            "key_to_socket": percentiles(_first_after(pressed_ns, released_ns, at_socket, moving=True)),
-            "release_to_socket": percentiles(_first_after(released_ns, ends_ns, at_socket, moving=False)),
+            "key_to_socket": percentiles(first_after(pressed_ns, released_ns, at_socket, moves=True)),
+            "release_to_socket": percentiles(first_after(released_ns, ends_ns, at_socket, moves=False)),
         },
         "presses": presses,
         "presses_without_twist": presses - len(to_twist),
@@ -111,13 +111,13 @@ def measure(presses: int, *, language_model: bool) -> dict[str, object]:
     }
 
 
-def _first_after(
-    begins_ns: list[int], ends_ns: list[int], twists: list[tuple[int, bool]], *, moving: bool
+def first_after(
+    begins_ns: list[int], ends_ns: list[int], twists: list[tuple[int, bool]], *, moves: bool
 ) -> list[float]:
     """Milliseconds from each begin to the first matching Twist before the end."""
     delays = []
     for begin_ns, end_ns in zip(begins_ns, ends_ns, strict=True):
-        found = next((at for at, is_moving in twists if begin_ns <= at < end_ns and is_moving is moving), None)
+        found = next((at for at, is_moving in twists if begin_ns <= at < end_ns and is_moving is moves), None)
         if found is not None:
             delays.append((found - begin_ns) / 1e6)
     return delays
