@@ -108,7 +108,7 @@ class MainWindow(QWidget):
     scenarios
         Gives the lines of the scenario menu each time it opens; by default the shipped files.
     gamepads
-        The gamepad that drives too; its mappings are kept in ``settings``.
+        The gamepad that drives too. It can also be given later, with ``use_gamepads``.
     """
 
     layout_save_requested = Signal(object)  # LayoutNode
@@ -136,10 +136,10 @@ class MainWindow(QWidget):
         self.actions_table = Actions(self, self)
         self.actions_table.rebuild(console.scenario)
         self.hold = HoldToDrive(console, self.actions_table, self)
-        self._gamepads = gamepads
+        self._gamepads: Gamepads | None = None
         self._gamepad_dialog: GamepadDialog | None = None
         if gamepads is not None:
-            self._use_gamepads(gamepads)
+            self.use_gamepads(gamepads)
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
         self._log: list[tuple[int, str, str]] = []
@@ -186,6 +186,12 @@ class MainWindow(QWidget):
         app.focusChanged.connect(self._on_focus_changed)
         self.show_scenario(console.scenario)
         self._restore_place()
+
+    def use_gamepads(self, gamepads: Gamepads) -> None:
+        """Let the gamepad drive, stop and do what its buttons are set to, and its window be opened."""
+        if gamepads is not self._gamepads:
+            self._gamepads = gamepads
+            self.hold.use_gamepads(gamepads)
 
     # ---- what is on show
 
@@ -437,16 +443,6 @@ class MainWindow(QWidget):
             self._settings.setValue("theme", choice)
 
     # ---- what happens
-
-    def _use_gamepads(self, gamepads: Gamepads) -> None:
-        self.hold.use_gamepads(gamepads)
-        if self._settings is not None:
-            gamepads.use_mappings_text(str(self._settings.value("gamepads", "") or ""))
-            gamepads.mappings_changed.connect(self._on_gamepad_mappings_changed)
-
-    def _on_gamepad_mappings_changed(self, text: str) -> None:
-        if self._settings is not None:
-            self._settings.setValue("gamepads", text)
 
     def _on_robot_changed(self, robot: Any) -> None:
         features: list[Feature] = []
