@@ -268,19 +268,15 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
     probe = LinkProbe()
     ros = SafeRos(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
     ros.connect()
-    shown = without_credentials(address)
     try:
         try:
             async with asyncio.timeout(timeout_s):
-                unreachable = await probe.outcome
+                what, advice = await probe.outcome
         except TimeoutError:
-            unreachable = f"Nothing answers at {shown} within {timeout_s:g} s."
-        if unreachable:
-            raise ExploreError(
-                unreachable,
-                "The robot was not asked anything.",
-                "Check the address and that rosbridge runs on the robot.",
-            )
+            what, advice = f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s.", ""
+        if what:
+            advice = advice or "Check the address, and that rosbridge runs on the robot."
+            raise ExploreError(what, "The robot was not asked anything.", advice)
         yield ros
     finally:
         await ros.aclose(_GOODBYE_S)

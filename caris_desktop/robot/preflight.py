@@ -253,19 +253,19 @@ def _absolute(name: str) -> str:
 
 
 class LinkProbe:
-    """Waits for one connection, or for the reason why there is none."""
+    """Waits for one connection (two empty texts), or for what is wrong and what to do about it."""
 
     def __init__(self) -> None:
-        self.outcome: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.outcome: asyncio.Future[tuple[str, str]] = asyncio.get_running_loop().create_future()
 
     def link_connected(self) -> None:
-        self._settle("")
+        self._settle("", "")
 
     def link_unreachable(self, what: str, advice: str) -> None:
-        self._settle(f"{what} {advice}")
+        self._settle(what, advice)
 
     def link_lost(self, reason: str) -> None:
-        self._settle(f"The connection was lost at once: {reason}.")
+        self._settle(f"The connection was lost at once: {reason}.", "")
 
     def link_silent(self) -> None: ...
 
@@ -275,9 +275,9 @@ class LinkProbe:
 
     def link_refused(self, detail: str) -> None: ...
 
-    def _settle(self, outcome: str) -> None:
+    def _settle(self, what: str, advice: str) -> None:
         if not self.outcome.done():
-            self.outcome.set_result(outcome)
+            self.outcome.set_result((what, advice))
 
 
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
@@ -287,9 +287,9 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
     ros.connect()
     try:
         async with asyncio.timeout(timeout_s):
-            unreachable = await probe.outcome
-            if unreachable:
-                return [unreachable]
+            what, advice = await probe.outcome
+            if what:
+                return [f"{what} {advice}".strip()]
             return missing_from(profile, await take_inventory(ros))
     except (TimeoutError, ServiceCallError):
         if probe.outcome.done():

@@ -50,7 +50,7 @@ def test_an_unknown_robot_is_explored_saved_and_listened_to(
 
 def test_a_robot_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--explore", "ws://127.0.0.1:9") == 1
-    assert "Check the address" in capsys.readouterr().err
+    assert "Start rosbridge on the robot" in capsys.readouterr().err
     assert run("--save", "A") == 2
     assert run("--listen", "nobody") == 1
     assert "no robot profile named 'nobody'" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from caris_desktop.robot.explore import (
     picture_size,
     value_at,
 )
-from caris_desktop.robot.profile import ProfileError, load_profile, read_profile, save_profile
+from caris_desktop.robot.profile import ProfileError, SecuritySettings, load_profile, read_profile, save_profile
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
@@ -290,7 +290,7 @@ def test_nobody_at_the_address_is_said_and_the_ros_version_is_then_taken_for_1()
     address = "ws://127.0.0.1:9"
     with pytest.raises(ExploreError, match="no rosbridge listens") as raised:
         asyncio.run(explore_robot(address, timeout_s=2.0))
-    assert "rosbridge runs on the robot" in raised.value.advice
+    assert "Start rosbridge" in raised.value.advice
     assert load_profile_blocking(address, timeout_s=1.0).ros == 1
     with pytest.raises(ProfileError):
         load_profile_blocking("ws://:")
@@ -311,3 +311,31 @@ def test_a_value_is_found_by_its_path() -> None:
     for path in ("status", "status[1].level", "data.x", "nothing"):
         with pytest.raises(ValueError, match=r"status|data|nothing"):
             value_at(message, path)
+
+
+def test_a_namespaced_robot_with_a_clock_of_its_own() -> None:
+    with SimulatedRobot("--namespace", "robot7", "--simulation-time", dress="turtlebot4") as robot:
+        found = asyncio.run(explore_robot(robot.address))
+        profile = profile_of(found.offer, found.proposal.chosen, name="a", title="A", address=robot.address)
+        checks = asyncio.run(check_streams(profile, seconds=1.2))
+    assert found.proposal.namespace == "robot7"
+    assert profile.simulation_time
+    assert profile.velocity.topic == "/robot7/cmd_vel"
+    assert profile.scan is not None
+    assert profile.scan.topic == "/robot7/scan"
+    assert profile.tf is not None
+    assert profile.tf.topic == "/robot7/tf"
+    assert {check.state for check in checks} <= {"good", "quiet"}, checks
+
+
+def test_a_robot_that_wants_a_secret_is_explored_with_it_and_not_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EXPLORE_SECRET", "open-sesame-1234")
+    security = SecuritySettings(rosauth_secret_env="EXPLORE_SECRET")
+    with SimulatedRobot("--rosauth-secret-env", "EXPLORE_SECRET") as robot:
+        found = asyncio.run(explore_robot(robot.address, security=security))
+        assert found.proposal.chosen["velocity"] == "/cmd_vel"
+        monkeypatch.setenv("EXPLORE_SECRET", "another-sesame-1")
+        with pytest.raises(ExploreError, match="refused this console") as raised:
+            asyncio.run(explore_robot(robot.address, security=security, timeout_s=5.0))
+    assert "EXPLORE_SECRET" in raised.value.advice
+    assert "sesame" not in str(raised.value)
