@@ -524,7 +524,10 @@ class SafeFactory:
                 self._lost = self.manager.loop.create_future()
                 self._begin(wire)
                 await asyncio.shield(self._lost)
-                if wire.parted_by_peer and self.manager.loop.time() - began_s < _SHORT_LIVED_S:
+                if wire.broken_by_size:
+                    # A latched message of that size comes again at once.
+                    delay_s = self._timings.longest_retry_s
+                elif wire.parted_by_peer and self.manager.loop.time() - began_s < _SHORT_LIVED_S:
                     # Coming back as fast as it throws us out helps nobody; find out first whether it wants us.
                     ask_first = True
                     delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
@@ -656,6 +659,8 @@ class SafeFactory:
         self._newest.clear()
         if proto is None:
             return
+        if proto.wire.broken_by_size:
+            self.refuse(f"a message of more than {self.sizes.frame_bytes / 2**20:.0f} MB, which ended the connection")
         self._established.clear()
         proto.fail_everything("the link to the robot was lost")
         self.emit("close", proto)

@@ -134,6 +134,11 @@ class Wire(asyncio.Protocol):
         """Whether the connection is over because the other side closed it in an orderly way."""
         return self._over and self._protocol.close_rcvd is not None and not self._ended_here
 
+    @property
+    def broken_by_size(self) -> bool:
+        """Whether the connection is over because a frame was larger than is ever read."""
+        return self._over and isinstance(self._protocol.parser_exc, PayloadTooBig)
+
     def send_text(self, payload: bytes) -> bool:
         """Hand one message to the socket now. False, and the message is gone, when the connection is not open."""
         if not self.is_open:

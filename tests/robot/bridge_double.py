@@ -14,6 +14,7 @@ import time
 from typing import Any
 
 from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
 
 HEADER = {"seq": 0, "stamp": {"secs": 12, "nsecs": 5}, "frame_id": "laser"}
 POSE = {"position": {"x": 1.0, "y": 2.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
@@ -92,12 +93,22 @@ async def obey() -> None:
     while line := await reader.readline():
         order = json.loads(line)
         for client in list(clients):
-            if "text" in order:
-                await client.send(order["text"])
-            elif "hex" in order:
-                await client.send(bytes.fromhex(order["hex"]))
-            elif "size" in order:
-                await client.send('{"op":"publish","topic":"/map","msg":{"data":"' + "x" * order["size"] + '"}}')
+            # Who is sent too much may hang up meanwhile.
+            with contextlib.suppress(ConnectionClosed):
+                await send_ordered(client, order)
+
+
+async def send_ordered(client: ServerConnection, order: dict[str, Any]) -> None:
+    if "text" in order:
+        await client.send(order["text"])
+    elif "hex" in order:
+        await client.send(bytes.fromhex(order["hex"]))
+    elif "flood" in order:
+        for number in range(order["flood"]):
+            fragment = {"op": "fragment", "id": f"flood {number}", "num": 0, "total": 2, "data": "x" * 2000}
+            await client.send(json.dumps(fragment))
+    elif "size" in order:
+        await client.send('{"op":"publish","topic":"/map","msg":{"data":"' + "x" * order["size"] + '"}}')
 
 
 async def main() -> None:
