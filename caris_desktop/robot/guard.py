@@ -38,7 +38,7 @@ _NEAR_FIELD_M = 0.5
 _UNSEEN_WIDTH_M = 0.1
 _NOISE_M = 0.015
 _BESIDE_M = 0.1
-_VIEWS, _VIEW_EVERY_M, _VIEW_EVERY_RAD = 12, 0.3, 0.35
+_VIEWS, _VIEW_EVERY_M, _VIEW_EVERY_RAD, _SAME_VIEW = 12, 0.3, 0.35, 0.03
 _ODOMETRY_FRESH_S = 0.3
 _BINS = 720
 
@@ -160,7 +160,8 @@ class ObstacleGuard:
             self._note_travelled(previous.pose_in_odom.inverse() @ odometry.pose_in_odom)
         stamp_ns = odometry.robot_stamp_ns if odometry.robot_stamp_ns is not None else odometry.stamp_ns
         self._odometry.append((stamp_ns, odometry))
-        self._odom_from_robot = odometry.pose_in_odom
+        # From when it arrived: it may have waited for its turn.
+        self._odom_from_robot, self._reckoned_s = odometry.pose_in_odom, now_s
 
     def note_sent(self, twist: Twist2D, now_s: float) -> None:
         """A velocity went to the robot."""
@@ -226,7 +227,7 @@ class ObstacleGuard:
         if twist.moving:
             self._reckon(now_s)
             found = self._obstacle_limit(twist, now_s)
-        if found.state == "blocked" or (found.fraction < cap and found.state == "slowing"):
+        if found.state == "blocked":
             return found
         if stale:
             return GuardLimit(min(cap, found.fraction), "blind", found.distance_m, _STALE_WORDS)
@@ -293,8 +294,9 @@ class ObstacleGuard:
     def _points_near(self, within_m: float, now_s: float) -> tuple[Array, NDArray[np.bool_]]:
         """Scanned and remembered points in the robot frame, and which of them may be legs."""
         recent = now_s - self._memory_s <= MEMORY_S
-        in_odom = np.concatenate((self._points_in_odom, self._memory_in_odom[recent]))
-        legs = np.concatenate((self._legs, self._memory_legs[recent]))
+        newest = slice(None) if self._view is not None and now_s - self._view.stamp_s <= MEMORY_S else slice(0)
+        in_odom = np.concatenate((self._points_in_odom[newest], self._memory_in_odom[recent]))
+        legs = np.concatenate((self._legs[newest], self._memory_legs[recent]))
         here = np.array([self._odom_from_robot.x_m, self._odom_from_robot.y_m])
         near = ((in_odom - here) ** 2).sum(axis=1) <= within_m**2
         return transformed(self._odom_from_robot.inverse(), in_odom[near]), legs[near]
@@ -415,9 +417,13 @@ class ObstacleGuard:
         if view.whole:
             return
         if self._views:
+            # Against where the last one began, or a slow motion would take it along for ever.
             moved = self._views_anchor.inverse() @ view.odom_from_robot
-            if math.hypot(moved.x_m, moved.y_m) < _VIEW_EVERY_M and abs(moved.heading_rad) < _VIEW_EVERY_RAD:
+            way_m, turned_rad = math.hypot(moved.x_m, moved.y_m), abs(moved.heading_rad)
+            if way_m < _SAME_VIEW and turned_rad < _SAME_VIEW:
                 self._views[-1] = view
+                return
+            if way_m < _VIEW_EVERY_M and turned_rad < _VIEW_EVERY_RAD:
                 return
         self._views_anchor = view.odom_from_robot
         self._views.append(view)

@@ -227,6 +227,9 @@ def test_a_slow_lidar_is_stale_after_three_of_its_periods() -> None:
 def test_a_wall_seen_before_the_scans_ended_still_blocks() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.3)))
     assert guard.limit(AHEAD, T + 1.0).fraction == 0.0
+    assert guard.limit(AHEAD, T + MEMORY_S + 0.1) == GuardLimit(
+        pytest.approx(0.3), "blind", None, "no fresh scan from the LIDAR"
+    )
 
 
 def test_overridden_it_lets_everything_pass_but_not_fast_without_scans() -> None:
@@ -247,6 +250,15 @@ def test_what_the_robot_moved_since_the_scan_counts() -> None:
     after = guard.limit(AHEAD, T + 0.4)
     assert before.distance_m == pytest.approx(0.55, abs=0.01)
     assert after.distance_m == pytest.approx(0.35, abs=0.01), "0.15 m told, and 0.05 m since"
+
+
+def test_odometry_that_waited_for_its_turn_is_carried_on_from_when_it_arrived() -> None:
+    guard = ObstacleGuard(PROFILE)
+    guard.take_odometry(odometry(T, Pose2D(0.0, 0.0, 0.0), Twist2D(0.5)))
+    guard.take_scan(scan(wall_ahead(0.8)))
+    guard.limit(AHEAD, T + 0.3)
+    guard.take_odometry(odometry(T + 0.2, Pose2D(0.1, 0.0, 0.0), Twist2D(0.5)))
+    assert guard.limit(AHEAD, T + 0.3).distance_m == pytest.approx(0.4, abs=0.01)
 
 
 def test_without_odometry_the_velocities_that_were_sent_count() -> None:
@@ -318,6 +330,22 @@ def test_what_went_out_of_view_is_remembered_for_a_while() -> None:
             each.take_scan(_front_scan(now_s + 0.1 * step))
     assert guard.limit(BACK, later_s).state == "blind", "not for ever"
     assert free.limit(BACK, later_s).state == "blind"
+
+
+def test_a_lidar_with_gaps_between_its_sectors_crawls_only_until_it_has_seen_the_way_from_farther_back() -> None:
+    def three_sectors(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        off = np.abs(angles)
+        return np.where(((off > 0.52) & (off < 1.05)) | (off > 2.1), -1.0, np.inf)
+
+    guard = ObstacleGuard(PROFILE)
+    states = []
+    for step in range(60):
+        at_s, x_m = T + 0.1 * step, 0.01 * step
+        guard.take_odometry(odometry(at_s, Pose2D(x_m, 0.0, 0.0), Twist2D(0.1)))
+        guard.take_scan(scan(three_sectors, at_s=at_s))
+        states.append(guard.limit(AHEAD, at_s).state)
+    assert states[0] == "blind"
+    assert states[-1] == "clear"
 
 
 def test_what_went_away_in_view_is_forgotten_at_once() -> None:
