@@ -155,7 +155,7 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
     server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log)
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=MapFiles(args.maps_folder))
-    offer_rosapi(server, dress.dialect, clock=clock, simulation_time=args.simulation_time)
+    offer_rosapi(server, dress.dialect, clock=clock)
     try:
         port = await server.start(args.host, args.port, tls=settings.tls)
     except OSError as error:

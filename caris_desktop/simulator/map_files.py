@@ -19,7 +19,7 @@ from caris_desktop.simulator.mapping import RESOLUTION_M
 
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205
 _FREE_THRESH, _OCCUPIED_THRESH = 0.25, 0.65
-_NAME = re.compile(r"/?[A-Za-z0-9_][A-Za-z0-9 _.-]*(/[A-Za-z0-9_][A-Za-z0-9 _.-]*)*")
+_NAME = re.compile(r"/?\w[\w .-]*(/\w[\w .-]*)*")
 _MOST_CHARS = 200
 _MOST_BYTES = 64 * 1024 * 1024
 

@@ -4,6 +4,7 @@ import logging
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import messages
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import count, message_of, number, part, text
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from caris_desktop.simulator.map_files import MapFileError, MapFiles, NoSuchMap
@@ -43,6 +44,9 @@ class MapOnRos:
             wiring.serves(f"{toolbox}/serialize_map", "slam_toolbox", "SerializePoseGraph", self._serialize)
             wiring.serves(f"{toolbox}/deserialize_map", "slam_toolbox", "DeserializePoseGraph", self._deserialize)
             wiring.serves(f"{toolbox}/pause_new_measurements", "slam_toolbox", "Pause", self._pause)
+            # ROS 2 writes a node's parameter behind a colon
+            node, between = dress.absolute(toolbox), "/" if wiring.dialect is Dialect.ROS1 else ":"
+            wiring.server.params[f"{node}{between}paused_new_measurements"] = lambda: wiring.robot.mapping_paused
         if dress.map_saver is not None:
             wiring.serves(f"{dress.map_saver}/save_map", "nav2_msgs", "SaveMap", self._save)
         if dress.map_server is not None:

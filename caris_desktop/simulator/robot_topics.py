@@ -67,6 +67,7 @@ class RobotTopics:
         self._offer_sensors()
         self._offer_commands()
         self._offer_simulator()
+        wiring.server.params["/use_sim_time"] = lambda: simulation_time
         if simulation_time:
             wiring.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
             self._every(1, CLOCK_TOPIC, self._publish_clock)

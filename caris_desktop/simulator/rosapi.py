@@ -1,5 +1,6 @@
 """The listing services of rosapi, about a :class:`BridgeServer`."""
 
+import json
 from collections.abc import Callable
 
 from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_type_name
@@ -17,9 +18,11 @@ def offer_rosapi(
     """Add the ``/rosapi/...`` services to ``server``."""
     robot_clock = clock or RobotClock()
 
+    package = "rosapi" if dialect is Dialect.ROS1 else "rosapi_msgs"
+
     def offer(path: str, type_: str, call: object) -> None:
         if callable(call):
-            server.services[f"/rosapi/{path}"] = Service(service_type_name(dialect, "rosapi", type_), call)
+            server.services[f"/rosapi/{path}"] = Service(service_type_name(dialect, package, type_), call)
 
     def name_in(arguments: Message, key: str) -> str:
         return text(arguments, key, "args", most=500)
@@ -105,12 +108,12 @@ def offer_rosapi(
 
     def get_param(arguments: Message) -> Message:
         name = name_in(arguments, "name")
-        if name.strip("/") == "use_sim_time":
-            return {"value": "true" if simulation_time else "false"}
-        raise CallFailed(f"there is no parameter '{name}'")
+        if name not in server.params:
+            raise CallFailed(f"there is no parameter '{name}'")
+        return {"value": json.dumps(server.params[name]())}
 
     def has_param(arguments: Message) -> Message:
-        return {"exists": name_in(arguments, "name").strip("/") == "use_sim_time"}
+        return {"exists": name_in(arguments, "name") in server.params}
 
     offer("topics", "Topics", topics)
     offer("topic_type", "TopicType", topic_type)
@@ -128,7 +131,7 @@ def offer_rosapi(
     offer("action_type", "ActionType", action_type)
     offer("get_ros_version", "GetROSVersion", get_ros_version)
     offer("get_param", "GetParam", get_param)
-    offer("get_param_names", "GetParamNames", lambda _: {"names": ["/use_sim_time"]})
+    offer("get_param_names", "GetParamNames", lambda _: {"names": sorted(server.params)})
     offer("has_param", "HasParam", has_param)
     offer("message_details", "MessageDetails", message_details)
     offer("service_request_details", "ServiceRequestDetails", service_details(0))

@@ -113,6 +113,7 @@ class BridgeServer:
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, Service] = {}
         self.actions: dict[str, Action] = {}
+        self.params: dict[str, Callable[[], Any]] = {}
         self.clients: set[Client] = set()
         self.latency_s = 0.0
         self.rate_bytes_s: float | None = None

@@ -28,6 +28,9 @@ def robot(request: pytest.FixtureRequest, maps_folder: Path) -> Iterator[Simulat
         yield running
 
 
+only_once = pytest.mark.parametrize("robot", [1], ids=["ros1"], indirect=True)
+
+
 @pytest.fixture
 def client(robot: SimulatedRobot) -> Iterator[RosbridgeClient]:
     with RosbridgeClient(robot.address) as connected:
@@ -63,6 +66,7 @@ def test_the_way_is_told_when_it_is_planned_and_emptied_when_it_is_over(
     assert len(client.messages(topic)) == 2
 
 
+@only_once
 def test_a_map_put_together_from_its_updates_is_the_map(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     cells: Any = None
     client.subscribe("/map", type=type_of(robot, "nav_msgs", "OccupancyGrid"))
@@ -96,6 +100,7 @@ def test_a_map_put_together_from_its_updates_is_the_map(robot: SimulatedRobot, c
     assert (cells == 100).sum() > 200
 
 
+@only_once
 def test_an_initial_pose_near_the_truth_is_corrected_and_one_far_away_stays(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
@@ -121,6 +126,7 @@ def test_an_initial_pose_near_the_truth_is_corrected_and_one_far_away_stays(
     wait_for(lambda: error() < 0.05, "it is told where it is")
 
 
+@only_once
 def test_the_head_turns_and_the_picture_with_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     robot.fault("pose:9,5,0")
     client.subscribe("/joint_states", type=type_of(robot, "sensor_msgs", "JointState"), throttle_rate=50)
@@ -169,6 +175,8 @@ def test_a_pose_graph_is_saved_loaded_and_mapping_really_pauses(
     assert client.call("/slam_toolbox/pause_new_measurements") == {"status": True}
     share = robot.state()["known_map_share"]
     assert robot.state()["mapping_paused"] is True
+    parameter = f"/slam_toolbox{'/' if robot.ros == 1 else ':'}paused_new_measurements"
+    assert client.call("/rosapi/get_param", name=parameter) == {"value": "true"}
     assert client.call("/slam_toolbox/serialize_map", filename=f"first floor/{robot.ros}")["result"] == 0
     assert (maps_folder / "first floor" / f"{robot.ros}.posegraph").is_file()
     robot.fault("pose:14.75,2,90")
@@ -183,7 +191,8 @@ def test_a_pose_graph_is_saved_loaded_and_mapping_really_pauses(
     client.call("/slam_toolbox/pause_new_measurements")
 
 
-@pytest.mark.parametrize("name", ["../outside", "/etc/passwd", "a/../../b", ".hidden", "", "x" * 300, "a\0b"])
+@pytest.mark.parametrize("name", ["../outside", "/etc/passwd", "a/../../b", ".hidden", "", "x" * 300, "a\0b", "a\\b"])
+@only_once
 def test_no_map_leaves_its_folder(client: RosbridgeClient, maps_folder: Path, name: str) -> None:
     before = sorted(maps_folder.parent.rglob("*"))
     assert client.call("/slam_toolbox/serialize_map", filename=name)["result"] == 255
@@ -207,6 +216,7 @@ def test_the_map_server_saves_a_picture_and_loads_it(
     assert client.call("/map_server/load_map", map_url="nowhere.yaml")["result"] == 1
 
 
+@only_once
 def test_the_panel_does_what_it_is_told_and_tells_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     def panel() -> Any:
         return client.call("/simulator/state")["panel"]
@@ -249,12 +259,14 @@ def test_rosapi_tells_the_fields_of_every_type_that_is_offered(robot: SimulatedR
     assert servers == (["/move_base"] if robot.ros == 1 else ["/navigate_to_pose"])
 
 
+@only_once
 def test_a_topic_of_another_type_is_refused(client: RosbridgeClient) -> None:
     client.send(op="advertise", topic="/cmd_vel", type="std_msgs/String")
     status = client.wait_for_operation(lambda operation: operation["op"] == "status", "a status")
     assert "already established with type" in status["msg"]
 
 
+@only_once
 def test_the_static_frames_come_to_late_subscribers_with_laser_and_camera(client: RosbridgeClient) -> None:
     client.subscribe("/tf_static")
     frames = {t["child_frame_id"] for t in client.wait_for_messages("/tf_static")[0]["transforms"]}
