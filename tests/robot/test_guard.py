@@ -335,7 +335,7 @@ def test_what_went_out_of_view_is_remembered_for_a_while() -> None:
 def test_a_lidar_with_gaps_between_its_sectors_crawls_only_until_it_has_seen_the_way_from_farther_back() -> None:
     def three_sectors(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         off = np.abs(angles)
-        return np.where(((off > 0.52) & (off < 1.05)) | (off > 2.1), -1.0, np.inf)
+        return np.where(((off > 0.45) & (off < 1.2)) | (off > 2.1), -1.0, np.inf)
 
     guard = ObstacleGuard(PROFILE)
     states = []
