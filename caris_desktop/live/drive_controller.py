@@ -103,16 +103,6 @@ class DriveController(QObject):
         if self._robot.send(SetGuard(clock.now_ns(), on)):
             self._guard_switched_off = not on
 
-    def step_speed(self, direction: int) -> None:
-        """To the next of the three speed steps above (1) or below (-1) the present setting."""
-        now = self._state.drive.value.speed_fraction
-        if direction > 0:
-            further = [step for step in SPEED_STEPS if step > now + 0.005][:1]
-        else:
-            further = [step for step in SPEED_STEPS if step < now - 0.005][-1:]
-        if further:
-            self.set_speed_fraction(further[0])
-
     def set_speed_fraction(self, fraction: float) -> None:
         fraction = min(1.0, max(0.1, fraction))
         self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))

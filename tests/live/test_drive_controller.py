@@ -20,7 +20,7 @@ from caris_desktop.domain.commands import (
 from caris_desktop.domain.events import DriveEnded, GuardChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan
-from caris_desktop.live.drive_controller import SPEED_STEPS, STALE_CAP_FRACTION, DriveController
+from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.robot.profile import MotionLimits, RobotProfile, TopicSource
@@ -254,18 +254,6 @@ def test_after_a_lost_link_there_is_nothing_to_switch_back(
     state.link.set(LinkStatus(state="connected"))
     controller.use_scenario(_scenario())
     assert [command.on for command in robot.of(SetGuard)] == [False]
-
-
-def test_three_steps_of_speed(controller: DriveController, state: LiveState) -> None:
-    fractions = []
-    for direction in (1, 1, 1, -1, -1, -1):
-        controller.step_speed(direction)
-        fractions.append(state.drive.value.speed_fraction)
-    assert fractions == [0.6, 1.0, 1.0, 0.6, 0.3, 0.3]
-    assert fractions[-1] == SPEED_STEPS[0]
-    controller.set_speed_fraction(0.75)
-    controller.step_speed(-1)
-    assert state.drive.value.speed_fraction == 0.6
 
 
 def test_the_reason_of_the_cap_says_for_how_long(
