@@ -22,6 +22,8 @@ LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
 SPEED_STEPS = (0.3, 0.6, 1.0)
 _AGE_SHOWN_EVERY_MS = 500
+# A link in trouble is still the same connection.
+_STANDS = ("connected", "trouble")
 _ANY_SPEED = MotionLimits(forward_mps=float("inf"), backward_mps=float("inf"), left_mps=0.0, turn_radps=float("inf"))
 
 
@@ -118,7 +120,7 @@ class DriveController(QObject):
         elif isinstance(event, EmergencyStopChanged):
             self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
             self._on_condition_changed()
-        elif isinstance(event, GuardChanged) and self._state.link.value.state == "connected":
+        elif isinstance(event, GuardChanged) and self._state.link.value.state in _STANDS:
             self._state.drive.set(
                 replace(
                     self._state.drive.value,
@@ -169,7 +171,7 @@ class DriveController(QObject):
                 self._aging.start()
         else:
             self._aging.stop()
-        if link.state != "connected":
+        if link.state not in _STANDS:
             # Each connection begins with the guard as the profile has it.
             self._guard_switched_off = False
             status = replace(status, guard="absent", guard_distance_m=None, guard_detail="")

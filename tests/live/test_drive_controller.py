@@ -250,6 +250,10 @@ def test_after_a_lost_link_there_is_nothing_to_switch_back(
     controller: DriveController, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.set_guard(on=False)
+    controller.on_robot_event(GuardChanged(clock.now_ns(), "overridden"))
+    state.link.set(LinkStatus(state="trouble"))
+    state.link.set(LinkStatus(state="connected"))
+    assert state.drive.value.guard == "overridden", "a moment of trouble changes nothing"
     state.link.set(LinkStatus(state="lost"))
     state.link.set(LinkStatus(state="connected"))
     controller.use_scenario(_scenario())
