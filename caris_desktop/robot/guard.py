@@ -169,24 +169,26 @@ class ObstacleGuard:
         self._sent = twist
 
     def take_scan(self, scan: LaserScan) -> None:
+        """A scan that tells nothing, such as that of a covered LIDAR, counts as none."""
         now_s = scan.stamp_ns / 1e9
-        self._reckon(now_s)
-        if self._scan_s is not None and now_s > self._scan_s:
-            period_s = min(now_s - self._scan_s, 1.0)
-            self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
-        self._scan_s = now_s
         ranges_m = scan.ranges_m.astype(np.float64)
         angle_min_rad, increment_rad = scan.angle_min_rad, scan.angle_increment_rad
         if increment_rad < 0.0:
             ranges_m = ranges_m[::-1]
             angle_min_rad, increment_rad = angle_min_rad + (len(ranges_m) - 1) * increment_rad, -increment_rad
-        if not len(ranges_m) or not increment_rad > 0.0 or not math.isfinite(angle_min_rad):
-            return
         with np.errstate(invalid="ignore"):
             # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
             looks = ranges_m >= 0.0
             measured = (ranges_m >= max(scan.range_min_m, 1e-3)) & (ranges_m <= scan.range_max_m)
         measured &= np.isfinite(ranges_m)
+        usable = math.isfinite(angle_min_rad) and 1e-5 < increment_rad < 1.0
+        if not usable or not (measured.any() or np.isposinf(ranges_m).any()):
+            return
+        self._reckon(now_s)
+        if self._scan_s is not None and now_s > self._scan_s:
+            period_s = min(now_s - self._scan_s, 1.0)
+            self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
+        self._scan_s = now_s
         at_laser = np.where(measured, ranges_m, 0.0)
         angles = angle_min_rad + increment_rad * np.arange(len(ranges_m))
         points_in_laser = np.column_stack((at_laser * np.cos(angles), at_laser * np.sin(angles)))

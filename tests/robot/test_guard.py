@@ -295,6 +295,16 @@ def test_where_no_beam_looks_the_robot_crawls_and_says_so() -> None:
     assert guard.limit(TURN, T).fraction == 1.0, "a disc that turns on the spot goes nowhere"
 
 
+def test_a_covered_or_nonsensical_lidar_is_none() -> None:
+    clear = guard_with(PROFILE, scan(at_s=T + 0.6))
+    assert clear.limit(AHEAD, T + 0.6).state == "clear"
+    zeros = scan(lambda angles: np.zeros(len(angles)), at_s=T + 0.6)
+    nothing = replace(zeros, ranges_m=np.empty(0, np.float32))
+    for useless in (zeros, nothing, replace(zeros, angle_increment_rad=0.0), replace(zeros, angle_min_rad=math.inf)):
+        guard = guard_with(PROFILE, scan(), useless)
+        assert guard.limit(AHEAD, T + 0.6).state == "blind"
+
+
 def test_beams_that_never_look_are_no_sight() -> None:
     def without_a_sector(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(np.abs(angles) < 0.5, np.nan, np.inf)
