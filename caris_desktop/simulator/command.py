@@ -154,7 +154,8 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
     server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log)
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
-    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=MapFiles(args.maps_folder))
+    maps = MapFiles(args.maps_folder)
+    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps)
     offer_rosapi(server, dress.dialect, clock=clock)
     try:
         port = await server.start(args.host, args.port, tls=settings.tls)
@@ -181,6 +182,7 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
     topics.stop()
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
     await server.stop()
+    maps.close()
     if settings.log is not None:
         settings.log.close()
     return 0

@@ -33,16 +33,23 @@ class NoSuchMap(MapFileError):  # noqa: N818 - it is an answer to the caller, no
 
 
 class MapFiles:
-    """The maps in ``folder``, which is made when the first one is saved."""
+    """The maps in ``folder``, which is made when the first one is saved; without one in a temporary folder."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
 
     @property
     def folder(self) -> Path:
         if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="caris-simulator-maps-"))
+            self._temporary = tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
+            self._folder = Path(self._temporary.name)
         return self._folder
+
+    def close(self) -> None:
+        """Remove the temporary folder, where there is one."""
+        if self._temporary is not None:
+            self._temporary.cleanup()
 
     def save_picture(self, name: str, cells: NDArray[np.int8]) -> Path:
         """Write NAME.pgm and NAME.yaml, and return the latter; ``cells`` is int8, row 0 at the bottom."""

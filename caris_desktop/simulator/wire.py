@@ -10,6 +10,8 @@ from caris_desktop.simulator.outbox import Published
 BUFFER_BYTES = 256 * 1024
 """What a slow link holds before its sender has to wait, as the buffers of a system and of a router do."""
 
+_STEP_S = 0.1
+
 
 class Socket(Protocol):
     """Where messages go; ``send`` waits while the other side does not take them."""
@@ -77,9 +79,7 @@ class Wire:
             async with self._changed:
                 await self._changed.wait_for(lambda: bool(self._waiting))
             message, of = self._waiting[0]
-            rate_bytes_s = self._rate_bytes_s()
-            if rate_bytes_s is not None:
-                await asyncio.sleep(_size(message) / rate_bytes_s)
+            await self._transmit(_size(message))
             try:
                 await self._socket.send(message)
             except Exception as error:  # handed to whoever sends next, who handles it
@@ -92,6 +92,13 @@ class Wire:
                 self._changed.notify_all()
             if self._error is not None:
                 return
+
+    async def _transmit(self, left_bytes: float) -> None:
+        # in small steps, so that a link that becomes fast again does so for the message that is on it too
+        while left_bytes > 0.0 and (rate_bytes_s := self._rate_bytes_s()) is not None:
+            step_s = min(left_bytes / rate_bytes_s, _STEP_S)
+            await asyncio.sleep(step_s)
+            left_bytes -= step_s * rate_bytes_s
 
     def _note(self, message: str | bytes, of: Published | None) -> None:
         if of is not None and self._delivered is not None:

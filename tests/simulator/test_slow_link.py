@@ -58,12 +58,13 @@ def test_a_full_wire_makes_its_sender_wait_and_a_fast_one_does_not() -> None:
         await wire.send(b"x" * BUFFER_BYTES)
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(wire.send(b"y"), 0.2)
-        wire.close()
         rate[0] = None
-        fast = Wire(socket, rate_bytes_s=lambda: rate[0])
-        sent = len(socket.sent)
-        await fast.send(b"z")
-        assert socket.sent[sent][1] == b"z"
+        await asyncio.wait_for(wire.send(b"z"), 5.0)
+        await asyncio.wait_for(socket.three.wait(), 5.0)
+        assert [len(message) for _, message in socket.sent] == [40, BUFFER_BYTES, 1]
+        await wire.send(b"at once")
+        assert socket.sent[-1][1] == b"at once"
+        wire.close()
 
     asyncio.run(scenario())
 
