@@ -33,11 +33,11 @@ from caris_desktop.robot.profile import (
     load_profile,
     with_ros,
 )
-from caris_desktop.robot.proposal import Offer, Proposal, propose
+from caris_desktop.robot.proposal import Offer, Proposal, may_stop, propose
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros import joint_messages, messages, navigation_messages
-from caris_desktop.ros.dialect import Dialect, decode_time, same_type, service_type_name
+from caris_desktop.ros.dialect import Dialect, decode_time, same_type
 from caris_desktop.ros.fields import MessageError
 
 logger = logging.getLogger(__name__)
@@ -152,14 +152,13 @@ async def take_offer(ros: SafeRos) -> Offer:
     inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
     services = dict.fromkeys(sorted(inventory.services), "")
-    for package, kind in _SERVICE_TYPES:
-        wanted = service_type_name(dialect or Dialect.ROS1, package, kind)
-        for name in await _names(ros, "services_for_type", "ServicesForType", "services", type=wanted):
-            services[name] = wanted
+    # In ROS 1 each question about a type is a connection to the node that has the service, so only few are asked.
+    for name in [name for name in services if may_stop(name)][:_MOST_ASKED]:
+        services[name] = await _type_of(ros, "service_type", "ServiceType", service=name)
     actions = _actionlib_servers(inventory.topics)
-    for name in sorted(inventory.actions or ()):
+    for name in sorted(inventory.actions or ())[:_MOST_ASKED]:
         if name not in actions:
-            actions[name] = await _action_type(ros, name)
+            actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
     asked = [topic for topic, kind in inventory.topics.items() if _is_of_interest(kind)][:_MOST_ASKED]
     publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
@@ -244,12 +243,8 @@ async def check_streams(
 _GOODBYE_S = 0.3
 _LISTEN_S = 1.0
 _MOST_ASKED = 60
-_MOST_ACTIONS = 40
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
-_SERVICE_TYPES = (
-    ("std_srvs", "SetBool"), ("std_srvs", "Trigger"), ("std_srvs", "Empty"), ("irobot_create_msgs", "EStop"),
-)  # fmt: skip
 _OF_INTEREST = (
     "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
     "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
@@ -300,7 +295,7 @@ async def _dialect_of_topics(ros: SafeRos) -> Dialect | None:
         return None
 
 
-async def _names(ros: SafeRos, service: str, kind: str, key: str, **arguments: str) -> list[str]:
+async def _names(ros: SafeRos, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
     """A list of names from rosapi; empty where it does not know the question."""
     try:
         answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
@@ -326,10 +321,12 @@ def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-async def _action_type(ros: SafeRos, name: str) -> str:
+async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -> str:
+    """The type of a service or action as rosapi tells it; empty where it does not."""
     try:
-        found = (await ros.ask("/rosapi/action_type", "rosapi/ActionType", {"action": name})).get("type")
-    except ServiceCallError:
+        found = (await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)).get("type")
+    except ServiceCallError as error:
+        logger.debug("rosapi: %s", error)
         return ""
     return found if isinstance(found, str) else ""
 

@@ -172,6 +172,11 @@ def profile_of(
     )
 
 
+def may_stop(service: str) -> bool:
+    """Whether a service of this name may be an emergency stop, so that its type is worth knowing."""
+    return bool(_STOP_WORDS.search(service) or _SWITCH_WORDS.search(service))
+
+
 @dataclass(frozen=True, slots=True)
 class _Kind:
     """How a topic is recognized: its types, then its last word (best first), then words that speak against it.
@@ -329,9 +334,9 @@ class _Ranking:
         found = []
         services = self._offer.services
         for service, found_type in services.items():
-            switch = _SWITCH_WORDS.search(service)
-            if not switch and not _STOP_WORDS.search(service):
+            if not may_stop(service):
                 continue
+            switch = _SWITCH_WORDS.search(service)
             if any(same_type(found_type, known) for known, _field in _STOP_SERVICES):
                 why = f"a service of {found_type} with a name of its kind"
                 if switch:
