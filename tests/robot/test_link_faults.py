@@ -5,6 +5,7 @@ not touch.
 """
 
 import os
+import random
 import shutil
 import signal
 import subprocess
@@ -215,6 +216,34 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
     finally:
         media.close()
         ring.close()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_faults_of_every_kind_one_after_the_other(bench: Bench) -> None:
+    chance = random.Random(7)  # noqa: S311 (an order, not secrets)
+    for _ in range(20):
+        bench.drive()
+        after = len(bench.link.states())
+        fault = chance.choice(("stop", "cut", "both", "there", "delay"))
+        begun_s = time.monotonic()
+        ends_s = begun_s + chance.uniform(1.5, 5.0)
+        if fault == "stop":
+            os.kill(bench.robot.pid, signal.SIGSTOP)
+        elif fault == "cut":
+            bench.proxy.cut(refuse=True)
+        elif fault == "delay":
+            bench.proxy.delay(chance.uniform(0.1, 0.35))
+            bench.proxy.cut()
+        else:
+            bench.proxy.swallow(fault)  # type: ignore[arg-type]
+        bench.state_is_shown("trouble", "lost", since_s=begun_s, after=after)
+        bench.link.drive(0.0, -0.3)
+        bench.hold_until(ends_s)
+        bench.proxy.restore()
+        os.kill(bench.robot.pid, signal.SIGCONT)
+        bench.is_restored(after=after)
+        assert not [seen for seen in bench.listener.seen if seen.turn_radps < 0], fault
 
 
 def test_packets_that_are_lost() -> None:

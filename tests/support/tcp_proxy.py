@@ -181,6 +181,10 @@ class TcpProxy:
         """Reset every connection; with ``refuse`` new ones, too."""
         self._tell(refusing=refuse, cut=True)
 
+    def restore(self) -> None:
+        """A network without any fault, for new connections at least."""
+        self._tell(delay_s=0.0, bytes_per_s=None, swallowing="", refusing=False)
+
     def _tell(self, **order: Any) -> None:
         if self._process.stdin is None:
             raise RuntimeError("the proxy was started without a pipe")
