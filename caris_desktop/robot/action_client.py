@@ -205,10 +205,11 @@ class BridgedActionClient:
         )
 
     def _take_status(self, message: Any) -> None:
+        known, self._known_uuids = self._known_uuids, set()
         for uuid_hex, status in decode_ros2_goal_status_array(message):
-            if uuid_hex in self._known_uuids:
-                continue
             self._known_uuids.add(uuid_hex)
+            if uuid_hex in known:
+                continue
             wire_id = self._unknown
             if wire_id is not None and status in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
                 # The first goal that turns up after ours was sent.

@@ -167,12 +167,12 @@ class Sensors:
             self._complain_of_place()
 
     def _take_path(self, message: Any) -> None:
-        path = decode_path(message)
+        path = decode_path(message, most_points=MOST_PATH_POINTS)
         map_from_path = self._poses.map_from(path.frame_id, path.robot_stamp_ns)
         if map_from_path is None:
             self._complain_of_frame(path.frame_id, "The robot's planned path is not shown.")
             return
-        points = points_in_parent(map_from_path, thinned(path.points_m))
+        points = points_in_parent(map_from_path, path.points_m)
         self._put(PlannedPath(self._ros.arrival_ns, path.robot_stamp_ns, points))
 
     def _take_battery(self, message: Any) -> None:
@@ -219,13 +219,6 @@ class Sensors:
             meaning=meaning,
             advice="Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static.",
         )
-
-
-def thinned(points_m: NDArray[np.float32], most: int = MOST_PATH_POINTS) -> NDArray[np.float32]:
-    """At most ``most`` of the points, evenly chosen, the first and the last among them."""
-    if len(points_m) <= most:
-        return points_m
-    return points_m[np.linspace(0, len(points_m) - 1, most).round().astype(np.intp)]
 
 
 def points_in_parent(parent_from_child: Pose2D, points_m: NDArray[np.float32]) -> NDArray[np.float32]:

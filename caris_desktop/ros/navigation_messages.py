@@ -22,7 +22,6 @@ from caris_desktop.ros.fields import (
     int8s,
     message_of,
     number,
-    objects,
     part,
     stamp_of,
 )
@@ -59,16 +58,24 @@ def encode_path(dialect: Dialect, points_m: NDArray[np.float32], *, stamp_ns: in
     }
 
 
-def decode_path(message: Any) -> Path:
-    """nav_msgs/Path; the headings of its poses are left out."""
+def decode_path(message: Any, *, most_points: int = MAX_PATH_POSES) -> Path:
+    """nav_msgs/Path; the headings of its poses are left out.
+
+    Of more than ``most_points`` poses that many are read, evenly chosen, the first and the last among them.
+    """
     path = message_of(message, "Path")
-    entries = objects(path, "poses", "Path", most=MAX_PATH_POSES)
-    points = np.empty((len(entries), 2), dtype=np.float32)
+    poses = field(path, "poses", "Path")
+    if not isinstance(poses, list) or len(poses) > MAX_PATH_POSES:
+        raise MessageError(f"Path.poses must be a list of at most {MAX_PATH_POSES} poses")
+    chosen = range(len(poses))
+    if len(poses) > most_points:
+        chosen = np.linspace(0, len(poses) - 1, most_points).round().astype(int).tolist()
+    points = np.empty((len(chosen), 2), dtype=np.float32)
     with np.errstate(over="ignore"):
-        for index, entry in enumerate(entries):
+        for row, index in enumerate(chosen):
             what = f"Path.poses[{index}]"
-            position = part(part(entry, "pose", what), "position", what)
-            points[index] = number(position, "x", what), number(position, "y", what)
+            position = part(part(message_of(poses[index], what), "pose", what), "position", what)
+            points[row] = number(position, "x", what), number(position, "y", what)
     if not np.isfinite(points).all():
         raise MessageError("Path has a point that is too far away")
     return Path(frame_of(path, "Path").lstrip("/"), stamp_of(path, "Path"), points)

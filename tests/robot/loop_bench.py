@@ -7,7 +7,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 
 from caris_desktop.domain import commands
 from caris_desktop.domain.events import LinkChanged
@@ -53,6 +53,7 @@ class Bridge:
         self.on_operation: Callable[[dict[str, Any]], Awaitable[None] | None] | None = None
         self.clients: set[ServerConnection] = set()
         self.port = 0
+        self._server: Server | None = None
 
     def operations(self, op: str, name: str | None = None) -> list[dict[str, Any]]:
         """What arrived so far of a topic, service or action."""
@@ -75,10 +76,23 @@ class Bridge:
             with contextlib.suppress(Exception):
                 await client.send(payload)
 
+    async def open(self) -> None:
+        """Listen, on the same port as before."""
+        self._server = await serve(self.handle, "127.0.0.1", self.port, max_size=None, compression=None)
+        self.port = self._server.sockets[0].getsockname()[1]
+
     async def drop(self) -> None:
-        """End every connection."""
+        """End every connection; who comes back is let in."""
         for client in list(self.clients):
             client.transport.abort()
+
+    async def close(self) -> None:
+        """End every connection, and let nobody in until :meth:`open`."""
+        if self._server is not None:
+            server, self._server = self._server, None
+            server.close(close_connections=False)
+            await self.drop()
+            await server.wait_closed()
 
     async def handle(self, client: ServerConnection) -> None:
         self.clients.add(client)
@@ -119,7 +133,7 @@ class LoopBench:
         """Of the link, as it was told last."""
         return self.of(LinkChanged)[-1].state
 
-    async def until(self, observe: Callable[[], V], what: str, *, timeout_s: float = 10.0) -> V:
+    async def until(self, observe: Callable[[], V], what: str, *, timeout_s: float = 20.0) -> V:
         """The first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
         until_s = time.monotonic() + timeout_s
         while not (observed := observe()):
@@ -141,21 +155,21 @@ def with_link(
     async def run() -> None:
         bridge = Bridge()
         prepare(bridge)
-        async with serve(bridge.handle, "127.0.0.1", 0, max_size=None, compression=None) as server:
-            bridge.port = server.sockets[0].getsockname()[1]
-            outbox = Outbox()
-            address = f"ws://127.0.0.1:{bridge.port}"
-            box: Any = outbox
-            link: Any = MediaLink(profile, address, box, NoFrames()) if media else ControlLink(profile, address, box)
-            bench = LoopBench(bridge, link, outbox)
-            link.start()
-            try:
-                await bench.until(lambda: "connected" in [change.state for change in outbox.of(LinkChanged)], "a link")
-                # The subscriptions are in the socket before the link is told to be connected.
-                await bench.until(lambda: bridge.clients, "the server knows it")
-                await test(bench)
-            finally:
-                await link.finish()
+        await bridge.open()
+        outbox = Outbox()
+        address = f"ws://127.0.0.1:{bridge.port}"
+        box: Any = outbox
+        link: Any = MediaLink(profile, address, box, NoFrames()) if media else ControlLink(profile, address, box)
+        bench = LoopBench(bridge, link, outbox)
+        link.start()
+        try:
+            await bench.until(lambda: "connected" in [change.state for change in outbox.of(LinkChanged)], "a link")
+            # The subscriptions are in the socket before the link is told to be connected.
+            await bench.until(lambda: bridge.clients, "the server knows it")
+            await test(bench)
+        finally:
+            await link.finish()
+            await bridge.close()
 
     asyncio.run(run())
 

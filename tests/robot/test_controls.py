@@ -173,13 +173,14 @@ def test_without_a_link_every_use_fails_and_none_comes_later() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True, "under way"))
         await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
-        await bench.bridge.drop()
+        await bench.bridge.close()
         assert "link" in (await ended(bench, "under way")).detail
         await bench.until(lambda: bench.state == "lost", "the loss")
         bench.send(use("volume", 1.0), use("nonsense", True, "unknown"))
         assert (await ended(bench)).detail == "the robot is not connected"
         assert "no such control" not in (await ended(bench)).detail
         assert "such a control" in (await ended(bench, "unknown")).detail
+        await bench.bridge.open()
         await bench.until(lambda: bench.state == "connected", "the link")
         await bench.until(lambda: len(bench.bridge.operations("advertise", "/volume")) == 2, "restored")
         assert bench.bridge.published("/volume") == []

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from websockets.asyncio.server import serve
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import GoTo, RequestMap, Say, UseControl
@@ -220,8 +219,8 @@ class Target:
     async def _begin(self) -> LoopBench:
         bridge = Bridge()
         bridge.answers[UNANSWERED] = lambda _: None
-        self.server = await serve(bridge.handle, "127.0.0.1", 0, max_size=None, compression=None)
-        address = f"ws://127.0.0.1:{self.server.sockets[0].getsockname()[1]}"
+        await bridge.open()
+        address = f"ws://127.0.0.1:{bridge.port}"
         outbox: Any = Outbox()
         frames: Any = NoFrames()
         link = MediaLink(ROBOT, address, outbox, frames) if self.media else ControlLink(ROBOT, address, outbox)
@@ -279,8 +278,7 @@ class Target:
 
         async def finish() -> None:
             await self.bench.link.finish()
-            self.server.close()
-            await self.server.wait_closed()
+            await self.bench.bridge.close()
 
         self.loop.run_until_complete(finish())
         self.loop.close()

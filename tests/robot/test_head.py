@@ -94,11 +94,11 @@ def test_the_emergency_stop_holds_the_head_where_it_is() -> None:
 
 def test_without_a_link_nothing_is_kept_for_later() -> None:
     async def test(bench: LoopBench) -> None:
-        await bench.bridge.drop()
+        await bench.bridge.close()
         await bench.until(lambda: bench.state == "lost", "the loss")
         bench.send(MoveHead(now_ns(), 1.0, 0.0))
         assert bench.of(HeadMoved) == []
-        await bench.until(lambda: bench.bridge.clients, "the robot is back")
+        await bench.bridge.open()
         await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) == 2, "advertised")
         assert bench.bridge.published(TRAJECTORY.topic) == []
         assert [problem.what for problem in bench.of(Problem)] == [

@@ -202,7 +202,7 @@ def test_a_request_does_not_outlive_the_link() -> None:
         await bench.until(lambda: bench.bridge.operations("call_service", "/slam_toolbox/serialize_map"), "the call")
         bench.send(RequestMap(now_ns(), "second", "save", "lab"))
         assert "busy" in (await ended(bench, "second")).detail
-        await bench.bridge.drop()
+        await bench.bridge.close()
         assert "link to the robot was lost" in (await ended(bench, "r")).detail
 
     with_link(ROBOT, test, prepare=prepare)

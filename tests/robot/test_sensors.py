@@ -15,7 +15,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
 from caris_desktop.robot import latched, sensors
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, TopicSource, TransformFrames, VelocityTopic
-from caris_desktop.robot.sensors import points_in_parent, thinned
+from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.messages import encode_laser_scan, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
@@ -135,12 +135,7 @@ def test_a_path_is_thinned_and_brought_into_the_map() -> None:
     with_link(ROBOT, test)
 
 
-def test_points_are_thinned_evenly_and_keep_both_ends() -> None:
-    points = np.arange(2 * 1201, dtype=np.float32).reshape(-1, 2)
-    few = thinned(points, 500)
-    assert (few[0].tolist(), few[-1].tolist(), len(few)) == (points[0].tolist(), points[-1].tolist(), 500)
-    assert np.diff(few[:, 0]).max() <= 6.0
-    assert thinned(points[:7], 500) is not None
+def test_points_are_brought_from_one_frame_into_another() -> None:
     moved = points_in_parent(Pose2D(1.0, 0.0, math.pi), np.array([[1.0, 1.0]], np.float32))
     assert moved[0] == pytest.approx((0.0, -1.0))
 

@@ -91,7 +91,7 @@ def test_a_sentence_does_not_outlive_the_link() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "Hello"), Say(now_ns(), "u2", "again"))
         await goal_ids(bench, 1)
-        await bench.bridge.drop()
+        await bench.bridge.close()
         await bench.until(lambda: states(bench) == [("u1", "failed"), ("u2", "failed")], "both failed")
         bench.send(Say(now_ns(), "u3", "now"))
         assert bench.of(UtteranceChanged)[-1].detail == "the robot is not connected"

@@ -28,6 +28,15 @@ def test_a_path(dialect: Dialect, wire: Wire) -> None:
     assert navigation_messages.decode_path(wire(empty)).points_m.shape == (0, 2)
 
 
+def test_a_long_path_is_thinned_evenly_and_keeps_both_ends() -> None:
+    points = np.stack([np.arange(1201), np.zeros(1201)], axis=1).astype(np.float32)
+    message = navigation_messages.encode_path(Dialect.ROS1, points, stamp_ns=STAMP_NS)
+    few = navigation_messages.decode_path(message, most_points=500).points_m
+    assert (few[0].tolist(), few[-1].tolist(), len(few)) == ([0.0, 0.0], [1200.0, 0.0], 500)
+    assert np.diff(few[:, 0]).max() <= 3.0
+    assert len(navigation_messages.decode_path(message).points_m) == 1201
+
+
 @both_dialects
 @both_wires
 def test_a_map_update(dialect: Dialect, wire: Wire) -> None:
