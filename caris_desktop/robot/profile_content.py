@@ -41,6 +41,7 @@ from caris_desktop.robot.profile_file import PROFILE_VERSION, KeyPath, ProfileTe
 _SOURCES = ("scan", "odometry", "pose", "tf", "tf_static", "map", "map_updates", "path", "battery")
 _ALWAYS_LATCHED = ("map", "tf_static")
 _AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+_FOV_DEG = (5.0, 170.0)  # what the schema accepts
 
 
 def profile_from(source: ProfileText, name: str) -> RobotProfile:
@@ -438,7 +439,7 @@ def _model_data(model: CameraModel) -> dict[str, Any]:
     data: dict[str, Any] = {"width_px": model.width_px, "height_px": model.height_px}
     horizontal_deg = _degrees(2.0 * math.atan2(model.width_px / 2.0, model.fx_px))
     from_angle = None
-    if horizontal_deg is not None:
+    if horizontal_deg is not None and _FOV_DEG[0] <= horizontal_deg <= _FOV_DEG[1]:
         from_angle = CameraModel.from_field_of_view(
             width_px=model.width_px, height_px=model.height_px, horizontal_rad=math.radians(horizontal_deg)
         )

@@ -25,6 +25,14 @@ KeyPath = tuple[str | int, ...]
 
 _TAG = "tag:yaml.org,2002:"
 _PLAIN_TAGS = frozenset(_TAG + kind for kind in ("map", "seq", "str", "int", "float", "bool", "null"))
+_TYPE_WORDS = {
+    "number": "a number",
+    "integer": "a whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "made of 'name: value' pairs",
+}
 # As in YAML 1.2: yes, on and off are words, 12:30 is no number, and 1e-3 is one.
 _SCALARS = (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
@@ -183,8 +191,20 @@ class ProfileText:
             case "oneOf" | "anyOf" | "not" if isinstance(found, dict) and "kind" in found:
                 return ProfileError(f"{place}: {where}: {_control_rule(found)}.")
             case "type" if found is None:
-                return ProfileError(f"{place}: {where} is empty." + (f" Expected: {hint}." if hint else ""))
-        return ProfileError(f"{place}: {where}: {problem.message}." + (f" Expected: {hint}." if hint else ""))
+                words = " is empty"
+            case "type":
+                words = f" is {_shown(found)}, which is not {_TYPE_WORDS.get(str(rule), rule)}"
+            case "pattern":
+                words = f": {_shown(found)} cannot be used"
+            case _:
+                words = f": {problem.message}"
+        return ProfileError(f"{place}: {where}{words}." + (f" Expected: {hint}." if hint else ""))
+
+
+def _shown(found: Any) -> str:
+    """What is in the file, short; a password in an address is not repeated in a log."""
+    text = re.sub(r"//[^/@\s]*@", "//...@", repr(found))
+    return text if len(text) <= 60 else f"{text[:56]} ..."
 
 
 def did_you_mean(word: Any, allowed: Iterable[str]) -> str:
