@@ -18,7 +18,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.live.state import LiveState
@@ -35,6 +35,7 @@ class Driver(QObject):
         self._run = run
         self._shown: dict[str, object] = {}
         self._problems: list[str] = []
+        self._drive_ended: list[str] = []
         self._exports: list[str] = []
         run.console.state.event_happened.connect(self._on_event)
         run.console.session_exported.connect(lambda folder: self._exports.append(str(folder)))
@@ -84,7 +85,9 @@ class Driver(QObject):
             QApplication.closeAllWindows()
 
     def _on_event(self, event: object) -> None:
-        if isinstance(event, Problem):
+        if isinstance(event, DriveEnded):
+            self._drive_ended.append(event.reason)
+        elif isinstance(event, Problem):
             self._problems.append(f"{event.what} {event.meaning} {event.advice}")
 
     def _report(self) -> None:
@@ -110,6 +113,7 @@ class Driver(QObject):
             "children": console.child_pids,
             "scenario": console.scenario.title,
             "assistant": state.assistant.value.state,
+            "drive_ended": list(self._drive_ended),
             "problems": list(self._problems),
             "exports": list(self._exports),
         }

@@ -139,7 +139,6 @@ class PersonEntry(QWidget):
         self._field.editingFinished.connect(self._close_field)
         self._rename = ActionButton(theme, "Name", icon="pencil-simple", height_px=30, text_px=tokens.STATUS_PX + 1)
         self._rename.setObjectName("person_rename_button")
-        self._rename.setVisible(can_name)
         self._rename.clicked.connect(self._open_field)
         column = QVBoxLayout()
         column.setSpacing(1)
@@ -152,6 +151,8 @@ class PersonEntry(QWidget):
         row.addWidget(self._avatar)
         row.addLayout(column, 1)
         row.addWidget(self._rename)
+        # Only now: shown before it has a parent, it would be a window of its own and take the keys from driving.
+        self._rename.setVisible(can_name)
         theme.changed.connect(self.refresh_age)
 
     @property
