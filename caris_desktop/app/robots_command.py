@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and say how it comes"
     )
+    parser.add_argument("--seconds", type=float, default=3.0, help="how long to listen (default: 3)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.explore:
             return _explore(check_address(arguments.explore), arguments.save)
         if arguments.listen:
-            return _listen(arguments.listen)
+            return _listen(arguments.listen, arguments.seconds)
     except (ToldFailure, ProfileError) as error:
         print(error, file=sys.stderr)
         return 1
@@ -87,10 +88,10 @@ def _tell(found: Exploration) -> None:
         print(note)
 
 
-def _listen(name: str) -> int:
+def _listen(name: str, seconds: float) -> int:
     profile = load_profile_blocking(name)
     print(f"Listening to {profile.title} at {profile.address} ...", flush=True)
-    checks = asyncio.run(check_streams(profile))
+    checks = asyncio.run(check_streams(profile, seconds=seconds))
     for check in checks:
         print(f"{_MARKS[check.state]} {check.label:<24} {check.topic:<36} {_rate(check)}{check.detail}")
     return 1 if any(check.state in ("nothing", "wrong") for check in checks) else 0
