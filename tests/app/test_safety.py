@@ -151,14 +151,14 @@ def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending:
     console.say(ending)
     # A stalled GUI says nothing; the link notices 150 ms after the last that it heard.
     _zero_after(wire, ended_ns, 0.4)
-    if ending == "dialog":
-        console.say("close_dialog")
+    console.say("close_dialog")
     console.say("release A")
-    console.say("press D")
-    wire.seen.clear()
-    wait_for(lambda: _moving(wire), "a new key press drives")
-    assert all(twist.turn_radps <= 0.0 for twist in wire.seen), "only what was pressed anew"
-    console.say("release D")
+    if ending == "stall 0.4":
+        wire.seen.clear()
+        console.say("press D")
+        wait_for(lambda: _moving(wire), "a new key press drives")
+        assert all(twist.turn_radps <= 0.0 for twist in wire.seen), "only what was pressed anew"
+        console.say("release D")
 
 
 def test_unplugging_the_gamepad_ends_driving(console: ConsoleProcess, wire: TwistListener) -> None:
@@ -237,7 +237,8 @@ def test_driving_is_capped_without_fresh_video(
     before_radps = wire.seen[-1].turn_radps
     robot.fault("silent_camera")
     wait_for(lambda: wire.seen[-1].turn_radps <= 0.31 * before_radps, "slower")
-    wait_for(lambda: len(wire.seen) > 60, "and it stays so")
+    slower = len(wire.seen)
+    wait_for(lambda: len(wire.seen) > slower + 8, "and it stays so")
     assert all(twist.turn_radps <= 0.31 * before_radps for twist in wire.seen[-5:])
     console.say("release A")
 
