@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
@@ -135,6 +136,16 @@ class FrameRef:
     sequence: int
     width_px: int
     height_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class CameraLens:
+    """What a camera itself tells of its lens. ``model`` has that in place of what the robot profile says of it."""
+
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    camera: str
+    model: CameraModel
 
 
 @dataclass(frozen=True, slots=True)

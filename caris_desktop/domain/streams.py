@@ -57,6 +57,7 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("path", sensing.PlannedPath, Delivery.LATEST),
     StreamSpec("head", sensing.HeadState, Delivery.LATEST, 0.2),
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
+    StreamSpec("lens", sensing.CameraLens, Delivery.LATEST),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1),
 )
 

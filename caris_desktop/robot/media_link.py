@@ -3,13 +3,16 @@
 import asyncio
 import contextlib
 import logging
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
 
 from caris_desktop.domain import commands
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.domain.sensing import CameraLens
 from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
@@ -22,8 +25,11 @@ from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.messages import decode_compressed_image, decode_occupancy_grid
+from caris_desktop.ros.messages import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
+
+# It hardly ever changes, and rosbridge wants a throttle for what comes with every picture.
+LENS_EVERY_MS = 2000
 
 logger = logging.getLogger(__name__)
 
@@ -46,6 +52,7 @@ class MediaLink:
         )
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
+        self._lenses: dict[str, CameraModel] = {}
         for camera in profile.cameras:
             SafeTopic(
                 self._ros,
@@ -53,6 +60,10 @@ class MediaLink:
                 type_name(dialect, "sensor_msgs", "CompressedImage"),
                 throttle_rate=camera.throttle_ms,
             ).subscribe(lambda message, camera=camera: self._take_image(message, camera))
+            if camera.info is not None:
+                info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
+                info = SafeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
+                info.subscribe(lambda message, camera=camera: self._take_lens(message, camera))
         self._latched = LatchedTopics(self._ros, dialect)
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
@@ -104,6 +115,7 @@ class MediaLink:
     def link_lost(self, reason: str) -> None:
         self._latched.link_lost()
         self._merger.forget()
+        self._lenses.clear()
         if not self._closing:
             self._report.changed("lost", f"The link for video and map was lost: {reason}")
 
@@ -142,6 +154,27 @@ class MediaLink:
             meaning="The video stands still or stutters.",
             advice=f"Check what the robot publishes on {camera.topic}.",
         )
+
+    def _take_lens(self, message: Any, camera: CameraTopic) -> None:
+        lens = decode_camera_info(message)
+        if lens is None:
+            return
+        seen = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
+        if camera.model is not None:
+            # Where it is mounted only the profile tells.
+            model = camera.model
+            seen = replace(
+                seen,
+                x_m=model.x_m,
+                y_m=model.y_m,
+                z_m=model.z_m,
+                heading_rad=model.heading_rad,
+                tilt_rad=model.tilt_rad,
+                on_head=model.on_head,
+            )
+        if self._lenses.get(camera.name) != seen:
+            self._lenses[camera.name] = seen
+            self._put(CameraLens(self._ros.arrival_ns, lens.robot_stamp_ns, camera.name, seen))
 
     def _take_map(self, message: Any) -> None:
         grid = decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns)

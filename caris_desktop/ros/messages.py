@@ -45,11 +45,13 @@ __all__ = [
     "MAX_IMAGE_BYTES",
     "MAX_MAP_CELLS",
     "CompressedImage",
+    "Lens",
     "Message",
     "MessageError",
     "Transform",
     "decode_battery_state",
     "decode_bool",
+    "decode_camera_info",
     "decode_compressed_image",
     "decode_heading",
     "decode_laser_scan",
@@ -64,6 +66,7 @@ __all__ = [
     "decode_twist_stamped",
     "encode_battery_state",
     "encode_bool",
+    "encode_camera_info",
     "encode_compressed_image",
     "encode_heading",
     "encode_laser_scan",
@@ -81,6 +84,7 @@ __all__ = [
 MAX_BEAMS = 100_000
 MAX_MAP_CELLS = 64_000_000
 MAX_IMAGE_BYTES = 32_000_000
+MAX_IMAGE_SIDE_PX = 65_535
 MAX_TRANSFORMS = 1_000
 _AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -102,6 +106,19 @@ class CompressedImage:
     encoding: str
     content: bytes
     robot_stamp_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """The pinhole part of one sensor_msgs/CameraInfo: focal lengths and principal point, in pixels of that picture."""
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    robot_stamp_ns: int | None = None
 
 
 def encode_twist(twist: Twist2D) -> Message:
@@ -354,6 +371,35 @@ def decode_compressed_image(message: Any) -> CompressedImage:
         encoding=text_or_empty(image, "format", "CompressedImage"),
         content=blob(image, "data", "CompressedImage", most=MAX_IMAGE_BYTES),
         robot_stamp_ns=stamp_of(image, "CompressedImage"),
+    )
+
+
+def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id: str = "camera") -> Message:
+    """sensor_msgs/CameraInfo of a lens without distortion."""
+    intrinsic = [lens.fx_px, 0.0, lens.cx_px, 0.0, lens.fy_px, lens.cy_px, 0.0, 0.0, 1.0]
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "height": lens.height_px,
+        "width": lens.width_px,
+        "distortion_model": "plumb_bob",
+        "K" if dialect is Dialect.ROS1 else "k": np.array(intrinsic, dtype=np.float64),
+    }
+
+
+def decode_camera_info(message: Any) -> Lens | None:
+    """sensor_msgs/CameraInfo; None for a camera that was never calibrated, which says so with zeros."""
+    info = message_of(message, "CameraInfo")
+    name = "K" if "K" in info else "k"
+    intrinsic = floats(info, name, "CameraInfo", most=9)
+    if len(intrinsic) != 9 or not np.isfinite(intrinsic).all():
+        raise MessageError(f"CameraInfo.{name} must hold nine numbers")
+    fx_px, fy_px = float(intrinsic[0]), float(intrinsic[4])
+    width_px = count(info, "width", "CameraInfo", most=MAX_IMAGE_SIDE_PX)
+    height_px = count(info, "height", "CameraInfo", most=MAX_IMAGE_SIDE_PX)
+    if fx_px <= 0.0 or fy_px <= 0.0 or not width_px or not height_px:
+        return None
+    return Lens(
+        width_px, height_px, fx_px, fy_px, float(intrinsic[2]), float(intrinsic[5]), stamp_of(info, "CameraInfo")
     )
 
 

@@ -3,19 +3,22 @@
 import base64
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import cv2
 import numpy as np
 import pytest
 
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, OccupancyGrid
+from caris_desktop.domain.sensing import CameraLens, FrameRef, OccupancyGrid
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_media_link
-from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.profile import CameraTopic, RobotProfile, TopicSource
 from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.messages import Lens, encode_camera_info
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.robot.loop_bench import LoopBench, with_link
@@ -167,3 +170,25 @@ def test_a_large_map_is_deflated_on_its_way_and_noise_is_not() -> None:
         content = pickle.dumps(OccupancyGrid(1, None, 0.05, Pose2D(0, 0, 0), cells))
         back = pickle.loads(content)  # noqa: S301 - made just before
         assert np.array_equal(back.cells, cells)
+
+
+def test_a_camera_tells_its_own_lens_and_the_profile_where_it_is() -> None:
+    model = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0, x_m=0.2, z_m=1.1, on_head=True)
+    robot = RobotProfile("test", "Test", cameras=(CameraTopic("front", "/image", model=model, info="/info"),))
+
+    async def test(bench: LoopBench) -> None:
+        lens = Lens(1280, 720, 900.0, 910.0, 650.0, 355.0)
+        await bench.bridge.publish("/info", encode_camera_info(Dialect.ROS1, replace(lens, fx_px=0.0), stamp_ns=1))
+        await bench.bridge.publish("/info", encode_camera_info(Dialect.ROS1, lens, stamp_ns=7))
+        await bench.until(lambda: bench.of(CameraLens), "the lens")
+        await bench.bridge.publish("/info", encode_camera_info(Dialect.ROS1, lens, stamp_ns=8), cbor=True)
+        other = encode_camera_info(Dialect.ROS2, replace(lens, cx_px=1.0), stamp_ns=9)
+        await bench.bridge.publish("/info", other, cbor=True)
+        await bench.until(lambda: bench.of(CameraLens)[-1].model.cx_px == 1.0, "another lens")
+        assert len(bench.of(CameraLens)) == 2
+        first = bench.of(CameraLens)[0]
+        assert (first.camera, first.robot_stamp_ns) == ("front", 7)
+        expected = replace(model, width_px=1280, height_px=720, fx_px=900.0, fy_px=910.0, cx_px=650.0, cy_px=355.0)
+        assert first.model == expected
+
+    with_link(robot, test, media=True)

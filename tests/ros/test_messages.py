@@ -281,6 +281,12 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
         messages.decode_compressed_image,
         over_json(messages.encode_compressed_image(Dialect.ROS1, b"abc", stamp_ns=STAMP_NS)),
     ),
+    "camera_info": (
+        messages.decode_camera_info,
+        over_json(
+            messages.encode_camera_info(Dialect.ROS1, messages.Lens(2, 2, 1.0, 1.0, 1.0, 1.0), stamp_ns=STAMP_NS)
+        ),
+    ),
     "string": (messages.decode_string, messages.encode_string("hello")),
     "bool": (messages.decode_bool, messages.encode_bool(True)),
     "goal": (
