@@ -4,14 +4,15 @@ import time
 from collections import deque
 from typing import Any
 
-from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.live.state import LiveState
-from caris_desktop.ui import tokens
+from caris_desktop.ui import tokens, words
 from caris_desktop.ui.overlays import Overlay
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 
 SPAN_S = 60.0
 _SAMPLE_MS = 250
@@ -50,6 +51,9 @@ class ConnectionHistory(QWidget):
 class ConnectionCard(Overlay):
     """The curves over the window. The plotting library is loaded when it is first opened."""
 
+    diagnostics_requested = Signal()
+    robots_requested = Signal()
+
     def __init__(self, theme: Theme, window: QWidget, state: LiveState) -> None:
         super().__init__(theme, window, width_px=760)
         self.setObjectName("connection_card")
@@ -61,7 +65,25 @@ class ConnectionCard(Overlay):
         self._layout.setContentsMargins(20, 16, 20, 16)
         self._layout.setSpacing(10)
         self._heading = QLabel("Connection in the last minute")
-        self._layout.addWidget(self._heading)
+        self._state = state
+        self._facts = QLabel()
+        self._facts.setObjectName("connection_facts")
+        self._facts.setTextFormat(Qt.TextFormat.PlainText)
+        self._facts.setWordWrap(True)
+        diagnostics = ActionButton(theme, "Every topic", icon="gauge")
+        diagnostics.setObjectName("connection_diagnostics")
+        diagnostics.setToolTip("Open the Diagnostics panel: rate, age and size of everything that comes")
+        diagnostics.clicked.connect(self.diagnostics_requested)
+        robots = ActionButton(theme, "Another robot…", icon="robot")
+        robots.setObjectName("connection_robots")
+        robots.clicked.connect(self.robots_requested)
+        head = QHBoxLayout()
+        head.setSpacing(8)
+        head.addWidget(self._heading, 1)
+        head.addWidget(diagnostics)
+        head.addWidget(robots)
+        self._layout.addLayout(head)
+        self._layout.addWidget(self._facts)
         row = QHBoxLayout()
         row.setSpacing(16)
         for name, text, role, dash in _CURVES:
@@ -91,7 +113,7 @@ class ConnectionCard(Overlay):
         super().close_overlay()
 
     def card_height_px(self) -> int:
-        return 380
+        return 420
 
     def _build_plot(self) -> None:
         import pyqtgraph
@@ -111,6 +133,10 @@ class ConnectionCard(Overlay):
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._facts.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._facts.palette()
+        palette.setColor(self._facts.foregroundRole(), self._theme.color("dim"))
+        self._facts.setPalette(palette)
         if self._plot is None:
             return
         import pyqtgraph
@@ -126,6 +152,7 @@ class ConnectionCard(Overlay):
 
     def refresh(self) -> None:
         """Draw what was sampled until now."""
+        self._facts.setText(words.link_facts(self._state.link.value, self._state.traffic.value))
         if self._plot is None or not self._history.times_s:
             return
         now_s = self._history.times_s[-1]

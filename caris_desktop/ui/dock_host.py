@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from PySide6.QtCore import QEvent, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAction, QResizeEvent, QShowEvent
+from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabBar, QTabWidget, QWidget
 
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
@@ -51,6 +51,15 @@ def without(node: LayoutNode, absent: frozenset[str]) -> LayoutNode | None:
     if len(kept) <= 1:
         return kept[0][0] if kept else None
     return SplitNode(node.split, tuple(child for child, _ in kept), tuple(weight for _, weight in kept))
+
+
+def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName) -> LayoutNode:
+    """The tree with ``panel`` in front of ``beside``, in one set of tabs."""
+    if isinstance(node, SplitNode):
+        return SplitNode(node.split, tuple(with_tab(child, beside, panel) for child in node.children), node.weights)
+    if beside not in panels_in(node):
+        return node
+    return TabNode((*panels_in(node), panel), panel)
 
 
 def tree_from_rectangles(placed: Sequence[Placed]) -> LayoutNode | None:
@@ -139,14 +148,7 @@ class DockHost(QMainWindow):
         """Replace everything by ``panels``, arranged as ``tree`` says."""
         self.clear()
         for name in panels_in(tree):
-            dock = QDockWidget(panels[name].title)
-            dock.setObjectName(f"dock_{name}")
-            dock.setFeatures(
-                QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable
-            )
-            dock.setTitleBarWidget(PanelTitleBar(panels[name]))
-            dock.setWidget(panels[name])
-            self._docks[name] = dock
+            self._docks[name] = _dock_of(name, panels[name])
         first = self._docks[_representative(tree)]
         self.addDockWidget(_AREA, first)
         self._place(tree)
@@ -171,9 +173,53 @@ class DockHost(QMainWindow):
             if isinstance(title_bar, PanelTitleBar):
                 title_bar.set_tabbed(bool(self.tabifiedDockWidgets(dock)))
 
-    def toggle_actions(self) -> list[QAction]:
-        """One checkable action per panel that shows or closes it."""
-        return [dock.toggleViewAction() for dock in self._docks.values()]
+    def is_open(self, name: PanelName) -> bool:
+        """Whether the panel is there, be it behind another tab."""
+        dock = self._docks.get(name)
+        return dock is not None and not dock.isHidden()
+
+    def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
+        """Add one panel in a tab in front of the first of ``beside`` that is open, else of any open one."""
+        neighbour = next((each for each in (*beside, *self._docks) if self.is_open(each)), None)
+        dock = self._docks[name] = _dock_of(name, panel)
+        self._arranging = True
+        if neighbour is None:
+            self.addDockWidget(_AREA, dock)
+            self._tree = PanelLeaf(name)
+        else:
+            self.tabifyDockWidget(self._docks[neighbour], dock)
+            self._tree = PanelLeaf(name) if self._tree is None else with_tab(self._tree, neighbour, name)
+        dock.show()
+        dock.raise_()
+        dock.visibilityChanged.connect(self._schedule_read_back)
+        dock.dockLocationChanged.connect(self._schedule_read_back)
+        self._style_tabs()
+        self._arranging = False
+        self._apply_weights()
+        self.layout_changed.emit()
+
+    def remove_panel(self, name: PanelName) -> None:
+        """Take the panel away and delete it."""
+        dock = self._docks.pop(name, None)
+        if dock is None:
+            return
+        self._arranging = True
+        # The tree must not name a dock that is gone, not even until it is read back.
+        self._tree = None if self._tree is None else without(self._tree, frozenset({name}))
+        self.removeDockWidget(dock)
+        dock.hide()
+        dock.setParent(None)
+        dock.deleteLater()
+        self._style_tabs()
+        self._arranging = False
+        self._apply_weights()
+        self.layout_changed.emit()
+
+    def close_panel(self, name: PanelName) -> None:
+        """Hide the panel; ``show_panel`` brings it back where it was."""
+        dock = self._docks.get(name)
+        if dock is not None:
+            dock.close()
 
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed and bring it to the front of its tabs."""
@@ -282,6 +328,15 @@ class DockHost(QMainWindow):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         QTimer.singleShot(0, self, self._apply_weights)
+
+
+def _dock_of(name: PanelName, panel: Panel) -> QDockWidget:
+    dock = QDockWidget(panel.title)
+    dock.setObjectName(f"dock_{name}")
+    dock.setFeatures(QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable)
+    dock.setTitleBarWidget(PanelTitleBar(panel))
+    dock.setWidget(panel)
+    return dock
 
 
 def _representative(node: LayoutNode) -> PanelName:

@@ -3,20 +3,24 @@
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from PySide6.QtCore import QEvent, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QVBoxLayout, QWidget
 
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.controls import ControlValue, RobotControl
+from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.intents import WizardIntents
-from caris_desktop.scenario.model import LayoutNode, PanelName, Permissions, Scenario
+from caris_desktop.live.intents import RobotChoice, WizardIntents
+from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.actions import Actions, Feature
+from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -26,19 +30,23 @@ from caris_desktop.ui.icons import icon
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panels.assistant import AssistantPanel
+from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel
 from caris_desktop.ui.panels.drive import DrivePanel
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.panels.robot import RobotPanel, question_for
 from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
-from caris_desktop.ui.top_bar import EmergencyBand, TopBar, as_menu
+from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
+from caris_desktop.ui.words import UNDER_WAY
 
 logger = logging.getLogger(__name__)
 
@@ -50,10 +58,20 @@ PANELS: dict[PanelName, type[Panel]] = {
     "speak": SpeakPanel,
     "assistant": AssistantPanel,
     "session": SessionPanel,
+    "robot": RobotPanel,
+    "diagnostics": DiagnosticsPanel,
 }
 _PANEL_ICONS: dict[PanelName, str] = {
     "video": "video-camera", "map": "map-trifold", "drive": "game-controller", "people": "users",
-    "speak": "chat-text", "assistant": "sparkle", "session": "list-bullets",
+    "speak": "chat-text", "assistant": "sparkle", "session": "list-bullets", "robot": "sliders",
+    "motion": "chart-line", "diagnostics": "gauge",
+}  # fmt: skip
+# Where a panel that the scenario does not have is put: in a tab with the first of these that is open.
+_NEIGHBOURS: dict[PanelName, tuple[PanelName, ...]] = {
+    "video": ("map", "people"), "map": ("people", "session", "drive"), "drive": ("map", "people", "session"),
+    "people": ("session", "drive", "map"), "speak": ("assistant",), "assistant": ("people", "session", "map"),
+    "session": ("people", "drive", "assistant", "map"), "robot": ("people", "drive", "session", "map"),
+    "motion": ("map", "drive", "people", "session"), "diagnostics": ("session", "people", "assistant", "drive", "map"),
 }  # fmt: skip
 _ROOMY = QSize(1680, 1000)
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
@@ -107,6 +125,8 @@ class MainWindow(QWidget):
         Where the theme and the window's place are kept; nothing is kept without.
     scenarios
         Gives the lines of the scenario menu each time it opens; by default the shipped files.
+    explorer
+        Looks at robots that have no profile yet. It can also be given later, with ``use_explorer``.
     gamepads
         The gamepad that drives too. It can also be given later, with ``use_gamepads``.
     """
@@ -122,6 +142,7 @@ class MainWindow(QWidget):
         scenarios: Callable[[], Sequence[ScenarioChoice]] = shipped_scenarios,
         theme: Theme | None = None,
         gamepads: Gamepads | None = None,
+        explorer: RobotExplorer | None = None,
     ) -> None:
         super().__init__()
         app = QApplication.instance()
@@ -144,15 +165,19 @@ class MainWindow(QWidget):
         self._panels: dict[PanelName, Panel] = {}
         self._log: list[tuple[int, str, str]] = []
         self._dialog: StartDialog | None = None
+        self._robot_dialog: RobotDialog | None = None
+        self._explorer = explorer
         self._top_bar = TopBar(self.theme, console, self.actions_table)
-        self._band = EmergencyBand(self.theme, console)
+        self._question = QuestionBand(self.theme)
         self.dock_host = DockHost()
         self._status_bar = StatusBar(self.theme, console, KeyOwnerChip(self.theme, self.hold))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._top_bar)
-        layout.addWidget(self._band)
+        layout.addWidget(EmergencyBand(self.theme, console))
+        layout.addWidget(GuardBand(self.theme, console))
+        layout.addWidget(self._question)
         holder = QVBoxLayout()
         holder.setContentsMargins(8, 8, 8, 8)
         holder.addWidget(self.dock_host)
@@ -162,15 +187,21 @@ class MainWindow(QWidget):
         self._palette_overlay = CommandPalette(self.theme, self)
         self._sheet = ShortcutSheet(self.theme, self)
         self._connection = ConnectionCard(self.theme, self, console.state)
+        self._connection.diagnostics_requested.connect(self._open_diagnostics)
+        self._connection.robots_requested.connect(self._open_robot_menu)
         self._status_bar.connection_clicked.connect(self._connection.open)
         self._scenario_menu = as_menu(self.theme, self, "scenario_menu")
         self._window_menu = as_menu(self.theme, self, "window_menu")
+        self._robot_menu = as_menu(self.theme, self, "robot_menu")
+        self._shown_scenario: Scenario | None = None
         self._top_bar.start_requested.connect(self.open_start_dialog)
         self._top_bar.scenario_menu_requested.connect(self._open_scenario_menu)
         self._top_bar.window_menu_requested.connect(self._open_window_menu)
         self.hold.escape_pressed.connect(self._palette_overlay.close_overlay)
         self.hold.escape_pressed.connect(self._sheet.close_overlay)
         self.hold.escape_pressed.connect(self._connection.close_overlay)
+        self.hold.escape_pressed.connect(self._question.put_away)
+        self.hold.escape_pressed.connect(self._close_robot_dialog)
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
@@ -181,6 +212,10 @@ class MainWindow(QWidget):
         console.state.places.changed.connect(self._on_places_changed)
         self._on_robot_changed(console.state.robot.value)
         self._on_places_changed(console.state.places.value)
+        # The running console tells of scenarios that somebody else opens; a replayed one never changes.
+        scenario_changed = getattr(console, "scenario_changed", None)
+        if scenario_changed is not None:
+            scenario_changed.connect(self._on_scenario_changed)
         console.state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         self._on_video_freshness_changed(console.state.frame.freshness)
         app.focusChanged.connect(self._on_focus_changed)
@@ -210,28 +245,68 @@ class MainWindow(QWidget):
 
     def show_scenario(self, scenario: Scenario) -> None:
         """Rebuild panels, actions and shortcuts for ``scenario``; everything else keeps running."""
-        session = self._panels.get("session")
-        if isinstance(session, SessionPanel):
-            self._log = session.log_entries()
+        self._shown_scenario = scenario
+        self._keep_log()
         self.hold.release_all("The scenario was changed")
         self.actions_table.forget_driving_panels()
         self.hold.set_driving_panels(())
         self.dock_host.clear()
         self.actions_table.rebuild(scenario)
-        tree = without(scenario.layout, absent_panels(scenario.permissions)) or scenario.layout
-        self._panels = {name: PANELS[name](self._context) for name in panels_in(tree)}
-        session = self._panels.get("session")
-        if isinstance(session, SessionPanel):
-            session.start_requested.connect(self.open_start_dialog)
-            session.restore_log(self._log)
+        absent = frozenset(panels_in(scenario.layout)) - frozenset(self.possible_panels())
+        tree = without(scenario.layout, absent) or PanelLeaf("video")
+        self._panels = {}
+        for name in panels_in(tree):
+            self._make_panel(name)
         self.dock_host.show_layout(self._panels, tree)
-        driving = [panel for panel in self._panels.values() if panel.drives]
-        self.actions_table.bind_driving_panels(driving)
-        self.hold.set_driving_panels(driving)
+        self._bind_driving_panels()
         self._top_bar.show_scenario()
         self._status_bar.refresh()
         self.setWindowTitle(f"{scenario.title} · CARIS Desktop")
         self._focus_first()
+
+    def _make_panel(self, name: PanelName) -> Panel:
+        panel = self._panels[name] = PANELS[name](self._context)
+        if isinstance(panel, SessionPanel):
+            panel.start_requested.connect(self.open_start_dialog)
+            panel.restore_log(self._log)
+        return panel
+
+    def _keep_log(self) -> None:
+        session = self._panels.get("session")
+        if isinstance(session, SessionPanel):
+            self._log = session.log_entries()
+
+    def _bind_driving_panels(self) -> None:
+        driving = [panel for panel in self._panels.values() if panel.drives]
+        self.actions_table.bind_driving_panels(driving)
+        self.hold.set_driving_panels(driving)
+
+    def possible_panels(self) -> tuple[PanelName, ...]:
+        """Every panel that this scenario's permissions allow, whether its layout has it or not."""
+        absent = absent_panels(self._console.scenario.permissions)
+        return tuple(name for name in PANELS if name not in absent)
+
+    def open_panel(self, name: PanelName) -> None:
+        """Bring the panel to the front; one that the scenario does not have is added in a tab."""
+        if name not in self.possible_panels():
+            return
+        if name not in self._panels:
+            self.dock_host.add_panel(name, self._make_panel(name), _NEIGHBOURS[name])
+            self._bind_driving_panels()
+        self.dock_host.show_panel(name)
+
+    def close_panel(self, name: PanelName) -> None:
+        """Close the panel; one that was added goes away altogether."""
+        if name not in self._panels:
+            return
+        if name in panels_in(self._console.scenario.layout):
+            self.dock_host.close_panel(name)
+            return
+        self._keep_log()
+        panel = self._panels.pop(name)
+        if panel.drives:
+            self._bind_driving_panels()
+        self.dock_host.remove_panel(name)
 
     def current_layout(self) -> LayoutNode | None:
         """The docks as the wizard arranged them, as a scenario would say it."""
@@ -261,7 +336,7 @@ class MainWindow(QWidget):
     def _focus_panel(self, name: PanelName) -> None:
         panel = self._panels.get(name)
         if panel is not None:
-            self.dock_host.show_panel(name)
+            self.open_panel(name)
             panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def stop(self) -> None:
@@ -348,13 +423,46 @@ class MainWindow(QWidget):
         scenario = self._console.scenario
         if scenario.permissions.driving:
             entries += [
-                Entry(f"Go to {place.name}", "Place", "flag", table.key_text(f"place_{number}"), self._goer(place.name))
+                Entry(
+                    f"Go to {place.name}",
+                    "Place",
+                    "flag",
+                    table.key_text(f"place_{number}"),
+                    self._goer(place.name),
+                    also="drive move navigate send take robot",
+                )
                 for number, place in enumerate(self._console.state.places.value, start=1)
             ]
+        if scenario.permissions.robot_controls:
+            entries += self._control_entries()
+        entries += self._map_entries()
         entries += [
-            Entry(panel.title, "Panel", _PANEL_ICONS[name], "", self._panel_opener(name))
-            for name, panel in self._panels.items()
+            Entry(
+                PANELS[name].title,
+                "Panel",
+                _PANEL_ICONS[name],
+                "",
+                self._panel_opener(name),
+                also="" if self.dock_host.is_open(name) else "add open show",
+            )
+            for name in self.possible_panels()
         ]
+        entries += [
+            Entry(
+                f"Connect to {choice.title}",
+                "Robot",
+                "robot",
+                "",
+                self._robot_chooser(choice),
+                also="use switch another",
+            )
+            for choice in self._console.robots()
+            if not self._is_current(choice)
+        ]
+        if self._explorer is not None:
+            entries.append(Entry("Connect another robot…", "Robot", "plus", "", self.open_robot_dialog, also="new add"))
+        if self._console.state.drive.value.guard == "overridden":
+            entries.append(Entry("Switch the obstacle guard on", "Do", "shield-check", "", self._switch_guard_on))
         entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
         if self._gamepads is not None and scenario.permissions.driving:
             entries.append(Entry("Gamepad", "Window", "game-controller", "", self.open_gamepad_dialog))
@@ -379,8 +487,69 @@ class MainWindow(QWidget):
     def _goer(self, place: str) -> Callable[[], None]:
         return lambda: self._console.go_to_place(place)
 
+    def _control_entries(self) -> list[Entry]:
+        """Every control of the robot that needs no more than a choice."""
+        entries = []
+        for control in self._console.state.controls.value:
+            if control.kind == "button":
+                uses: list[tuple[str, ControlValue]] = [(control.title, True)]
+            elif control.kind == "toggle":
+                uses = [(f"{control.title} on", True), (f"{control.title} off", False)]
+            elif control.kind == "choice":
+                uses = [(f"{control.title}: {choice.title}", choice.value) for choice in control.choices]
+            else:
+                entries.append(Entry(f"Robot: {control.title}", "Control", "sliders", "", self._panel_opener("robot")))
+                continue
+            entries += [
+                Entry(
+                    f"Robot: {words}", "Control", "sliders", "", self._control_user(control, value), also=control.group
+                )
+                for words, value in uses
+            ]
+        return entries
+
+    def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], None]:
+        if not control.confirm:
+            return lambda: self._console.use_control(control.id, value)
+        return lambda: self._question.ask(
+            question_for(control, value), "Do it", lambda: self._console.use_control(control.id, value)
+        )
+
+    def _map_entries(self) -> list[Entry]:
+        """What the robot can do with its map, as far as it needs no name."""
+        status: MapStatus = self._console.state.mapping.value
+        if not self._console.scenario.permissions.driving:
+            return []
+        entries = []
+        if status.can_save:
+            name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
+            entries.append(
+                Entry(f"Save the map as {name}", "Map", "floppy-disk", "", lambda: self._console.save_map(name))
+            )
+        if status.can_switch and status.mapping is not True:
+            entries.append(
+                Entry("Start mapping", "Map", "map-trifold", "", lambda: self._console.set_mapping(mapping=True))
+            )
+        if status.can_switch and status.mapping is not False:
+            entries.append(
+                Entry("Stop mapping, keep the map", "Map", "map-trifold", "",
+                      lambda: self._console.set_mapping(mapping=False), also="localization localisation end")
+            )  # fmt: skip
+        return entries
+
+    def _switch_guard_on(self) -> None:
+        self._console.set_guard(on=True)
+
     def _panel_opener(self, name: PanelName) -> Callable[[], None]:
-        return lambda: self._focus_panel(name)
+        return lambda: self._open_and_focus(name)
+
+    def _open_and_focus(self, name: PanelName) -> None:
+        self.open_panel(name)
+        self._focus_panel(name)
+
+    def _open_diagnostics(self) -> None:
+        self._connection.close_overlay()
+        self._open_and_focus("diagnostics")
 
     def _scenario_opener(self, path: Path) -> Callable[[], None]:
         return lambda: self._open_scenario(path)
@@ -405,7 +574,11 @@ class MainWindow(QWidget):
 
     def _open_scenario(self, path: Path) -> None:
         if self._console.open_scenario(path):
-            self.show_scenario(self._console.scenario)
+            self._on_scenario_changed(self._console.scenario)
+
+    def _on_scenario_changed(self, scenario: Scenario) -> None:
+        if scenario is not self._shown_scenario:
+            self.show_scenario(scenario)
 
     def _on_save_layout(self) -> None:
         tree = self.current_layout()
@@ -416,9 +589,14 @@ class MainWindow(QWidget):
         menu = self._window_menu
         menu.clear()
         menu.addSection("Panels")
-        for action in self.dock_host.toggle_actions():
-            menu.addAction(action)
+        for name in self.possible_panels():
+            action = menu.addAction(PANELS[name].title)
+            action.setCheckable(True)
+            action.setChecked(self.dock_host.is_open(name))
+            action.triggered.connect(self._panel_toggler(name))
         menu.addAction("Put the panels back").triggered.connect(self._on_reset_layout)
+        menu.addSection("Robot")
+        self._fill_robot_menu(menu.addMenu(self._console.state.link.value.robot or "Choose a robot"))
         menu.addSection("Appearance")
         group = QActionGroup(menu)
         for choice in CHOICES:
@@ -432,6 +610,104 @@ class MainWindow(QWidget):
             menu.addAction("Gamepad…").triggered.connect(self.open_gamepad_dialog)
         menu.addAction("All shortcuts").triggered.connect(self.show_shortcuts)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
+
+    def _panel_toggler(self, name: PanelName) -> Callable[[bool], None]:
+        # After the menu has closed, so that the panel gets its size and the focus can go there.
+        def toggle(shown: bool) -> None:
+            QTimer.singleShot(0, self, lambda: self.open_panel(name) if shown else self.close_panel(name))
+
+        return toggle
+
+    # ---- robots
+
+    def use_explorer(self, explorer: RobotExplorer) -> None:
+        """Let the wizard look for robots and save profiles of them."""
+        self._explorer = explorer
+
+    def open_robot_dialog(self) -> None:
+        """Look at a robot that has no profile yet. One dialog at a time."""
+        if self._explorer is None:
+            return
+        if self._robot_dialog is not None:
+            self._robot_dialog.raise_()
+            self._robot_dialog.activateWindow()
+            return
+        link: LinkStatus = self._console.state.link.value
+        self._robot_dialog = RobotDialog(self.theme, self._explorer, self, address=link.address)
+        self._robot_dialog.saved.connect(self._on_robot_saved)
+        self._robot_dialog.finished.connect(self._on_robot_dialog_finished)
+        self._robot_dialog.show()
+
+    def _on_robot_saved(self, choice: RobotChoice) -> None:
+        self.choose_robot(choice)
+
+    def _close_robot_dialog(self) -> None:
+        # Who stops the robot from the main window keeps what was filled in.
+        if self._robot_dialog is not None and self._robot_dialog.isActiveWindow():
+            self._robot_dialog.reject()
+
+    def _on_robot_dialog_finished(self, _result: int) -> None:
+        if self._robot_dialog is not None:
+            self._robot_dialog.deleteLater()
+        self._robot_dialog = None
+
+    def choose_robot(self, choice: RobotChoice) -> None:
+        """Connect to another robot; asks first where that ends something."""
+        ends = self._what_another_robot_ends()
+        if not ends:
+            self._use_robot(choice)
+            return
+        self._question.ask(
+            f"Connect to {choice.title} now? {ends}",
+            f"Connect to {choice.title}",
+            lambda: self._use_robot(choice),
+        )
+
+    def _use_robot(self, choice: RobotChoice) -> None:
+        # A profile that was refused has told why.
+        self._console.use_robot(choice.name)
+
+    def _what_another_robot_ends(self) -> str:
+        state = self._console.state
+        drive: DriveStatus = state.drive.value
+        goal: GoalChanged | None = state.goal.value
+        present = state.link.value.robot or "The present robot"
+        ends = []
+        if goal is not None and goal.state in UNDER_WAY:
+            ends.append(f"{present} is on its way to {goal.place or 'a point on the map'} and will stop.")
+        elif drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps:
+            ends.append(f"{present} is being driven and will stop.")
+        if state.recording.value.state in ("recording", "starting"):
+            ends.append("The recording goes on with the other robot.")
+        return " ".join(ends)
+
+    def _is_current(self, choice: RobotChoice) -> bool:
+        robot = self._console.state.robot.value
+        if robot is not None:
+            return bool(robot.name == choice.name)
+        return bool(self._console.state.link.value.robot == choice.title)
+
+    def _robot_chooser(self, choice: RobotChoice) -> Callable[[], None]:
+        return lambda: self.choose_robot(choice)
+
+    def _fill_robot_menu(self, menu: QMenu) -> None:
+        menu.clear()
+        group = QActionGroup(menu)
+        for choice in self._console.robots():
+            action = menu.addAction(choice.title)
+            action.setCheckable(True)
+            action.setChecked(self._is_current(choice))
+            action.setActionGroup(group)
+            action.setToolTip(choice.address)
+            action.triggered.connect(self._robot_chooser(choice))
+        if self._explorer is not None:
+            menu.addSeparator()
+            menu.addAction("Connect another robot…").triggered.connect(self.open_robot_dialog)
+
+    def _open_robot_menu(self) -> None:
+        self._connection.close_overlay()
+        self._fill_robot_menu(self._robot_menu)
+        self._top_bar.popup_below(self._robot_menu, self._top_bar.window_button)
 
     def _on_reset_layout(self) -> None:
         # After the menu has closed: its own actions belong to the docks that go away.

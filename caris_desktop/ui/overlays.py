@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 
 from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
@@ -28,20 +29,47 @@ _ROWS = 9
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Something that can be found and done."""
+    """Something that can be found and done; ``also`` are other words for it."""
 
     text: str
     kind: str
     icon: str
     key: str
     do: Callable[[], None]
+    also: str = ""
+
+
+_MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
+_ALIKE = 0.75
+_LONG_ENOUGH_TO_GUESS = 4
 
 
 def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
-    """Entries that contain all words of the query, those that begin with it first."""
-    wanted = query.casefold().split()
-    found = [entry for entry in entries if all(word in f"{entry.text} {entry.kind}".casefold() for word in wanted)]
-    return sorted(found, key=lambda entry: not entry.text.casefold().startswith(query.casefold().strip()))
+    """Entries that contain all words of the query, those that begin with it first.
+
+    Articles do not count, and a word that is nowhere may be misspelt: "drive to the kichen" finds "Go to Kitchen".
+    """
+    words = query.casefold().split()
+    wanted = [word for word in words if word not in _MEANS_NOTHING] or words
+    begins = query.casefold().strip()
+    found: list[tuple[float, int, Entry]] = []
+    for order, entry in enumerate(entries):
+        there = f"{entry.text} {entry.kind} {entry.also}".casefold()
+        distances = [_distance(word, there) for word in wanted]
+        if all(distance is not None for distance in distances):
+            far = sum(distance or 0.0 for distance in distances)
+            found.append((far - 0.5 * entry.text.casefold().startswith(begins), order, entry))
+    return [entry for _far, _order, entry in sorted(found, key=lambda item: item[:2])]
+
+
+def _distance(word: str, there: str) -> float | None:
+    """0 for a word that is there, up to 10 for one that is like it, None for one that is not."""
+    if word in there:
+        return 0.0
+    if len(word) < _LONG_ENOUGH_TO_GUESS:
+        return None
+    best = max((SequenceMatcher(None, word, known).ratio() for known in there.split()), default=0.0)
+    return 1.0 + 9.0 * (1.0 - best) if best >= _ALIKE else None
 
 
 class Overlay(QWidget):
@@ -120,7 +148,7 @@ class CommandPalette(Overlay):
         self._entries: Sequence[Entry] = ()
         self.field = _PaletteField(self)
         self.field.setObjectName("palette_field")
-        self.field.setPlaceholderText("Find an action, phrase, place or panel…")
+        self.field.setPlaceholderText("Find an action, phrase, place, robot or panel…")
         self.field.setAccessibleName("Find anything")
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)

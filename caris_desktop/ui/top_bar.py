@@ -1,8 +1,8 @@
 """The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
 
-from PySide6.QtCore import QPoint, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtCore import QPoint, Qt, QTimer, Signal
+from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked
@@ -185,51 +185,6 @@ class TopBar(QWidget):
         painter.fillRect(self.rect(), self._theme.color("panel"))
         painter.setPen(self._theme.color("line"))
         painter.drawLine(0, self.height() - 1, self.width(), self.height() - 1)
-
-
-class EmergencyBand(QWidget):
-    """Under the top bar while the emergency stop is latched: says so, and holds the one way to release it.
-
-    It is apart from the red button, so that a second, frightened press never sets the robot free.
-    """
-
-    def __init__(self, theme: Theme, console: WizardIntents) -> None:
-        super().__init__()
-        self.setObjectName("emergency_band")
-        self._theme = theme
-        self._text = QLabel("Emergency stop is on. The robot stays where it is until you release it.")
-        self.release = ActionButton(theme, "Release emergency stop")
-        self.release.setObjectName("emergency_release")
-        self.release.clicked.connect(console.clear_emergency_stop)
-        row = QHBoxLayout()
-        row.setContentsMargins(16, 8, 16, 8)
-        row.setSpacing(16)
-        row.addWidget(self._text)
-        row.addWidget(self.release)
-        row.addStretch(1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 8, 8, 0)
-        layout.addLayout(row)
-        console.state.drive.changed.connect(self._on_drive_changed)
-        theme.changed.connect(self._style)
-        self._style()
-        self._on_drive_changed(console.state.drive.value)
-
-    def _style(self) -> None:
-        self._text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self.update()
-
-    def _on_drive_changed(self, drive: DriveStatus) -> None:
-        self.setVisible(drive.emergency_stop)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color("red"), 1.4))
-        painter.setBrush(self._theme.color("red_soft"))
-        painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(8.7, 8.7, -8.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
-        )
 
 
 def as_menu(theme: Theme, parent: QWidget, name: str) -> QMenu:

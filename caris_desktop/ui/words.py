@@ -2,11 +2,11 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 
 from caris_desktop.domain import clock, events
-from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
 
 _ANCHOR = clock.ClockAnchor.take()
@@ -58,6 +58,33 @@ def size(count_bytes: float) -> str:
             return f"{count_bytes:.0f} {unit}"
         count_bytes /= 1000
     return f"{count_bytes:.1f} GB" if count_bytes < 100 else f"{count_bytes:.0f} GB"
+
+
+def clock_offset(offset_ms: float, uncertainty_ms: float | None) -> str:
+    """How another clock goes beside ours: 3.1 ± 0.4 ms ahead."""
+
+    def number(milliseconds: float) -> str:
+        return f"{milliseconds:.1f}" if milliseconds < 10 else f"{milliseconds:,.0f}"
+
+    spread = "" if uncertainty_ms is None else f" ± {number(uncertainty_ms)}"
+    return f"{number(abs(offset_ms))}{spread} ms {'ahead' if offset_ms >= 0 else 'behind'}"
+
+
+def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured]) -> str:
+    """Address, clock and load of the link in one line; its detail where it is in trouble."""
+    parts = [link.address, link.detail]
+    if link.state in ("connected", "trouble"):
+        if link.round_trip_ms is not None:
+            parts.append(f"{link.round_trip_ms:.0f} ms to the robot and back")
+        if link.clock_offset_ms is not None:
+            parts.append(f"robot clock {clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}")
+        load = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
+        if traffic:
+            parts.append(f"{size(load)}/s")
+        refused = sum(measured.refused for measured in traffic.values())
+        if refused:
+            parts.append(f"{refused} messages refused")
+    return " · ".join(part for part in parts if part)
 
 
 def shortened(text: str, length: int = 48) -> str:

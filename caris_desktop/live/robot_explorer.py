@@ -1,0 +1,127 @@
+"""Looks at robots for the connection dialog: on the asyncio thread, with answers in the GUI thread."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.intents import RobotChoice
+from caris_desktop.robot.profile import (
+    ProfileError,
+    RobotProfile,
+    SecuritySettings,
+    list_profiles,
+    profile_file_name,
+    save_profile,
+    user_robots_dir,
+)
+
+if TYPE_CHECKING:  # imported when it is first needed
+    from caris_desktop.robot.explore import Exploration, StreamCheck
+
+logger = logging.getLogger(__name__)
+
+
+class LiveRobotExplorer(QObject):
+    """Implements the dialog's RobotExplorer. GUI thread only; one thing at a time, a new one replaces the old."""
+
+    _answered = Signal(int, object, object)  # number of the request, callback, its argument
+
+    def __init__(self, asyncio_thread: AsyncioThread, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._asyncio = asyncio_thread
+        self._number = 0
+        self._running: Future[None] | None = None
+        # Emitted in the asyncio thread; queued, so that every callback runs in the thread of this object.
+        self._answered.connect(self._on_answered, Qt.ConnectionType.QueuedConnection)
+
+    def explore(
+        self,
+        address: str,
+        *,
+        security: SecuritySettings,
+        progress: Callable[[str], None],
+        done: "Callable[[Exploration | ToldFailure], None]",
+    ) -> None:
+        number = self._begin()
+
+        async def ask() -> "Exploration":
+            from caris_desktop.robot.explore import explore_robot
+
+            return await explore_robot(
+                address, security=security, on_progress=lambda words: self._answered.emit(number, progress, words)
+            )
+
+        self._run(number, ask(), done)
+
+    def check(
+        self,
+        profile: RobotProfile,
+        *,
+        progress: "Callable[[StreamCheck], None]",
+        done: "Callable[[tuple[StreamCheck, ...] | ToldFailure], None]",
+    ) -> None:
+        number = self._begin()
+
+        async def listen() -> "tuple[StreamCheck, ...]":
+            from caris_desktop.robot.explore import check_streams
+
+            return await check_streams(profile, on_check=lambda check: self._answered.emit(number, progress, check))
+
+        self._run(number, listen(), done)
+
+    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
+        self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
+
+    def cancel(self) -> None:
+        self._begin()
+
+    def _begin(self) -> int:
+        self._number += 1
+        if self._running is not None:
+            self._running.cancel()
+            self._running = None
+        return self._number
+
+    def _run(self, number: int, work: Coroutine[Any, Any, Any], done: Callable[[Any], None]) -> None:
+        async def answer() -> None:
+            try:
+                result: object = await work
+            except ToldFailure as failure:
+                result = failure
+            except Exception as error:
+                logger.exception("Looking at a robot failed")
+                result = ToldFailure(
+                    "Looking at the robot failed.", f"{type(error).__name__}: {error}.", "The log has the details."
+                )
+            self._answered.emit(number, done, result)
+
+        self._running = self._asyncio.submit(answer())
+
+    def _on_answered(self, number: int, callback: Callable[[Any], None], argument: object) -> None:
+        if number == self._number:
+            callback(argument)
+
+
+def _save(profile: RobotProfile, title: str) -> RobotChoice:
+    path = user_robots_dir() / profile_file_name(title)
+    taken = {known.name for known in list_profiles()}
+    if path.exists() or path.stem in taken:
+        raise ToldFailure(
+            f"There is a robot named {path.stem} already.", "It was not overwritten.", "Choose another name."
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_profile(replace(profile, name=path.stem, title=title), path)
+    except (OSError, ProfileError) as error:
+        raise ToldFailure(
+            "The robot was not saved.", f"{error}", "Choose another name, or free space on the disk."
+        ) from error
+    return RobotChoice(path.stem, title, without_credentials(profile.address))

@@ -1,0 +1,125 @@
+"""Bands under the top bar: what holds until the wizard decides, each with the one button that ends it."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class Band(QWidget):
+    """One sentence and its buttons, over the whole width, in the colour of what it says."""
+
+    def __init__(self, theme: Theme, name: str, *, role: str) -> None:
+        super().__init__()
+        self.setObjectName(name)
+        self._theme = theme
+        self._role = role
+        self.text = QLabel()
+        self.text.setTextFormat(Qt.TextFormat.PlainText)
+        # A long sentence is cut short by the window rather than making it wider.
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.row = QHBoxLayout()
+        self.row.setContentsMargins(16, 8, 16, 8)
+        self.row.setSpacing(12)
+        self.row.addWidget(self.text, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 8, 8, 0)
+        layout.addLayout(self.row)
+        theme.changed.connect(self._style)
+        self._style()
+        self.hide()
+
+    def say(self, text: str) -> None:
+        self.text.setText(text)
+        self.text.setToolTip(text)
+        self.setAccessibleName(text)
+
+    def _style(self) -> None:
+        self.text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color(self._role), 1.4))
+        painter.setBrush(self._theme.color(f"{self._role}_soft"))
+        painter.drawRoundedRect(
+            QRectF(self.rect()).adjusted(8.7, 8.7, -8.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        )
+
+
+class EmergencyBand(Band):
+    """While the emergency stop is latched: says so, and holds the one way to release it.
+
+    It is apart from the red button, so that a second, frightened press never sets the robot free.
+    """
+
+    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+        super().__init__(theme, "emergency_band", role="red")
+        self.say("Emergency stop is on. The robot stays where it is until you release it.")
+        self.release = ActionButton(theme, "Release emergency stop")
+        self.release.setObjectName("emergency_release")
+        self.release.clicked.connect(console.clear_emergency_stop)
+        self.row.addWidget(self.release)
+        console.state.drive.changed.connect(self._on_drive_changed)
+        self._on_drive_changed(console.state.drive.value)
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        self.setVisible(drive.emergency_stop)
+
+
+class GuardBand(Band):
+    """While the wizard has switched the obstacle guard off: nobody may forget that."""
+
+    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+        super().__init__(theme, "guard_band", role="amber")
+        self.say("Obstacle guard is off. Nothing slows or stops the robot before obstacles.")
+        on = ActionButton(theme, "Switch the guard on", icon="shield-check")
+        on.setObjectName("guard_on")
+        on.clicked.connect(lambda: console.set_guard(on=True))
+        self.row.addWidget(on)
+        console.state.drive.changed.connect(self._on_drive_changed)
+        self._on_drive_changed(console.state.drive.value)
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        self.setVisible(drive.guard == "overridden")
+
+
+class QuestionBand(Band):
+    """Asks before something that cannot be taken back. Not a dialog: driving goes on, and Stop needs no detour."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme, "question_band", role="amber")
+        self._do: Callable[[], None] | None = None
+        self.yes = ActionButton(theme, "Yes")
+        self.yes.setObjectName("question_yes")
+        self.yes.clicked.connect(self._on_yes)
+        no = ActionButton(theme, "Cancel", look="ghost")
+        no.setObjectName("question_no")
+        no.clicked.connect(self.put_away)
+        self.row.addWidget(self.yes)
+        self.row.addWidget(no)
+
+    def ask(self, question: str, answer: str, do: Callable[[], None]) -> None:
+        """Show the question; ``answer`` is the button that runs ``do``. An earlier question goes away."""
+        self._do = do
+        self.say(question)
+        self.yes.set_label(answer)
+        self.show()
+
+    def put_away(self) -> None:
+        self._do = None
+        self.hide()
+
+    def _on_yes(self) -> None:
+        do = self._do
+        self.put_away()
+        if do is not None:
+            do()

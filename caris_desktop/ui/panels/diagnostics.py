@@ -1,0 +1,359 @@
+"""Diagnostics: what comes from the robot, topic by topic, and what the links cost. The one panel with ROS names."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QSize,
+    QSortFilterProxyModel,
+    Qt,
+    QTimer,
+)
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTableView, QVBoxLayout, QWidget
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.live.status import LinkStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+_COLUMNS = ("Topic", "State", "Rate", "Last", "Age on arrival", "Bandwidth", "Refused", "Type", "Link")
+_TOPIC, _STATE, _RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED, _TYPE, _LINK = range(len(_COLUMNS))
+_TIPS = (
+    "Name of the topic on the robot",
+    "Whether it comes as it did before",
+    "Messages in the last second",
+    "Time since the newest message",
+    "How old the newest message was when it came, by the robot's own stamp and the estimated clock offset",
+    "Bytes in the last second, as they came over the link",
+    "Messages that could not be used so far: malformed, too large, of another type",
+    "Type of the messages",
+    "Which connection carries it",
+)
+_LINK_WORDS = {"control": "control", "media": "media"}
+_OLD_MEASUREMENT_S = 3.0
+_SORT_ROLE = int(Qt.ItemDataRole.UserRole)
+_Index = QModelIndex | QPersistentModelIndex
+
+
+@dataclass(frozen=True, slots=True)
+class TopicRow:
+    """One topic of one link. ``usual_hz`` is the highest rate that was seen; ``state`` says in words how it comes."""
+
+    link: str
+    traffic: TopicTraffic
+    usual_hz: float
+    state: str
+
+    @property
+    def stale(self) -> bool:
+        return self.state.startswith(("stale", "link"))
+
+
+def bandwidth(bytes_per_s: float) -> str:
+    """0 B/s, 34 kB/s, 1.2 MB/s."""
+    if bytes_per_s < 1000:
+        return f"{bytes_per_s:.0f} B/s"
+    if bytes_per_s < 1e6:
+        return f"{bytes_per_s / 1e3:.1f} kB/s"
+    return f"{bytes_per_s / 1e6:.1f} MB/s"
+
+
+def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float) -> str:
+    """How a topic comes. Rare ones (maps, paths) are never called stale."""
+    if link_silent_s > _OLD_MEASUREMENT_S:
+        return f"link silent for {words.age(link_silent_s)}"
+    if traffic.last_heard_s is None:
+        return "nothing yet"
+    if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
+        return "stale"
+    if traffic.rate_hz < 0.05:
+        return "rare"
+    return "live"
+
+
+def clock_words(link: LinkStatus) -> str:
+    """The robot's clock is 3.1 ± 0.4 ms ahead."""
+    if link.clock_offset_ms is None:
+        return "robot clock not measured"
+    return f"robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}"
+
+
+def link_words(measured: TrafficMeasured) -> str:
+    """control link: CBOR, 12 topics, 34 kB/s, 0 refused."""
+    name = _LINK_WORDS.get(measured.link, measured.link)
+    total = sum(topic.bytes_per_s for topic in measured.topics)
+    messages = sum(topic.rate_hz for topic in measured.topics)
+    return (
+        f"{name} link: {measured.encoding.upper()}, {len(measured.topics)} topics, {messages:.0f} messages/s, "
+        f"{bandwidth(total)}, {measured.refused} refused"
+    )
+
+
+class TrafficModel(QAbstractTableModel):
+    """The rows as they were measured last."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._rows: list[TopicRow] = []
+        self._usual_hz: dict[tuple[str, str], float] = {}
+
+    @property
+    def rows(self) -> tuple[TopicRow, ...]:
+        return tuple(self._rows)
+
+    def forget(self) -> None:
+        """Another robot: what was usual before says nothing any more."""
+        self._usual_hz.clear()
+
+    def show_traffic(self, traffic: dict[str, TrafficMeasured], *, now_ns: int) -> None:
+        rows = []
+        for link, measured in traffic.items():
+            silent_s = (now_ns - measured.stamp_ns) / 1e9
+            for topic in measured.topics:
+                key = link, topic.topic
+                usual_hz = self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), topic.rate_hz)
+                rows.append(
+                    TopicRow(link, topic, usual_hz, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s))
+                )
+        same = [(row.link, row.traffic.topic) for row in rows] == [(row.link, row.traffic.topic) for row in self._rows]
+        if same:
+            self._rows = rows
+            if rows:
+                self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(_COLUMNS) - 1))
+        else:
+            self.beginResetModel()
+            self._rows = rows
+            self.endResetModel()
+
+    def rowCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return len(self._rows)
+
+    def columnCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return len(_COLUMNS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        if orientation != Qt.Orientation.Horizontal:
+            return None
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return _COLUMNS[section]
+            case Qt.ItemDataRole.ToolTipRole:
+                return _TIPS[section]
+            case Qt.ItemDataRole.TextAlignmentRole:
+                return int(_alignment(section))
+        return None
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        row, column = self._rows[index.row()], index.column()
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return cell_text(row, column)
+            case Qt.ItemDataRole.ToolTipRole:
+                return f"{row.traffic.topic}\n{row.traffic.type}\n{row.state}"
+            case Qt.ItemDataRole.TextAlignmentRole:
+                return int(_alignment(column))
+            case Qt.ItemDataRole.ForegroundRole:
+                if (row.stale and column in (_TOPIC, _STATE, _LAST)) or (column == _REFUSED and row.traffic.refused):
+                    return self._theme.color("amber")
+                return self._theme.color("text" if column == _TOPIC else "dim")
+            case value if value == _SORT_ROLE:
+                return _sort_key(row, column)
+        return None
+
+
+def _alignment(column: int) -> Qt.AlignmentFlag:
+    side = Qt.AlignmentFlag.AlignRight if column in (_RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED) else (
+        Qt.AlignmentFlag.AlignLeft
+    )  # fmt: skip
+    return side | Qt.AlignmentFlag.AlignVCenter
+
+
+def cell_text(row: TopicRow, column: int) -> str:
+    traffic = row.traffic
+    match column:
+        case 0:
+            return traffic.topic
+        case 1:
+            return row.state
+        case 2:
+            return f"{traffic.rate_hz:.1f} Hz"
+        case 3:
+            return "–" if traffic.last_heard_s is None else words.age(traffic.last_heard_s)
+        case 4:
+            return "–" if traffic.age_ms is None else f"{traffic.age_ms:.0f} ms"
+        case 5:
+            return bandwidth(traffic.bytes_per_s)
+        case 6:
+            return str(traffic.refused)
+        case 7:
+            return traffic.type
+        case _:
+            return _LINK_WORDS.get(row.link, row.link)
+
+
+def _sort_key(row: TopicRow, column: int) -> float | str:
+    traffic = row.traffic
+    never = float("inf")
+    numbers = {
+        _RATE: traffic.rate_hz,
+        _LAST: never if traffic.last_heard_s is None else traffic.last_heard_s,
+        _AGE: never if traffic.age_ms is None else traffic.age_ms,
+        _BANDWIDTH: traffic.bytes_per_s,
+        _REFUSED: float(traffic.refused),
+    }
+    return numbers[column] if column in numbers else cell_text(row, column).casefold()
+
+
+def report(link: LinkStatus, traffic: dict[str, TrafficMeasured], rows: tuple[TopicRow, ...]) -> str:
+    """Everything that the panel shows, as text to send to whoever looks after the robot."""
+    round_trip = "not measured" if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
+    lines = [
+        f"{link.robot or 'Robot'} at {link.address or 'no address'}: {link.state} {link.detail}".rstrip(),
+        f"round trip {round_trip}, {clock_words(link)}",
+        *(link_words(measured) for measured in traffic.values()),
+        "",
+        "\t".join(_COLUMNS),
+        *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+class DiagnosticsPanel(Panel):
+    """A sortable table of topics, and the figures of each link above it."""
+
+    title = "Diagnostics"
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("diagnostics_panel")
+        self._copied_at_s = float("-inf")
+        self._summary = QLabel()
+        self._summary.setObjectName("diagnostics_summary")
+        self._summary.setTextFormat(Qt.TextFormat.PlainText)
+        self._summary.setWordWrap(True)
+        self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.model = TrafficModel(self.theme, self)
+        self._sorted = QSortFilterProxyModel(self)
+        self._sorted.setSourceModel(self.model)
+        self._sorted.setSortRole(_SORT_ROLE)
+        self.view = QTableView()
+        self.view.setObjectName("diagnostics_table")
+        self.view.setAccessibleName("Topics of the robot")
+        self.view.setModel(self._sorted)
+        self.view.setSortingEnabled(True)
+        self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)
+        self.view.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.view.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.view.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.view.setShowGrid(False)
+        self.view.setWordWrap(False)
+        self.view.setTextElideMode(Qt.TextElideMode.ElideMiddle)
+        self.view.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.view.verticalHeader().hide()
+        self.view.verticalHeader().setDefaultSectionSize(26)
+        header = self.view.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setHighlightSections(False)
+        header.setStretchLastSection(True)
+        for column, width in enumerate((190, 92, 72, 64, 112, 90, 74, 190, 70)):
+            header.resizeSection(column, width)
+        self._empty = QLabel("Nothing has come from the robot yet.\nIts topics appear here once it is connected.")
+        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._empty.setWordWrap(True)
+        self._copy = ActionButton(self.theme, "Copy report", icon="copy", height_px=28, text_px=tokens.STATUS_PX)
+        self._copy.setObjectName("diagnostics_copy")
+        self._copy.setToolTip("Copy all figures as text")
+        self._copy.clicked.connect(self.copy_report)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(12, 8, 12, 10)
+        layout.setSpacing(6)
+        layout.addWidget(self._summary)
+        layout.addWidget(self.view, 1)
+        layout.addWidget(self._empty, 1)
+        self._timer = QTimer(self, interval=1000)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start()
+        self.state.traffic.changed.connect(self._on_changed)
+        self.state.link.changed.connect(self._on_changed)
+        self.state.robot.changed.connect(self._on_robot_changed)
+        self.theme.changed.connect(self._style)
+        self._style()
+        self.refresh()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._copy]
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def sizeHint(self) -> QSize:
+        return QSize(520, 260)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(220, 90)
+
+    def copy_report(self) -> None:
+        rows = tuple(
+            self.model.rows[self._sorted.mapToSource(self._sorted.index(at, 0)).row()]
+            for at in range(self._sorted.rowCount())
+        )
+        QGuiApplication.clipboard().setText(report(self.state.link.value, self.state.traffic.value, rows))
+        self._copied_at_s = time.monotonic()
+        self._copy.set_label("Copied", icon="check")
+
+    def _on_robot_changed(self, _robot: object) -> None:
+        self.model.forget()
+        self.refresh()
+
+    def _on_changed(self, _value: object) -> None:
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Ages grow by themselves."""
+        link: LinkStatus = self.state.link.value
+        traffic: dict[str, TrafficMeasured] = self.state.traffic.value
+        connected = link.state in ("connected", "trouble")
+        round_trip = f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else "not measured"
+        lines = [f"Round trip {round_trip} · {clock_words(link) if connected else 'robot clock not measured'}"]
+        if not connected:
+            lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
+        lines += [link_words(measured) for measured in traffic.values()]
+        self._summary.setText("\n".join(lines))
+        self.model.show_traffic(traffic, now_ns=clock.now_ns())
+        self.view.setVisible(bool(self.model.rows))
+        self._empty.setVisible(not self.model.rows)
+        refused = sum(measured.refused for measured in traffic.values())
+        stale = sum(row.stale for row in self.model.rows)
+        total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
+        if refused or stale:
+            parts = [f"{stale} stale"] * bool(stale) + [f"{refused} refused"] * bool(refused)
+            self.set_fact(" · ".join(parts), "amber")
+        else:
+            self.set_fact(bandwidth(total) if traffic else "", "dim")
+        if self._copy.text() == "Copied" and time.monotonic() - self._copied_at_s > 1.5:
+            self._copy.set_label("Copy report", icon="copy")
+
+    def _style(self) -> None:
+        theme = self.theme
+        self._summary.setFont(theme.font(tokens.STATUS_PX))
+        self.view.setFont(theme.font(tokens.STATUS_PX))
+        colors = theme.colors
+        self.view.setStyleSheet(
+            f"QTableView {{ background: transparent; border: 0; font-size: {tokens.STATUS_PX}px; }}"
+            f"QHeaderView {{ background: transparent; }}"
+            f"QHeaderView::section {{ background: {colors.panel}; color: {colors.dim}; border: 0; padding: 3px 4px;"
+            f" border-bottom: 1px solid {colors.line}; font-size: {tokens.STATUS_PX}px; }}"
+        )
+        for label in (self._summary, self._empty):
+            palette = label.palette()
+            palette.setColor(label.foregroundRole(), theme.color("dim"))
+            label.setPalette(palette)

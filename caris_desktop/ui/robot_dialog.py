@@ -1,0 +1,674 @@
+"""Connecting a robot that has no profile yet: look what it offers, map it, listen to it, give it a name."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QColor, QPainter, QPaintEvent
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QComboBox,
+    QDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QScrollArea,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.intents import RobotChoice
+from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address, load_profile
+from caris_desktop.robot.proposal import FieldProposal, Offer, Proposal, profile_of, propose
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
+    from caris_desktop.robot.explore import Exploration, StreamCheck
+
+logger = logging.getLogger(__name__)
+
+NOT_USED = "– not used –"
+_CHECK_LOOKS = {
+    "good": ("check-circle", "green", "comes"),
+    "slow": ("warning", "amber", "comes too rarely"),
+    "quiet": ("minus-circle", "dim", "nothing now, which is fine"),
+    "nothing": ("x-circle", "red", "nothing comes"),
+    "wrong": ("x-circle", "red", "does not fit"),
+}
+_SHORT_LIST = 12
+
+
+class RobotExplorer(Protocol):
+    """Looks at robots, away from the GUI thread. GUI thread only; every call returns at once.
+
+    The callbacks come later, in the GUI thread. ``cancel`` drops what is under way: its callbacks do not come.
+    """
+
+    def explore(
+        self,
+        address: str,
+        *,
+        security: SecuritySettings,
+        progress: Callable[[str], None],
+        done: "Callable[[Exploration | ToldFailure], None]",
+    ) -> None:
+        """Ask what the robot at ``address`` has. ``progress`` gets a few words for each step."""
+
+    def check(
+        self,
+        profile: RobotProfile,
+        *,
+        progress: "Callable[[StreamCheck], None]",
+        done: "Callable[[tuple[StreamCheck, ...] | ToldFailure], None]",
+    ) -> None:
+        """Listen to everything that the profile names; ``progress`` gets each line as soon as it is known."""
+
+    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
+        """Keep the profile among the wizard's own under ``title``; an existing one is never overwritten."""
+
+    def cancel(self) -> None: ...
+
+
+def rate_words(check: "StreamCheck") -> str:
+    """comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees."""
+    parts = [_CHECK_LOOKS[check.state][2]]
+    if check.rate_hz is not None:
+        parts.append(f"{check.rate_hz:.1f} Hz")
+    if check.age_s is not None:
+        parts.append(f"{words.age(check.age_s)} old")
+    line = ", ".join(parts)
+    return f"{line} · {check.detail}" if check.detail else line
+
+
+def offer_lines(offer: Offer) -> list[str]:
+    """Everything that the robot has, one a line: kind, name, type."""
+    return [
+        f"{kind}   {name}   {found_type}".rstrip()
+        for kind, names in (("topic", offer.topics), ("service", offer.services), ("action", offer.actions))
+        for name, found_type in sorted(names.items())
+    ]
+
+
+class RobotDialog(QDialog):
+    """Not modal: the robot that is connected can be driven and stopped meanwhile. ``saved(RobotChoice)`` at its end."""
+
+    saved = Signal(object)
+
+    def __init__(self, theme: Theme, explorer: RobotExplorer, parent: QWidget, *, address: str = "") -> None:
+        super().__init__(parent)
+        self.setObjectName("robot_dialog")
+        self.setWindowTitle("Connect another robot")
+        self._theme = theme
+        self._explorer = explorer
+        self._found: Exploration | None = None
+        self._proposal: Proposal | None = None
+        self._busy = ""
+        self._rows: dict[str, MappingRow] = {}
+        self._heading = QLabel("Which robot?")
+        self._hint = QLabel(
+            "The address is that of rosbridge on the robot. Looking reads only: nothing is sent that could move it."
+        )
+        self._hint.setWordWrap(True)
+        self.address_field = QLineEdit(address)
+        self.address_field.setObjectName("robot_address")
+        self.address_field.setAccessibleName("Address of the robot")
+        self.address_field.setPlaceholderText("ws://192.168.1.20:9090 or wss://…")
+        self.address_field.setMinimumHeight(36)
+        self.address_field.setMaxLength(300)
+        self.address_field.returnPressed.connect(self.look)
+        self.address_field.textChanged.connect(self._on_address_changed)
+        self._look = ActionButton(theme, "Look", icon="magnifying-glass", key="Enter", look="primary", height_px=36)
+        self._look.setObjectName("robot_look")
+        self._look.clicked.connect(self.look)
+        self._certificates = self._optional_field(
+            "robot_certificates", "a PEM file, if it is not signed by a known one"
+        )
+        self._secret = self._optional_field("robot_secret", "for example MY_ROBOT_SECRET")
+        self._security = QWidget()
+        security = QGridLayout(self._security)
+        security.setContentsMargins(0, 0, 0, 0)
+        for line, (text, field) in enumerate(
+            (("Certificate file", self._certificates), ("Environment variable with its secret", self._secret))
+        ):
+            security.addWidget(QLabel(text), line, 0)
+            security.addWidget(field, line, 1)
+        self._security.hide()
+        self._security_toggle = ActionButton(theme, "Security", icon="lock-simple", look="ghost", height_px=36)
+        self._security_toggle.setObjectName("robot_security")
+        self._security_toggle.setCheckable(True)
+        self._security_toggle.setToolTip("Own certificates (wss://) and the secret of rosauth")
+        self._security_toggle.toggled.connect(self._security.setVisible)
+        self._note = NoteLine(theme)
+        self._note.setObjectName("robot_note")
+        self._pages = QStackedWidget()
+        self._pages.addWidget(self._make_mapping_page())
+        self._pages.addWidget(self._make_offer_page())
+        self._pages.hide()
+        self._empty = QLabel(
+            "Enter the address and look. Then you see what the robot offers, choose what is used for what, "
+            "and check live that it comes."
+        )
+        self._empty.setWordWrap(True)
+        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._tabs = self._make_tabs()
+        self.name_field = QLineEdit()
+        self.name_field.setObjectName("robot_name")
+        self.name_field.setAccessibleName("Name of the robot")
+        self.name_field.setPlaceholderText("for example Lab robot")
+        self.name_field.setMaxLength(60)
+        self.name_field.setMinimumHeight(36)
+        self.name_field.textChanged.connect(self._refresh)
+        self._check = ActionButton(theme, "Check live", icon="activity", height_px=38)
+        self._check.setObjectName("robot_check")
+        self._check.setToolTip("Listen to every stream for a few seconds")
+        self._check.clicked.connect(self.check)
+        self._save = ActionButton(theme, "Save and connect", look="primary", height_px=38)
+        self._save.setObjectName("robot_save")
+        self._save.clicked.connect(self.save)
+        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=38)
+        cancel.setObjectName("robot_cancel")
+        cancel.clicked.connect(self.reject)
+        self._lay_out(cancel)
+        theme.changed.connect(self._style)
+        self._style()
+        self._refresh()
+        self.resize(QSize(920, 720).boundedTo(self.screen().availableSize() - QSize(40, 60)))
+        self.address_field.setFocus(Qt.FocusReason.OtherFocusReason)
+        self.address_field.selectAll()
+
+    def _optional_field(self, name: str, placeholder: str) -> QLineEdit:
+        field = QLineEdit()
+        field.setObjectName(name)
+        field.setPlaceholderText(placeholder)
+        field.setMaxLength(500)
+        return field
+
+    def _make_tabs(self) -> QWidget:
+        holder = QWidget()
+        self._summary = QLabel()
+        self._summary.setObjectName("robot_summary")
+        self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        row = QHBoxLayout(holder)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(6)
+        group = QButtonGroup(holder)
+        for page, text in enumerate(("What is used for what", "All that it offers")):
+            button = ActionButton(self._theme, text, look="ghost")
+            button.setObjectName(f"robot_page_{page}")
+            button.setCheckable(True)
+            button.setChecked(page == 0)
+            group.addButton(button, page)
+            row.addWidget(button)
+        group.idClicked.connect(self._pages.setCurrentIndex)
+        row.addSpacing(12)
+        row.addWidget(self._summary, 1)
+        holder.hide()
+        return holder
+
+    def _make_mapping_page(self) -> QWidget:
+        page = QWidget()
+        self._start_label, self._namespace_label = QLabel("Begin with"), QLabel("Robot on it")
+        self.start_from = QComboBox()
+        self.start_from.setObjectName("robot_start_from")
+        self.start_from.setAccessibleName("Begin with")
+        self.start_from.activated.connect(self._on_start_chosen)
+        self.namespace = QComboBox()
+        self.namespace.setObjectName("robot_namespace")
+        self.namespace.setAccessibleName("Which robot on this server")
+        self.namespace.activated.connect(self._on_namespace_chosen)
+        choices = QHBoxLayout()
+        choices.setSpacing(8)
+        for widget in (self._start_label, self.start_from, self._namespace_label, self.namespace):
+            choices.addWidget(widget)
+        choices.addStretch(1)
+        self._grid_holder = QWidget()
+        self._column = QVBoxLayout(self._grid_holder)
+        self._column.setContentsMargins(0, 0, 8, 0)
+        self._column.setSpacing(4)
+        self._column.addStretch(1)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(self._grid_holder)
+        column = QVBoxLayout(page)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(8)
+        column.addLayout(choices)
+        column.addWidget(scroll, 1)
+        return page
+
+    def _make_offer_page(self) -> QWidget:
+        page = QWidget()
+        self._filter = QLineEdit()
+        self._filter.setObjectName("robot_filter")
+        self._filter.setPlaceholderText("Show only what contains…")
+        self._filter.setAccessibleName("Filter")
+        self._filter.textChanged.connect(self._fill_offer)
+        self.offer_list = QListWidget()
+        self.offer_list.setObjectName("robot_offer")
+        self.offer_list.setAccessibleName("All that the robot offers")
+        column = QVBoxLayout(page)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self._filter)
+        column.addWidget(self.offer_list, 1)
+        return page
+
+    def _lay_out(self, cancel: ActionButton) -> None:
+        address = QHBoxLayout()
+        address.setSpacing(8)
+        address.addWidget(self.address_field, 1)
+        address.addWidget(self._look)
+        address.addWidget(self._security_toggle)
+        foot = QHBoxLayout()
+        foot.setSpacing(8)
+        foot.addWidget(cancel)
+        foot.addStretch(1)
+        foot.addWidget(QLabel("Name"))
+        foot.addWidget(self.name_field, 2)
+        foot.addWidget(self._check)
+        foot.addWidget(self._save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 20, 24, 20)
+        layout.setSpacing(10)
+        layout.addWidget(self._heading)
+        layout.addWidget(self._hint)
+        layout.addLayout(address)
+        layout.addWidget(self._security)
+        layout.addWidget(self._note)
+        layout.addWidget(self._tabs)
+        layout.addWidget(self._pages, 1)
+        layout.addWidget(self._empty, 1)
+        layout.addLayout(foot)
+
+    # ---- what the wizard does
+
+    def look(self) -> None:
+        """Ask the robot at the address what it has."""
+        if self._busy:
+            return
+        address = self.address_field.text().strip()
+        if address and "://" not in address:
+            address = f"ws://{address}"
+            self.address_field.setText(address)
+        try:
+            check_address(address)
+        except ProfileError as error:
+            self._note.show_note("amber", "warning", str(error))
+            return
+        self._forget()
+        self._set_busy("Looking")
+        self._explorer.explore(
+            address, security=self._security_settings(), progress=self._on_progress, done=self._on_explored
+        )
+
+    def check(self) -> None:
+        """Listen to everything that the mapping names."""
+        profile = self._profile()
+        if self._busy or profile is None:
+            return
+        for row in self._rows.values():
+            row.show_check(None)
+        self._drop_extra_rows()
+        self._set_busy("Listening to every stream for a few seconds")
+        self._explorer.check(profile, progress=self._on_checked, done=self._on_check_done)
+
+    def save(self) -> None:
+        title = self._title()
+        profile = self._profile()
+        if self._busy or profile is None or not title:
+            return
+        self._set_busy("Saving")
+        self._explorer.save(profile, title, done=self._on_saved)
+
+    def row(self, field: str) -> "MappingRow | None":
+        return self._rows.get(field)
+
+    @property
+    def note_text(self) -> str:
+        return self._note.text
+
+    def _title(self) -> str:
+        return " ".join(self.name_field.text().split())
+
+    def _security_settings(self) -> SecuritySettings:
+        return SecuritySettings(self._certificates.text().strip() or None, self._secret.text().strip() or None)
+
+    def _profile(self) -> RobotProfile | None:
+        """The profile as chosen now; None before anything was found."""
+        if self._found is None:
+            return None
+        title, address = self._title() or "Robot", self._found.address
+        known = self.start_from.currentData()
+        if known:
+            try:
+                profile = load_profile(known)
+            except ProfileError as error:
+                self._note.show_note("red", "warning-octagon", str(error))
+                return None
+            return replace(profile, title=title, address=address, security=self._security_settings())
+        chosen = {field: row.value for field, row in self._rows.items() if row.proposal is not None}
+        return profile_of(
+            self._found.offer, chosen, name="new", title=title, address=address, security=self._security_settings()
+        )
+
+    # ---- what the explorer tells
+
+    def _on_progress(self, step: str) -> None:
+        self._note.show_note("blue", "hourglass", f"{step}…")
+
+    def _on_explored(self, found: "Exploration | ToldFailure") -> None:
+        self._set_busy("")
+        if isinstance(found, ToldFailure):
+            self._show_failure(found)
+            if "certificate" in str(found).casefold() or "secret" in str(found).casefold():
+                self._security_toggle.setChecked(True)
+            return
+        self._found = found
+        self._proposal = found.proposal
+        offer = found.offer
+        ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else "an unknown ROS"
+        self._summary.setText(
+            f"{ros} · {len(offer.topics)} topics · {len(offer.services)} services · {len(offer.actions)} actions"
+        )
+        self.start_from.clear()
+        self.start_from.addItem("What was found here", "")
+        for like in found.resembles:
+            self.start_from.addItem(f"Profile of {like.title} ({like.share:.0%} of its names are here)", like.name)
+        has_likes = bool(found.resembles)
+        self._start_label.setVisible(has_likes)
+        self.start_from.setVisible(has_likes)
+        self.namespace.clear()
+        for namespace in found.proposal.namespaces:
+            self.namespace.addItem(namespace or "names without a prefix", namespace)
+        self.namespace.setCurrentIndex(max(0, self.namespace.findData(found.proposal.namespace)))
+        several = len(found.proposal.namespaces) > 1
+        self._namespace_label.setVisible(several)
+        self.namespace.setVisible(several)
+        self._fill_offer()
+        self._show_proposal(found.proposal)
+        self._note.show_note("green", "check-circle", "The robot answers. Check the mapping, then listen to it live.")
+        notes = " ".join(found.proposal.notes)
+        if notes:
+            self._note.show_note("amber", "info", notes)
+        self.name_field.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._refresh()
+
+    def _on_checked(self, check: "StreamCheck") -> None:
+        row = self._rows.get(check.field)
+        if row is None:
+            row = self._rows[check.field] = MappingRow(self._theme, check.field, check.label, None, topic=check.topic)
+            self._column.insertWidget(self._column.count() - 1, row)
+        row.show_check(check)
+
+    def _on_check_done(self, checks: "tuple[StreamCheck, ...] | ToldFailure") -> None:
+        self._set_busy("")
+        if isinstance(checks, ToldFailure):
+            self._show_failure(checks)
+            return
+        bad = [check.label for check in checks if check.state in ("nothing", "wrong")]
+        slow = [check.label for check in checks if check.state == "slow"]
+        if bad:
+            self._note.show_note("amber", "warning", f"Not right yet: {', '.join(dict.fromkeys(bad))}. Choose another "
+                                 "topic, or leave it out.")  # fmt: skip
+        elif slow:
+            self._note.show_note("amber", "warning", f"Too rare for driving with care: {', '.join(slow)}.")
+        else:
+            self._note.show_note("green", "check-circle", "Everything comes as it should.")
+
+    def _on_saved(self, choice: RobotChoice | ToldFailure) -> None:
+        self._set_busy("")
+        if isinstance(choice, ToldFailure):
+            self._show_failure(choice)
+            return
+        self.accept()
+        self.saved.emit(choice)
+
+    def _show_failure(self, failure: ToldFailure) -> None:
+        self._note.show_note("red", "warning-octagon", f"{failure.what} {failure.meaning} {failure.advice}")
+
+    # ---- what is on show
+
+    def _on_address_changed(self, _text: str) -> None:
+        if self._busy:
+            self._explorer.cancel()
+            self._set_busy("")
+        self._forget()
+        self._note.show_note("dim", "", "")
+
+    def _on_start_chosen(self, _index: int) -> None:
+        if self._proposal is not None:
+            self._show_proposal(self._proposal)
+
+    def _on_namespace_chosen(self, _index: int) -> None:
+        if self._found is not None:
+            self._proposal = propose(self._found.offer, namespace=self.namespace.currentData())
+            self._show_proposal(self._proposal)
+
+    def _forget(self) -> None:
+        self._found = None
+        self._proposal = None
+        self._clear_rows()
+        self._refresh()
+
+    def _clear_rows(self) -> None:
+        for row in self._rows.values():
+            self._column.removeWidget(row)
+            row.hide()
+            row.deleteLater()
+        self._rows = {}
+
+    def _drop_extra_rows(self) -> None:
+        for field in [field for field, row in self._rows.items() if row.proposal is None]:
+            row = self._rows.pop(field)
+            self._column.removeWidget(row)
+            row.hide()
+            row.deleteLater()
+
+    def _show_proposal(self, proposal: Proposal) -> None:
+        self._clear_rows()
+        if not self.start_from.currentData():
+            # What the robot has nothing for comes last.
+            ordered = sorted(proposal.fields, key=lambda field: not field.candidates)
+            for field in ordered:
+                row = self._rows[field.field] = MappingRow(self._theme, field.field, field.label, field)
+                self._column.insertWidget(self._column.count() - 1, row)
+        self._refresh()
+
+    def _fill_offer(self) -> None:
+        self.offer_list.clear()
+        if self._found is not None:
+            wanted = self._filter.text().casefold().split()
+            self.offer_list.addItems(
+                [line for line in offer_lines(self._found.offer) if all(word in line.casefold() for word in wanted)]
+            )
+
+    def _set_busy(self, what: str) -> None:
+        self._busy = what
+        if what:
+            self._note.show_note("blue", "hourglass", f"{what}…")
+        self._refresh()
+
+    def _refresh(self) -> None:
+        found = self._found is not None
+        self._tabs.setVisible(found)
+        self._pages.setVisible(found)
+        self._empty.setVisible(not found)
+        self._look.setEnabled(not self._busy)
+        self._look.set_label("Look again" if found else "Look")
+        self._check.setEnabled(found and not self._busy)
+        self._save.setEnabled(found and not self._busy and bool(self._title()))
+        self._save.setToolTip("" if self._title() else "Give the robot a name first")
+
+    def _style(self) -> None:
+        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label):
+            label.setFont(self._theme.font(tokens.STATUS_PX))
+            _color(label, self._theme.color("dim"))
+
+    def done(self, result: int) -> None:
+        self._explorer.cancel()
+        super().done(result)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._explorer.cancel()
+        super().closeEvent(event)
+
+
+class NoteLine(QWidget):
+    """One message with its icon; as tall as its words need."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._role, self._icon = "dim", ""
+        self._label = QLabel()
+        self._label.setWordWrap(True)
+        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(28, 2, 0, 2)
+        row.addWidget(self._label)
+        theme.changed.connect(self._style)
+        self.hide()
+
+    @property
+    def text(self) -> str:
+        return self._label.text()
+
+    def show_note(self, role: str, icon: str, text: str) -> None:
+        self._role, self._icon = role, icon
+        self._label.setText(" ".join(text.split()))
+        self.setAccessibleName(text)
+        self.setVisible(bool(text))
+        self._style()
+
+    def _style(self) -> None:
+        _color(self._label, self._theme.color("text"))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._icon:
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            draw_icon(painter, _icon_rect(4), self._icon, self._theme.color(self._role))
+
+
+class MappingRow(QWidget):
+    """What a thing is for, which of the robot's names does it, and how that comes."""
+
+    def __init__(
+        self, theme: Theme, field: str, label: str, proposal: FieldProposal | None, *, topic: str = ""
+    ) -> None:
+        super().__init__()
+        self.setObjectName(f"mapping_{field}")
+        self._theme = theme
+        self.proposal = proposal
+        self._check: StreamCheck | None = None
+        self._topic = topic
+        name = QLabel(label)
+        name.setFixedWidth(170)
+        self._verdict = QLabel()
+        self._verdict.setObjectName("mapping_verdict")
+        self._verdict.setTextFormat(Qt.TextFormat.PlainText)
+        self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.box = QComboBox()
+        self.box.setObjectName(f"mapping_{field}_box")
+        self.box.setAccessibleName(label)
+        self.box.setFixedWidth(300)
+        self.box.setMaxVisibleItems(_SHORT_LIST)
+        self.box.installEventFilter(self)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 1, 0, 1)
+        row.setSpacing(8)
+        row.addWidget(name)
+        if proposal is None:
+            fixed = QLabel(topic)
+            fixed.setFixedWidth(300)
+            fixed.setToolTip(topic)
+            row.addWidget(fixed)
+            self.box.hide()
+            self.box.setParent(self)
+        else:
+            self.box.addItem(NOT_USED, "")
+            for candidate in proposal.candidates:
+                self.box.addItem(candidate.value, candidate.value)
+                self.box.setItemData(
+                    self.box.count() - 1, f"{candidate.type}\n{candidate.why}".strip(), Qt.ItemDataRole.ToolTipRole
+                )
+            self.box.setCurrentIndex(max(0, self.box.findData(proposal.value)))
+            self.box.setEnabled(bool(proposal.candidates))
+            self.box.activated.connect(self._on_chosen)
+            row.addWidget(self.box)
+        row.addSpacing(24)
+        row.addWidget(self._verdict, 1)
+        theme.changed.connect(self._show)
+        self._show()
+
+    @property
+    def value(self) -> str:
+        """The chosen name; empty for none."""
+        return str(self.box.currentData() or "")
+
+    @property
+    def verdict_text(self) -> str:
+        return self._verdict.text()
+
+    def show_check(self, check: "StreamCheck | None") -> None:
+        self._check = check
+        self._show()
+
+    def _on_chosen(self, _index: int) -> None:
+        self._check = None
+        self._show()
+
+    def _show(self) -> None:
+        self._verdict.setFont(self._theme.font(tokens.STATUS_PX))
+        if self._check is not None:
+            text = rate_words(self._check)
+        elif self.proposal is None:
+            text = ""
+        elif not self.proposal.candidates:
+            text = "the robot offers nothing for this"
+        else:
+            chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
+            text = chosen.why if chosen is not None else self.proposal.why if not self.proposal.value else "left out"
+        self._verdict.setText(text)
+        self._verdict.setToolTip(text)
+        _color(self._verdict, self._theme.color("text" if self._check is not None else "dim"))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._check is not None:
+            icon, role, _ = _CHECK_LOOKS[self._check.state]
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            rect = _icon_rect((self.height() - 18) / 2)
+            rect.moveLeft(self._verdict.x() - 26)
+            draw_icon(painter, rect, icon, self._theme.color(role))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        # Who scrolls the list must not change what the wheel passes over.
+        if watched is self.box and event.type() == QEvent.Type.Wheel:
+            event.ignore()
+            return True
+        return False
+
+
+def _icon_rect(top: float) -> QRectF:
+    return QRectF(2, top, 18, 18)
+
+
+def _color(label: QLabel, color: QColor) -> None:
+    palette = label.palette()
+    palette.setColor(label.foregroundRole(), color)
+    label.setPalette(palette)
