@@ -42,6 +42,23 @@ from caris_desktop.ros.fields import MessageError
 
 logger = logging.getLogger(__name__)
 
+_GOODBYE_S = 0.3
+_LISTEN_S = 1.0
+_MOST_ASKED = 60
+_OLD_S = 1.0
+_UNRELATED_S = 3600.0
+_RESEMBLES = 0.7
+_OF_INTEREST = (
+    "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
+    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
+    "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
+)  # fmt: skip
+_NO_ROSAPI = (
+    "The robot does not tell what it has: rosapi does not answer.",
+    "No mapping can be proposed.",
+    "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by hand.",
+)
+
 StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
 
 
@@ -159,7 +176,9 @@ async def take_offer(ros: SafeRos) -> Offer:
     for name in sorted(inventory.actions or ())[:_MOST_ASKED]:
         if name not in actions:
             actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
-    asked = [topic for topic, kind in inventory.topics.items() if _is_of_interest(kind)][:_MOST_ASKED]
+    # The most telling types first: a large robot has hundreds of topics, and each is two questions.
+    ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
+    asked = [topic for _rank, topic in ranked[:_MOST_ASKED]]
     publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
     # A topic without either is one whose nodes the robot does not tell.
@@ -240,23 +259,6 @@ async def check_streams(
     return tuple(sorted(done, key=lambda check: order.get(check.field, len(order))))
 
 
-_GOODBYE_S = 0.3
-_LISTEN_S = 1.0
-_MOST_ASKED = 60
-_OLD_S = 1.0
-_UNRELATED_S = 3600.0
-_OF_INTEREST = (
-    "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
-    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
-    "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
-)  # fmt: skip
-_NO_ROSAPI = (
-    "The robot does not tell what it has: rosapi does not answer.",
-    "No mapping can be proposed.",
-    "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by hand.",
-)
-
-
 @contextlib.asynccontextmanager
 async def _connected(address: str, security: SecuritySettings | None, timeout_s: float) -> AsyncIterator[SafeRos]:
     """A connection of its own, or ExploreError."""
@@ -331,8 +333,9 @@ async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -
     return found if isinstance(found, str) else ""
 
 
-def _is_of_interest(kind: str) -> bool:
-    return any(same_type(kind, wanted) for wanted in _OF_INTEREST)
+def _interest(kind: str) -> int | None:
+    """The rank of a type among those whose publishers and subscribers matter; None where they do not."""
+    return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
 
 
 async def _with_what_is_heard(ros: SafeRos, offer: Offer) -> Offer:
@@ -390,9 +393,6 @@ def _hits(profile: RobotProfile, offer: Offer) -> list[bool]:
     hits += [name in offer.services for name in map_services_of(profile)]
     hits += [name in offer.actions for key, _, name in actions_of(profile) if not key.startswith("controls.")]
     return hits
-
-
-_RESEMBLES = 0.7
 
 
 class _Ear:

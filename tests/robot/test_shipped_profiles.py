@@ -1,4 +1,4 @@
-"""The shipped profiles: complete, documented, within reason. test_every_profile drives each against its robot's dress."""
+"""The shipped profiles: complete, documented, within reason; test_every_profile drives them."""
 
 import re
 
