@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QMouseEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -224,7 +224,7 @@ class HoldToDrive(QObject):
             "gamepad": self._pad.base != AT_REST.base,
             "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
         }
-        return changed if moving[changed] else next(source for source, moves in moving.items() if moves)
+        return changed if moving[changed] else next((source for source, moves in moving.items() if moves), changed)
 
     def _tell(self) -> None:
         self.held_changed.emit(self.held)
@@ -268,7 +268,8 @@ class HoldToDrive(QObject):
         elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
             if kind == QEvent.Type.Show and _takes_over(watched):
                 self.release_all("A dialog or menu opened")
-            self._update_key_owner()
+            # Qt takes note of popups and dialogs only after this event.
+            QTimer.singleShot(0, self, self._update_key_owner)
         return False
 
     def _filter_press(self, event: QMouseEvent) -> bool:
@@ -353,6 +354,9 @@ class HoldToDrive(QObject):
         if not modifiers & _CHORD_MODIFIERS:
             # The number pad with NumLock off drives from anywhere; on a Mac every arrow key says it is on the pad.
             on_pad = bool(modifiers & Qt.KeyboardModifier.KeypadModifier) and sys.platform != "darwin"
+            if on_pad and modifiers & Qt.KeyboardModifier.ShiftModifier:
+                # While a capital letter is typed some keyboard layouts turn an unlocked pad's arrows into digits.
+                where = _ARROW_OF_DIGIT.get(int(event.key()), where)
             if not (self._actions.driving_focus or on_pad):
                 return None
             action_id = self._bare.get(where)
@@ -516,6 +520,12 @@ class HoldToDrive(QObject):
         self._update_key_owner()
 
 
+_ARROW_OF_DIGIT: Mapping[int, int] = {
+    int(Qt.Key.Key_8): int(Qt.Key.Key_Up),
+    int(Qt.Key.Key_2): int(Qt.Key.Key_Down),
+    int(Qt.Key.Key_4): int(Qt.Key.Key_Left),
+    int(Qt.Key.Key_6): int(Qt.Key.Key_Right),
+}
 _LETTERS: Mapping[int, str] = {ord(name): name for name in position_codes("linux")}
 
 

@@ -101,7 +101,8 @@ def test_driving_and_typing_do_not_get_into_each_other(desktop: Desktop) -> None
     desktop.expect("TEXT ('wads', 4)")
     for keys, intent in (
         (("alt", "w"), FORWARD), (("alt", "Left"), LEFT), (("alt", "Down"), "drive (-1.0, 0.0, 0.0, 'keyboard')"),
-        (("KP_Up",), FORWARD), (("KP_Left",), LEFT), (("KP_Right",), "drive (0.0, 0.0, -1.0, 'keyboard')"),
+        (("KP_Up",), FORWARD), (("KP_Left",), LEFT), (("shift", "KP_Up"), FORWARD),
+        (("KP_Right",), "drive (0.0, 0.0, -1.0, 'keyboard')"),
     ):  # fmt: skip
         desktop.do(*(word for key in keys for word in ("keydown", key)))
         desktop.expect(intent)

@@ -1,6 +1,7 @@
 """Hold-to-drive and the stop keys, with real key and mouse events."""
 
 import dataclasses
+import sys
 
 import pytest
 from PySide6.QtCore import QEvent, Qt
@@ -11,8 +12,13 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import DriveEnded
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.motion_wish import MotionWish, merged
+from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
+from caris_desktop.scenario.model import Place
+from caris_desktop.ui.actions import cap_text
 from caris_desktop.ui.drive_keys import wish_of
+from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -294,3 +300,185 @@ def test_the_pad_shows_what_is_held(window: MainWindow, view: QWidget) -> None:
     assert arrow.grab().toImage() != before
     QTest.keyRelease(view, Qt.Key.Key_A)
     assert arrow.grab().toImage() == before
+
+
+# Where keys lie
+
+
+def send_at(
+    widget: QWidget,
+    kind: QEvent.Type,
+    scan_code: int,
+    key: int,
+) -> None:
+    """A key known by its place: what the layout makes of it is ``key``."""
+    QApplication.sendEvent(widget, QKeyEvent(kind, key, BARE, scan_code, 0, 0, ""))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+@pytest.mark.parametrize(
+    ("scan_code", "key", "expected"),
+    [
+        (25, Qt.Key.Key_Z, (1, 0)),  # AZERTY: Z, Q, S, D
+        (38, Qt.Key.Key_Q, (0, 1)),
+        (25, Qt.Key.Key_Comma, (1, 0)),  # Dvorak
+        (25, 0x426, (1, 0)),  # Russian
+    ],
+)
+def test_a_layout_moves_no_drive_key(
+    view: QWidget, console: FakeConsole, scan_code: int, key: int, expected: tuple[float, float]
+) -> None:
+    send_at(view, QEvent.Type.KeyPress, scan_code, key)
+    send_at(view, QEvent.Type.KeyRelease, scan_code, key)
+    assert drives(console) == [expected]
+    assert console.calls[-1] == ("release_drive", "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+def test_a_letter_elsewhere_is_no_drive_key(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    send_at(view, QEvent.Type.KeyPress, 52, Qt.Key.Key_W)  # AZERTY has its W in the lowest row
+    send_at(view, QEvent.Type.KeyRelease, 52, Qt.Key.Key_W)
+    send_at(view, QEvent.Type.KeyPress, 24, Qt.Key.Key_A)  # and its A where Q is: slower
+    send_at(view, QEvent.Type.KeyRelease, 24, Qt.Key.Key_A)
+    assert console.calls == [("set_speed_fraction", 0.3)]
+    assert window.actions_table.key_text("slower") == "A", "the cap shows what is printed on the key"
+    send_at(view, QEvent.Type.KeyPress, 11, Qt.Key.Key_Eacute)
+    assert console.named("go_to_place") == ["Lab bench"]
+
+
+def test_the_tables_of_key_codes_agree() -> None:
+    tables = [position_codes(platform) for platform in ("linux", "win32", "darwin")]
+    assert len({tuple(sorted(table)) for table in tables}) == 1
+    assert all(len(set(table.values())) == len(table) for table in tables)
+    assert position_codes("plan9") == {}
+    assert position_of("linux", 25) == position_of("win32", 17) == position_of("darwin", 13) == "W"
+    assert position_of("linux", 111) is None
+
+
+def test_a_mac_knows_keys_by_their_virtual_code() -> None:
+    # Option+W types ∑ there, and Option+A types å; the virtual code says which key it was. It has no scan codes.
+    code = key_code("darwin", scan_code=0, virtual_key=13)
+    assert position_of("darwin", code) == "W"
+    assert position_of("darwin", key_code("darwin", scan_code=0, virtual_key=0)) == "A"
+    assert key_code("linux", scan_code=0, virtual_key=0) is None
+    assert cap_text("Alt+W", platform="darwin") == "⌥ W"
+    assert cap_text("Ctrl+Shift+M", platform="darwin") == "⇧⌘ M"
+    assert cap_text("Alt+W", {"W": "Z"}, platform="linux") == "Alt Z"
+
+
+# What only some robots have
+
+
+HEAD = HeadInterface("joint_trajectory", "/head", "pan", "tilt")
+
+
+def test_sideways_and_head_keys_need_a_robot_that_can(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    for key in (Qt.Key.Key_Z, Qt.Key.Key_I, Qt.Key.Key_O):
+        QTest.keyClick(view, key)
+    assert console.calls == []
+    console.state.robot.set(RobotProfile("arm", "Arm", limits=MotionLimits(left_mps=0.3), head=HEAD))
+    QTest.keyPress(view, Qt.Key.Key_Z)
+    QTest.keyPress(view, Qt.Key.Key_W)
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    QTest.keyRelease(view, Qt.Key.Key_Z)
+    assert [call[:3] for call in console.named("drive")] == [(0, 1, 0), (1, 1, 0), (0, 1, 0)]
+    console.calls.clear()
+    QTest.keyPress(view, Qt.Key.Key_J)
+    QTest.keyPress(view, Qt.Key.Key_K)
+    QTest.keyRelease(view, Qt.Key.Key_J)
+    QTest.keyRelease(view, Qt.Key.Key_K)
+    QTest.keyClick(view, Qt.Key.Key_O)
+    assert console.calls == [
+        ("turn_head", (1, 0)), ("turn_head", (1, 1)), ("turn_head", (0, 1)), ("turn_head", (0, 0)),
+        ("look_at", (0, 0)),
+    ]  # fmt: skip
+
+
+def test_the_head_stops_with_everything_else(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    console.state.robot.set(RobotProfile("arm", "Arm", head=HEAD))
+    for key in (Qt.Key.Key_W, Qt.Key.Key_L):
+        QTest.keyPress(view, key)
+    console.calls.clear()
+    find(window, "speak_field").setFocus()
+    assert console.calls == [("release_drive", "The driving panels lost the focus"), ("turn_head", (0, 0))]
+
+
+def test_places_are_one_key_away(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    QTest.keyClick(view, Qt.Key.Key_2)
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClick(field, Qt.Key.Key_1, ALT)
+    QTest.keyClick(field, Qt.Key.Key_2)
+    QTest.keyClick(field, Qt.Key.Key_9, ALT)  # there are only four
+    assert console.named("go_to_place") == ["Lab bench", "Reception"]
+    assert field.property("text") == "2"
+    console.scenario = dataclasses.replace(
+        console.scenario, places=(*console.scenario.places, Place("Stairs", Pose2D(1, 1, 0)))
+    )
+    console.state.places.set(console.scenario.places)
+    QTest.keyClick(field, Qt.Key.Key_5, ALT)
+    assert console.named("go_to_place")[-1] == "Stairs"
+    assert window.actions_table.spec("place_5") is not None
+    assert window.actions_table.spec("place_6") is None
+
+
+def test_alt_beside_a_drive_key_types_nothing(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    send(field, QEvent.Type.KeyPress, Qt.Key.Key_R, ALT, text="r")
+    send(field, QEvent.Type.KeyPress, Qt.Key.Key_R, BARE, text="r", repeat=True)
+    send(field, QEvent.Type.KeyRelease, Qt.Key.Key_R)
+    assert field.property("text") == ""
+    assert console.calls == []
+
+
+# Several sources at once
+
+
+def test_sources_add_up_and_the_mover_is_named(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    hold = window.hold
+    hold.push_gamepad(MotionWish(forward=0.5))
+    QTest.keyPress(view, Qt.Key.Key_A)
+    hold.push_onscreen("base", MotionWish(forward=0.8))
+    QTest.keyRelease(view, Qt.Key.Key_A)
+    hold.push_gamepad(MotionWish())
+    hold.push_onscreen("base", MotionWish())
+    assert console.calls == [
+        ("drive", (0.5, 0, 0, "gamepad")), ("drive", (0.5, 0, 1, "keyboard")), ("drive", (1, 0, 1, "onscreen")),
+        ("drive", (1, 0, 0, "gamepad")), ("drive", (0.8, 0, 0, "onscreen")), ("release_drive", ""),
+    ]  # fmt: skip
+
+
+def test_a_stick_that_was_ended_has_to_come_to_rest(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    hold = window.hold
+    for push in (hold.push_gamepad, lambda wish: hold.push_onscreen("base", wish)):
+        console.calls.clear()
+        push(MotionWish(turn=0.4))
+        hold.release_all("The window was minimised")
+        push(MotionWish(turn=0.5))
+        assert console.calls[1:] == [("release_drive", "The window was minimised")]
+        push(MotionWish())
+        push(MotionWish(turn=0.5))
+        assert len(console.named("drive")) == 2
+        push(MotionWish())
+
+
+def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot) -> None:
+    chip, reason = find(window, "key_owner"), find(window, "drive_reason")
+    console.cancel_goal()
+    assert (chip.property("text") or chip.accessibleName()) == "Keys drive"
+    assert reason.property("text") == "Hold W A S D or arrows"
+    find(window, "speak_field").setFocus()
+    assert chip.accessibleName() == "You type · Alt drives"
+    assert reason.property("text") == "Alt+W A S D while you type"
+    find(window, "phrase_1").setFocus()
+    assert chip.accessibleName() == "Alt drives"
+    window.open_start_dialog()
+    qtbot.waitUntil(lambda: chip.accessibleName() == "No keys: dialog open")
+    assert reason.property("text") == "No keys: dialog open"
+    find(window, "start_dialog").close()
+    window.activateWindow()
+    qtbot.waitUntil(lambda: window.hold.key_owner in ("window", "driving", "typing"))
+    qtbot.mouseClick(find(window, "window_menu_button"), Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: chip.accessibleName() == "No keys: menu open")
+    QApplication.activePopupWidget().close()

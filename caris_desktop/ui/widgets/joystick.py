@@ -131,7 +131,7 @@ class Joystick(QWidget):
             elif point.id() == self._touch and self._held:
                 if point.state() == point.State.Released:
                     self.let_go()
-                else:
+                elif point.state() != point.State.Stationary:
                     self._move(point.position())
         if event.type() == QEvent.Type.TouchEnd and self._held:
             self.let_go()
