@@ -10,8 +10,9 @@ from caris_desktop.app.arguments import add_console_arguments
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
 from caris_desktop.perception.cameras import CameraError, open_camera, parse_source
 from caris_desktop.perception.weights import WeightsError, find_weights
+from caris_desktop.robot.explore import load_profile_blocking
 from caris_desktop.robot.link import check_robot
-from caris_desktop.robot.profile import ProfileError, load_profile
+from caris_desktop.robot.profile import ProfileError
 from caris_desktop.scenario.model import Scenario
 
 ENOUGH_FREE_BYTES = 5 * 10**9
@@ -64,7 +65,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
 
 def _robot(name: str) -> Finding:
     try:
-        profile = load_profile(name)
+        profile = load_profile_blocking(name)
     except ProfileError as error:
         return Finding("Robot", False, str(error), "Choose another --robot.")
     wrong = check_robot(profile, profile.address)

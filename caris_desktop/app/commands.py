@@ -12,6 +12,7 @@ COMMANDS = {
     "simulate": ("caris_desktop.simulator.command", "a simulated robot behind a rosbridge websocket"),
     "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
     "export": ("caris_desktop.recording.command", "a recorded session as files for analysis"),
+    "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 
