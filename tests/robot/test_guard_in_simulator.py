@@ -13,6 +13,7 @@ from caris_desktop.domain.commands import Release, SetGuard
 from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.robot.footprint import Footprint, transformed
 from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
 from caris_desktop.robot.lease import MotionLease
 from caris_desktop.robot.profile import MotionLimits, RobotProfile, load_profile
@@ -164,6 +165,34 @@ def test_neither_does_a_faster_or_a_holonomic_base(
         assert robot.state.collisions == 0, (number, pose)
     print(f"least gap {min(gaps_m):.3f} m")
     assert min(gaps_m) > 0.03
+
+
+class _BoxRobot(GuardedRobot):
+    """Longer behind than before; its own corners are looked at, and the simulator's base is but its middle."""
+
+    CORNERS_M = ((-0.45, -0.25), (0.3, -0.25), (0.35, 0.0), (0.3, 0.25), (-0.45, 0.25))
+
+    def _step(self) -> None:
+        super()._step()
+        outline = transformed(self.state.pose_in_map, Footprint(radius_m=0.0, corners_m=self.CORNERS_M).outline_m)
+        self.gaps_m[-1] = min(clearance_m(x, y) for x, y in outline.tolist())
+
+
+def test_a_long_robot_swings_none_of_its_corners_into_anything_whatever_keys_are_pressed() -> None:
+    profile = replace(SIDEWAYS, footprint_m=_BoxRobot.CORNERS_M)
+    keys = (Twist2D(0.5), Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.5), Twist2D(-0.5, 0.3, -1.0), Twist2D(0.5, 0.0, 1.0))
+    chance = np.random.default_rng(3)
+    gaps_m, states = [], set()
+    for number, pose in enumerate(free_poses(4, seed=77, gap_m=0.35)):
+        robot = _BoxRobot(pose, profile=profile, base_model=BaseModel(radius_m=0.02, left_mps=0.5), seed=number)
+        robot.wait(0.3)
+        for _ in range(6):
+            robot.push(keys[int(chance.integers(len(keys)))], float(chance.uniform(0.3, 1.2)))
+        gaps_m.append(min(robot.gaps_m))
+        states |= {limit.state for limit in robot.limits}
+    print(f"long robot: least gap {min(gaps_m):.3f} m")
+    assert min(gaps_m) > 0.02
+    assert "blocked" in states
 
 
 def test_straight_before_a_wall_it_stops_at_most_0_3_m_away() -> None:
