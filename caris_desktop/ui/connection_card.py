@@ -55,7 +55,7 @@ class ConnectionCard(Overlay):
     robots_requested = Signal()
 
     def __init__(self, theme: Theme, window: QWidget, state: LiveState) -> None:
-        super().__init__(theme, window, width_px=760)
+        super().__init__(theme, window, width_px=860)
         self.setObjectName("connection_card")
         self._history = ConnectionHistory(state, self)
         self._plot: Any = None

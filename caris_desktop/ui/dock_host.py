@@ -167,6 +167,9 @@ class DockHost(QMainWindow):
         for bar in self.findChildren(QTabBar):
             bar.setExpanding(False)
             bar.setDrawBase(False)
+            # Many tabs in a narrow dock scroll: "D…" names no panel.
+            bar.setElideMode(Qt.TextElideMode.ElideNone)
+            bar.setUsesScrollButtons(True)
             bar.setAccessibleName("Panels in tabs")
         for dock in self._docks.values():
             title_bar = dock.titleBarWidget()

@@ -596,7 +596,8 @@ class MainWindow(QWidget):
             action.triggered.connect(self._panel_toggler(name))
         menu.addAction("Put the panels back").triggered.connect(self._on_reset_layout)
         menu.addSection("Robot")
-        self._fill_robot_menu(menu.addMenu(self._console.state.link.value.robot or "Choose a robot"))
+        present = self._console.state.link.value.robot
+        self._fill_robot_menu(menu.addMenu(f"Robot: {present}" if present else "Choose a robot"))
         menu.addSection("Appearance")
         group = QActionGroup(menu)
         for choice in CHOICES:

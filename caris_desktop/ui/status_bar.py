@@ -12,6 +12,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 HEIGHT_PX = 32
+BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
     "connecting": ("amber", "connecting"), "connected": ("green", ""), "trouble": ("amber", "unsteady"),
     "lost": ("red", "out of reach"), "closed": ("dim", "not connected"),
@@ -81,7 +82,19 @@ class StatusBar(QWidget):
         self._console = console
         self.items = {
             name: StatusItem(theme, f"status_{name}")
-            for name in ("link", "round_trip", "video", "lidar", "battery", "perception", "models", "recording", "disk")
+            for name in (
+                "link",
+                "round_trip",
+                "video",
+                "lidar",
+                "pose",
+                "battery",
+                "refused",
+                "perception",
+                "models",
+                "recording",
+                "disk",
+            )
         }
         row = QHBoxLayout(self)
         row.setContentsMargins(16, 0, 16, 0)
@@ -92,7 +105,7 @@ class StatusBar(QWidget):
             if name == "recording":
                 row.addStretch(1)
             row.addWidget(item)
-        for name in ("link", "round_trip", "video", "lidar"):
+        for name in ("link", "round_trip", "video", "lidar", "pose", "refused"):
             self.items[name].clicked.connect(self.connection_clicked)
             self.items[name].setCursor(Qt.CursorShape.PointingHandCursor)
         self._timer = QTimer(self, interval=250)
@@ -100,7 +113,7 @@ class StatusBar(QWidget):
         self._timer.start()
         theme.changed.connect(self.update)
         state = console.state
-        for value in (state.link, state.recording, state.perception):
+        for value in (state.link, state.recording, state.perception, state.traffic):
             value.changed.connect(self._on_changed)
         self.refresh()
 
@@ -112,25 +125,47 @@ class StatusBar(QWidget):
         link: LinkStatus = state.link.value
         role, word = _LINK_WORDS[link.state]
         robot = link.robot or "Robot"
+        facts = words.link_facts(link, state.traffic.value).replace(" · ", "\n")
         items["link"].say(
-            f"{robot} {word}".strip(), role, icon=_LINK_ICONS[link.state], tip=f"{link.address}\n{link.detail}".strip()
-        )
+            f"{robot} {word}".strip(), role, icon=_LINK_ICONS[link.state],
+            tip=f"{facts}\nClick for the last minute.".strip(),
+        )  # fmt: skip
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None
         items["round_trip"].say(
             f"link {round_trip:.0f} ms" if round_trip is not None else "",
-            tip="Time to the robot and back. Click for the last minute.",
+            tip=_round_trip_tip(link),
         )
         items["video"].say(*_stream_words("video", state.frame), tip="Age of the newest picture")
         items["lidar"].say(*_stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")
-        battery = state.battery.value.charge_fraction if state.battery.value is not None else None
-        low = battery is not None and battery < 0.2
-        items["battery"].say(
-            f"battery {'low, ' if low else ''}{battery:.0%}".replace("%", " %") if battery is not None else "",
-            "amber" if low else "dim", icon="battery-warning" if low else "",
+        # The pose is shown on the map; here it is told only where it has become old.
+        old_pose = state.pose.freshness in ("stale", "lost")
+        items["pose"].say(*(_stream_words("pose", state.pose) if old_pose else ("",)), tip="Age of the newest pose")
+        self._say_battery()
+        refused = sum(measured.refused for measured in state.traffic.value.values())
+        items["refused"].say(
+            f"{refused} message{'s' if refused != 1 else ''} refused" if refused else "", "amber", icon="warning",
+            tip="Messages from the robot that could not be used: malformed, too large or of another type.\n"
+            "Diagnostics tells which topics.",
         )  # fmt: skip
         self._say_models(state.perception.value)
         self._say_recording(state.recording.value)
+
+    def _say_battery(self) -> None:
+        stream = self._console.state.battery
+        battery = stream.value.charge_fraction if stream.value is not None else None
+        if battery is None:
+            self.items["battery"].say("")
+            return
+        low = battery < 0.2
+        age_s = stream.age_s() or 0.0
+        # Robots tell their charge at any pace, so only a silence of minutes makes it doubtful.
+        old = age_s > BATTERY_OLD_AFTER_S
+        text = f"battery {'low, ' if low else ''}{battery:.0%}".replace("%", " %")
+        self.items["battery"].say(
+            f"{text}, told {words.age(age_s)} ago" if old else text, "amber" if low or old else "dim",
+            icon="battery-warning" if low else "", tip=f"Told {words.age(age_s)} ago",
+        )  # fmt: skip
 
     def _say_models(self, perception: PerceptionStatus) -> None:
         match perception.state:
@@ -176,6 +211,14 @@ class StatusBar(QWidget):
         painter.fillRect(self.rect(), self._theme.color("panel"))
         painter.setPen(self._theme.color("line"))
         painter.drawLine(0, 0, self.width(), 0)
+
+
+def _round_trip_tip(link: LinkStatus) -> str:
+    """Round trip, and how the robot's clock goes beside ours."""
+    lines = ["Time to the robot and back."]
+    if link.clock_offset_ms is not None:
+        lines.append(f"Robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}.")
+    return "\n".join([*lines, "Click for the last minute."])
 
 
 def _stream_words(name: str, stream: LiveStream) -> tuple[str, str]:

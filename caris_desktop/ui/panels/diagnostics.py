@@ -14,7 +14,7 @@ from PySide6.QtCore import (
     QTimer,
 )
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTableView, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QVBoxLayout, QWidget
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
@@ -38,6 +38,7 @@ _TIPS = (
     "Which connection carries it",
 )
 _LINK_WORDS = {"control": "control", "media": "media"}
+_ROOM_FOR_TOTALS_PX = 230
 _OLD_MEASUREMENT_S = 3.0
 _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
@@ -69,7 +70,7 @@ def bandwidth(bytes_per_s: float) -> str:
 def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float) -> str:
     """How a topic comes. Rare ones (maps, paths) are never called stale."""
     if link_silent_s > _OLD_MEASUREMENT_S:
-        return f"link silent for {words.age(link_silent_s)}"
+        return "link silent"
     if traffic.last_heard_s is None:
         return "nothing yet"
     if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
@@ -239,7 +240,7 @@ class DiagnosticsPanel(Panel):
         self._summary = QLabel()
         self._summary.setObjectName("diagnostics_summary")
         self._summary.setTextFormat(Qt.TextFormat.PlainText)
-        self._summary.setWordWrap(True)
+        self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.model = TrafficModel(self.theme, self)
         self._sorted = QSortFilterProxyModel(self)
@@ -259,12 +260,12 @@ class DiagnosticsPanel(Panel):
         self.view.setTextElideMode(Qt.TextElideMode.ElideMiddle)
         self.view.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.view.verticalHeader().hide()
-        self.view.verticalHeader().setDefaultSectionSize(26)
+        self.view.verticalHeader().setDefaultSectionSize(24)
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setHighlightSections(False)
         header.setStretchLastSection(True)
-        for column, width in enumerate((190, 92, 72, 64, 112, 90, 74, 190, 70)):
+        for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
             header.resizeSection(column, width)
         self._empty = QLabel("Nothing has come from the robot yet.\nIts topics appear here once it is connected.")
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -274,8 +275,8 @@ class DiagnosticsPanel(Panel):
         self._copy.setToolTip("Copy all figures as text")
         self._copy.clicked.connect(self.copy_report)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 8, 12, 10)
-        layout.setSpacing(6)
+        layout.setContentsMargins(12, 6, 12, 8)
+        layout.setSpacing(4)
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
@@ -327,7 +328,9 @@ class DiagnosticsPanel(Panel):
         if not connected:
             lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
         lines += [link_words(measured) for measured in traffic.values()]
-        self._summary.setText("\n".join(lines))
+        self._summary.setToolTip("\n".join(lines))
+        # A low dock has room for rows or for the totals of each link, and the rows say more.
+        self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))
         self.model.show_traffic(traffic, now_ns=clock.now_ns())
         self.view.setVisible(bool(self.model.rows))
         self._empty.setVisible(not self.model.rows)

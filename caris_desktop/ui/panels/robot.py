@@ -4,9 +4,10 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QBoxLayout,
     QComboBox,
     QHBoxLayout,
     QLabel,
@@ -34,6 +35,9 @@ _DONE_SHOWN_MS = 1500
 _SETTLE_S = 1.5  # how long a robot may take to tell the value that it was just given
 _SLIDER_STEPS = 200
 _CHOICES_SIDE_BY_SIDE = 4
+_NARROW_PX = 340
+_WIDEST_HEADING_PX = 110
+_TITLE_PX = 92
 _COMPACT = ("button", "toggle", "readout")
 _NOT_USABLE = {
     "connecting": "Still connecting to the robot.",
@@ -68,6 +72,7 @@ class RobotPanel(Panel):
         super().__init__(context)
         self.setObjectName("robot_panel")
         self._entries: dict[str, ControlEntry] = {}
+        self._groups: list[_Group] = []
         self._empty = QLabel()
         self._empty.setObjectName("robot_empty")
         self._empty.setWordWrap(True)
@@ -109,6 +114,14 @@ class RobotPanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(180, 80)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fold()
+
+    def _fold(self) -> None:
+        for block in self._groups:
+            block.set_narrow(self.width() < _NARROW_PX)
+
     def entry(self, control_id: str) -> "ControlEntry | None":
         return self._entries.get(control_id)
 
@@ -117,28 +130,22 @@ class RobotPanel(Panel):
         body = QWidget()
         column = QVBoxLayout(body)
         column.setContentsMargins(12, 10, 12, 12)
-        column.setSpacing(6)
+        column.setSpacing(8)
         groups: dict[str, list[RobotControl]] = {}
         for control in controls:
             groups.setdefault(control.group, []).append(control)
-        for index, (group, members) in enumerate(groups.items()):
-            if group:
-                if index:
-                    column.addSpacing(8)
-                column.addWidget(_Heading(self.theme, group))
-            flow: FlowRow | None = None
+        heading_px = max((_Heading(self.theme, group).sizeHint().width() for group in groups), default=0)
+        self._groups = []
+        for group, members in groups.items():
+            block = _Group(self.theme, group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
             for control in members:
                 entry = ControlEntry(self.theme, control)
                 entry.used.connect(self.console.use_control)
                 self._entries[control.id] = entry
-                if control.kind not in _COMPACT:
-                    flow = None
-                    column.addWidget(entry)
-                    continue
-                if flow is None:
-                    flow = FlowRow(gap_px=tokens.GRID_PX)
-                    column.addWidget(flow)
-                flow.add(entry)
+                block.add(entry)
+            self._groups.append(block)
+            column.addWidget(block)
+        self._fold()
         column.addStretch(1)
         old = self._scroll.takeWidget()
         if old is not None:
@@ -220,7 +227,7 @@ class ControlEntry(QWidget):
         self._asking: ControlValue | None = None
         self._note = QLabel()
         self._note.setObjectName("control_note")
-        self._note.setWordWrap(control.kind not in _COMPACT)
+        self._note.setWordWrap(True)
         self._note.setTextFormat(Qt.TextFormat.PlainText)
         self._note.hide()
         self._question = _Question(theme)
@@ -232,7 +239,8 @@ class ControlEntry(QWidget):
         column.setSpacing(4)
         column.addWidget(self._face)
         column.addWidget(self._question)
-        column.addWidget(self._note)
+        if control.kind not in _COMPACT:
+            column.addWidget(self._note)
         if control.kind in _COMPACT:
             self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self._calm_down = QTimer(self, singleShot=True, interval=_DONE_SHOWN_MS)
@@ -241,6 +249,11 @@ class ControlEntry(QWidget):
         self._give_up_asking.timeout.connect(self.stop_asking)
         theme.changed.connect(self._show)
         self._show()
+
+    @property
+    def note(self) -> QLabel:
+        """What became of it, in words. That of a small control stands in the line below its row."""
+        return self._note
 
     @property
     def busy(self) -> bool:
@@ -329,8 +342,7 @@ class ControlEntry(QWidget):
         compact = control.kind in _COMPACT
         shown = "" if compact and state == "requested" else words
         self._note.setFont(self._theme.font(tokens.STATUS_PX))
-        self._note.setText(self._note.fontMetrics().elidedText(shown, Qt.TextElideMode.ElideRight, 220) if compact
-                           else shown)  # fmt: skip
+        self._note.setText(f"{control.title} {shown}" if compact and shown else shown)
         self._note.setVisible(bool(shown) and not asking)
         _color(self._note, self._theme, "amber" if state == "failed" else "dim")
         tip = self._reason or words
@@ -578,15 +590,17 @@ class _SliderFace(_Face):
         self._throttle.timeout.connect(self._send)
         self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
         self._settle.timeout.connect(self._follow)
-        head = QHBoxLayout()
-        head.addWidget(self._title)
-        head.addStretch(1)
-        head.addWidget(self._value)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 2, 0, 2)
-        column.setSpacing(2)
-        column.addLayout(head)
-        column.addWidget(self._slider)
+        self._title.setMinimumWidth(_TITLE_PX)
+        self._value.setMinimumWidth(64)
+        self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(self._title)
+        row.addWidget(self._slider, 1)
+        row.addWidget(self._value)
+        self._slider.setMaximumWidth(420)
+        self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         theme.changed.connect(self._style)
         self._style()
         self._follow()
@@ -669,10 +683,12 @@ class _ChoiceFace(_Face):
         self._title = QLabel(control.title)
         self._buttons: list[tuple[Choice, ActionButton]] = []
         self._list: QComboBox | None = None
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 2, 0, 2)
-        column.setSpacing(4)
-        column.addWidget(self._title)
+        self._title.setMinimumWidth(_TITLE_PX)
+        self._title.setFixedHeight(tokens.CONTROL_HEIGHT_PX)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
         if len(control.choices) <= _CHOICES_SIDE_BY_SIDE:
             flow = FlowRow(gap_px=6)
             for number, choice in enumerate(control.choices):
@@ -683,7 +699,7 @@ class _ChoiceFace(_Face):
                 button.clicked.connect(self._chooser(choice))
                 self._buttons.append((choice, button))
                 flow.add(button)
-            column.addWidget(flow)
+            row.addWidget(flow, 1)
         else:
             box = self._list = QComboBox()
             box.setObjectName(f"control_{control.id}_list")
@@ -695,7 +711,7 @@ class _ChoiceFace(_Face):
             box.addItems([choice.title for choice in control.choices])
             box.installEventFilter(_WheelPassesBy(box))
             box.activated.connect(lambda index: self._choose(control.choices[index]))
-            column.addWidget(box)
+            row.addWidget(box, 1)
         self._refresh()
 
     def _chooser(self, choice: Choice) -> Callable[[], None]:
@@ -756,19 +772,14 @@ class _TextFace(_Face):
         send.setObjectName(f"control_{control.id}_send")
         send.setAccessibleName(f"{control.title}: send")
         send.clicked.connect(self._on_send)
-        row = QHBoxLayout()
-        row.setSpacing(6)
+        self._title.setMinimumWidth(_TITLE_PX)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(self._title)
         row.addWidget(self._field, 1)
         row.addWidget(send)
-        head = QHBoxLayout()
-        head.addWidget(self._title)
-        head.addStretch(1)
-        head.addWidget(self._now)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 2, 0, 2)
-        column.setSpacing(4)
-        column.addLayout(head)
-        column.addLayout(row)
+        row.addWidget(self._now)
         theme.changed.connect(self._style)
         self._style()
 
@@ -847,6 +858,46 @@ def _face_for(theme: Theme, control: RobotControl, use: Callable[[ControlValue],
             return _TextFace(theme, control, use)
         case "readout":
             return _ReadoutFace(theme, control)
+
+
+class _Group(QWidget):
+    """A heading and its controls: beside one another, in a narrow dock above one another."""
+
+    def __init__(self, theme: Theme, name: str, *, heading_px: int) -> None:
+        super().__init__()
+        self._heading_px = heading_px
+        self._heading = _Heading(theme, name)
+        self._column = QVBoxLayout()
+        self._column.setSpacing(6)
+        self._flow: FlowRow | None = None
+        self._row = QHBoxLayout(self)
+        self._row.setContentsMargins(0, 0, 0, 0)
+        self._row.addWidget(self._heading, 0, Qt.AlignmentFlag.AlignTop)
+        self._row.addLayout(self._column, 1)
+        self.set_narrow(False)
+
+    def add(self, entry: "ControlEntry") -> None:
+        if entry.control.kind not in _COMPACT:
+            self._flow = None
+            self._column.addWidget(entry)
+            return
+        if self._flow is None:
+            self._flow = FlowRow(gap_px=tokens.GRID_PX)
+            self._column.addWidget(self._flow)
+        self._flow.add(entry)
+        self._column.addWidget(entry.note)
+
+    def set_narrow(self, narrow: bool) -> None:
+        direction = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+        self._row.setDirection(direction)
+        self._row.setSpacing(4 if narrow else 12)
+        named = bool(self._heading.text())
+        self._heading.setVisible(named or not narrow)
+        if narrow:
+            self._heading.setMinimumSize(0, 0)
+            self._heading.setMaximumSize(16777215, 16777215)
+        else:
+            self._heading.setFixedSize(self._heading_px, tokens.CONTROL_HEIGHT_PX)
 
 
 class _Heading(QLabel):
