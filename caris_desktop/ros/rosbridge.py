@@ -6,7 +6,9 @@ CBOR arrays are RFC 8746 typed arrays and become numpy arrays, which costs no in
 import base64
 import json
 import math
+import re
 import secrets
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -60,6 +62,8 @@ _INT8_TEXTS = np.frombuffer(
     "".join(f"{number:4d}," for number in (*range(128), *range(-128, 0))).encode(), dtype=np.uint8
 ).reshape(256, 5)
 _MANY_CELLS = 1_000
+_LONG_TEXT = 200_000
+_MAP_DATA = re.compile(r'"data"\s*:\s*\[(?=\s*-?[0-9])')
 # cbor2 would build dates, regular expressions, addresses, shared (cyclic) references ... from these
 _TAGS_NEVER_SENT = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 100, 256, 258, 260, 261, 1004, 43000, 55799)
 
@@ -79,7 +83,7 @@ def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, A
     if len(text) > max_bytes:
         raise ProtocolError(f"the message is larger than {max_bytes} bytes")
     try:
-        operation = json.loads(text)
+        operation = _loads(text)
     except (ValueError, RecursionError) as error:
         raise ProtocolError(f"the message is not valid JSON: {error}") from error
     return _operation(operation)
@@ -202,6 +206,36 @@ def fragments_of(text: str, *, message_id: str, size: int) -> list[dict[str, Any
         }
         for index in range(total)
     ]
+
+
+def _loads(text: str) -> Any:
+    """As json reads it, except that the long list of whole numbers in a map's ``data`` becomes an array.
+
+    That takes a tenth of the time that 16 million Python objects take, and of their memory.
+    """
+    if len(text) >= _LONG_TEXT and (begin := _MAP_DATA.search(text)) is not None:
+        end = text.find("]", begin.end())
+        numbers = _whole_numbers(text[begin.end() : end]) if end - begin.end() > _LONG_TEXT // 2 else None
+        if numbers is not None:
+            mark = secrets.token_hex(8)
+            operation = json.loads(f'{text[: begin.end()]}"{mark}"{text[end:]}')
+            message = operation.get("msg") if isinstance(operation, dict) else None
+            if isinstance(message, dict) and message.get("data") == [mark]:
+                message["data"] = numbers
+                return operation
+    return json.loads(text)
+
+
+def _whole_numbers(text: str) -> NDArray[np.int32] | None:
+    """The numbers between the commas; None when something else stands there. A gap is read as a zero."""
+    try:
+        with warnings.catch_warnings():
+            # What cannot be read to its end is only warned of.
+            warnings.simplefilter("error")
+            numbers = np.fromstring(text, dtype=np.int32, sep=",")
+    except (DeprecationWarning, ValueError):
+        return None
+    return numbers if len(numbers) == text.count(",") + 1 else None
 
 
 def _operation(value: Any) -> dict[str, Any]:
