@@ -6,8 +6,10 @@ decoded to an array, a picture decoded to pixels in shared memory. Prints one JS
 """
 
 import argparse
+import itertools
 import json
 import random
+import statistics
 import subprocess
 import sys
 import time
@@ -82,12 +84,14 @@ def measure(rounds: int, seconds: float) -> dict[str, object]:
     port = int(source.stdout.readline())
     chance = random.Random(4)  # noqa: S311 (an order, not secrets)
     ages: dict[str, dict[str, list[float]]] = {}
+    p95_of_rounds_ms: dict[str, list[float]] = {}
     try:
         for _ in range(rounds):
             order = [*CLIENTS, "console"]
             chance.shuffle(order)
             for kind in order:
                 found = ages_in_the_console(port, seconds) if kind == "console" else ages_of_client(kind, port, seconds)
+                p95_of_rounds_ms.setdefault(kind, []).append(percentiles([*itertools.chain(*found.values())])["p95"])
                 for topic, samples in found.items():
                     ages.setdefault(kind, {}).setdefault(topic, []).extend(samples)
     finally:
@@ -101,14 +105,17 @@ def measure(rounds: int, seconds: float) -> dict[str, object]:
         }
         for kind, by_topic in sorted(ages.items())
     }
-    best_stock = min(table[kind]["both_age_ms"]["p95"] for kind in CLIENTS if kind.startswith("stock"))
+    # What else the machine does for a second or two hits one client's round and not the other's: a median of rounds.
+    typical_ms = {kind: statistics.median(rounds_ms) for kind, rounds_ms in p95_of_rounds_ms.items()}
+    best_stock_ms = min(typical_ms[kind] for kind in CLIENTS if kind.startswith("stock"))
     return {
         "benchmark": "sensor_age",
         "rounds": rounds,
         "seconds": seconds,
         "aim_p95_ms": AIM_P95_MS,
+        "median_of_rounds_p95_ms": {kind: round(typical_ms[kind], 3) for kind in sorted(typical_ms)},
         "p95_above_best_stock_ms": {
-            kind: round(table[kind]["both_age_ms"]["p95"] - best_stock, 3) for kind in ("ours-cbor", "ours-json")
+            kind: round(typical_ms[kind] - best_stock_ms, 3) for kind in ("ours-cbor", "ours-json")
         },
         **table,
     }
@@ -116,7 +123,7 @@ def measure(rounds: int, seconds: float) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=4)
-    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--seconds", type=float, default=3.0)
     arguments = parser.parse_args()
     print(json.dumps(measure(arguments.rounds, arguments.seconds)))

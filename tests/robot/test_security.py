@@ -9,18 +9,27 @@ import ssl
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from caris_desktop.robot.link import LinkSettings
+from caris_desktop.domain.events import LinkChanged, TrafficMeasured
+from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import SecuritySettings, load_profile
 from caris_desktop.robot.transport import SafeRos, SafeTopic
+from tests.robot.link_bench import LinkProcess
+from tests.robot.test_media_link import run_with_ring
 from tests.robot.test_transport import Observer, until
 from tests.support.certificates import Authority, ServerFiles
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
 
 SECRET = "sixteen_letters!"
 SECRET_ENV = "CARIS_TEST_ROSAUTH"
@@ -259,3 +268,49 @@ def test_the_secret_is_not_in_what_a_link_process_is_started_with(monkeypatch: p
     assert SECRET.encode() not in pickle.dumps(settings)
     assert SECRET_ENV.encode() in pickle.dumps(settings)
     assert SECRET not in repr(settings)
+
+
+def secured_control(connection: Connection, settings: LinkSettings, security: SecuritySettings) -> None:
+    run_control_link(connection, replace(settings, profile=replace(settings.profile, security=security)))
+
+
+def secured_media(connection: Connection, settings: LinkSettings, security: SecuritySettings, ring_name: str) -> None:
+    run_with_ring(connection, replace(settings, profile=replace(settings.profile, security=security)), ring_name)
+
+
+def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
+    authority: Authority, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(SECRET_ENV, SECRET)
+    files = authority.issue("127.0.0.1")
+    security = SecuritySettings(ca_file=str(authority.file), rosauth_secret_env=SECRET_ENV)
+    arguments = ["--tls-cert", str(files.certificate), "--tls-key", str(files.key), "--rosauth-secret-env", SECRET_ENV]
+    ring = FrameRing.create()
+    with SimulatedRobot(*arguments) as robot:
+        assert robot.address.startswith("wss://")
+        control = LinkProcess(robot.address, body=secured_control, extra=(security,))
+        media = LinkProcess(robot.address, body=secured_media, extra=(security, ring.name))
+        try:
+            wait_for(lambda: control.of(LaserScan) and media.of(FrameRef), "scans and pictures")
+            control.drive(0.0, 0.5)
+            control.hold(lambda: control.of(Odometry)[-1].twist.turn_radps > 0.2, "the robot turns")
+            # What each link measures: CBOR, and pictures that are not old.
+            told = wait_for(
+                lambda: [
+                    topic
+                    for event in media.of(TrafficMeasured)
+                    for topic in event.topics
+                    if topic.type == "sensor_msgs/CompressedImage" and topic.age_ms is not None
+                ],
+                "the age of pictures",
+            )
+            assert -50.0 < told[-1].age_ms < 1000.0  # type: ignore[operator]
+            assert {control.of(TrafficMeasured)[-1].encoding, media.of(TrafficMeasured)[-1].encoding} == {"cbor"}
+            for process in (control.process, media.process):
+                assert SECRET not in " ".join(psutil.Process(process.pid).cmdline())
+            for value in [*control.values, *media.of(TrafficMeasured), *media.of(LinkChanged)]:
+                assert SECRET not in repr(value)
+        finally:
+            control.close()
+            media.close()
+            ring.close()
