@@ -39,7 +39,9 @@ class DriveController(QObject):
         self._held = False
         self._sent_target = Twist2D()
         self._renewed_ns = 0
-        self._limits = _ANY_SPEED
+        profile: RobotProfile | None = state.robot.value
+        self._limits = profile.limits if profile is not None else _ANY_SPEED
+        self._frames_came = False
         self._guard_switched_off = False
         # While the speed is capped, the age in the reason goes on.
         self._aging = QTimer(self)
@@ -133,6 +135,7 @@ class DriveController(QObject):
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         self.release("Another robot is connected")
         self._limits = robot.limits if robot is not None else _ANY_SPEED
+        self._frames_came = False
         self._apply_limits()
         self._on_condition_changed()
 
@@ -160,11 +163,12 @@ class DriveController(QObject):
         elif link.state != "connected":
             reason = "Not connected to the robot"
         robot: RobotProfile | None = self._state.robot.value
+        self._frames_came = self._frames_came or self._state.frame.freshness == "fresh"
         cap_reason = ""
-        # A robot without a LIDAR has none that could be stale.
+        # A robot without a LIDAR or a camera has none that could be stale (unless this computer's camera shows it).
         if self._state.scan.freshness != "fresh" and (robot is None or robot.scan is not None):
             cap_reason = _missing("LIDAR", self._state.scan)
-        elif self._state.frame.freshness != "fresh":
+        elif self._state.frame.freshness != "fresh" and (robot is None or robot.cameras or self._frames_came):
             cap_reason = _missing("video", self._state.frame)
         if cap_reason and not reason:
             if not self._aging.isActive():

@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan
 from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import MotionLimits, RobotProfile, TopicSource
+from caris_desktop.robot.profile import CameraTopic, MotionLimits, RobotProfile, TopicSource
 from caris_desktop.scenario.model import DrivingLimits, PanelLeaf, Permissions, Scenario
 
 
@@ -272,11 +272,20 @@ def test_the_reason_of_the_cap_says_for_how_long(
     assert (state.drive.value.cap_reason, state.drive.value.cap_fraction) == ("", 1.0)
 
 
-def test_a_robot_without_a_lidar_is_not_capped_for_lack_of_one(controller: DriveController, state: LiveState) -> None:
+def test_a_robot_without_a_lidar_or_a_camera_is_not_capped_for_lack_of_one(
+    controller: DriveController, state: LiveState
+) -> None:
     state.scan.clear()
     assert "LIDAR" in state.drive.value.cap_reason
-    state.robot.set(replace(PROFILE, scan=None))
+    blind = replace(PROFILE, scan=None)
+    state.robot.set(blind)
     assert state.drive.value.cap_reason == ""
+    state.frame.clear()
+    assert "video" in state.drive.value.cap_reason, "the pictures that came are missing"
+    state.robot.set(replace(blind, name="another"))
+    assert state.drive.value.cap_reason == ""
+    state.robot.set(replace(blind, cameras=(CameraTopic("front", "/camera"),)))
+    assert "video" in state.drive.value.cap_reason
 
 
 def test_a_link_that_does_not_answer_refuses(
