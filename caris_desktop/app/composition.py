@@ -146,9 +146,13 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
 async def _ask_for_ros(url: str, *, own_camera: bool) -> RobotConnection:
     """Raises ToldFailure while the robot does not answer."""
     # The link stack is heavy, and most runs name a profile.
-    from caris_desktop.robot.explore import detect_dialect
+    from caris_desktop.robot.explore import ExploreError, detect_dialect
+    from caris_desktop.robot.link_process import UNREACHABLE_MEANING
 
-    dialect = await detect_dialect(load_profile(url).address)
+    try:
+        dialect = await detect_dialect(load_profile(url).address)
+    except ExploreError as refusal:
+        raise ToldFailure(refusal.what, UNREACHABLE_MEANING, refusal.advice) from refusal
     return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1), own_camera=own_camera)
 
 
