@@ -2,14 +2,17 @@
 with the embedded language model answering all the time where that is asked for.
 """
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 from PySide6.QtCore import QEventLoop, QSettings, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
@@ -33,6 +36,7 @@ class ConsoleUnderLoad:
         perception_timeout_s: float = 120.0,
         robot: Callable[[Console], DemoRobot] = lambda console: DemoRobot(console, seed=7),
     ) -> None:
+        self._began = (time.monotonic(), _cpu_of_machine_s(), _cpu_of_program_s())
         self._asking = QTimer()
         self._folder = tempfile.TemporaryDirectory(prefix="caris-benchmark-")
         root = Path(self._folder.name)
@@ -69,11 +73,12 @@ class ConsoleUnderLoad:
             self._answered_characters += len(event.answer)
 
     def focus_driving(self) -> QWidget:
-        """Go to driving as a wizard does, and give the widget that has the keys then."""
+        """Measurements begin: go to driving as a wizard does, and give the widget that has the keys then."""
         self.window.activateWindow()
         self.wait_for(self.window.isActiveWindow, "active window", 10.0)
         QTest.keyClick(self.window, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
         self.wait_for(lambda: self.window.actions_table.driving_focus, "driving focus", 5.0)
+        self._began = (time.monotonic(), _cpu_of_machine_s(), _cpu_of_program_s())
         focused = QApplication.focusWidget()
         if focused is None:
             sys.exit("nothing has the focus")
@@ -111,12 +116,40 @@ class ConsoleUnderLoad:
             "answers": self._answers,
             "answered_characters": self._answered_characters,
             "cpu_count": os.cpu_count(),
+            **self._cpu_percent(),
+        }
+
+    def _cpu_percent(self) -> dict[str, float]:
+        """Of one core, since :meth:`focus_driving`; what other programs take makes the figures worse than they are."""
+        began_s, machine_s, ours_s = self._began
+        elapsed_s = max(0.001, time.monotonic() - began_s)
+        all_percent = 100.0 * (_cpu_of_machine_s() - machine_s) / elapsed_s
+        ours_percent = 100.0 * (_cpu_of_program_s() - ours_s) / elapsed_s
+        return {
+            "cpu_percent": round(ours_percent),
+            "cpu_percent_of_others": round(max(0.0, all_percent - ours_percent)),
         }
 
     def close(self) -> None:
         self._asking.stop()
         self.run.close()
         self._folder.cleanup()
+
+
+def _cpu_of_machine_s() -> float:
+    times = psutil.cpu_times()
+    return float(sum(times) - times.idle - getattr(times, "iowait", 0.0))
+
+
+def _cpu_of_program_s() -> float:
+    """This process and all of its children, the robot and the benchmark's own clients included."""
+    this = psutil.Process()
+    total_s = 0.0
+    for process in (this, *this.children(recursive=True)):
+        with contextlib.suppress(psutil.Error):
+            times = process.cpu_times()
+            total_s += times.user + times.system
+    return total_s
 
 
 def stop_process(process: "subprocess.Popen[str]") -> str:

@@ -1,0 +1,62 @@
+"""How old a value is shown to be: what a slow network delivers late is old when it arrives."""
+
+import pytest
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import LinkQuality
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.live.state import LiveState
+
+S = 1_000_000_000
+OFFSET_NS = 1_700_000_000 * S
+
+
+def odometry(*, late_s: float, offset_ns: int = OFFSET_NS) -> Odometry:
+    """Arrived now, and measured that much before."""
+    now_ns = clock.now_ns()
+    return Odometry(now_ns, now_ns + offset_ns - int(late_s * 1e9), Pose2D(0, 0, 0), Twist2D())
+
+
+@pytest.fixture
+def state(qapp: object) -> LiveState:
+    return LiveState()
+
+
+def knows_the_clock(state: LiveState, *, uncertainty_ms: float = 1.0) -> None:
+    state.take(LinkQuality(clock.now_ns(), 10.0, OFFSET_NS / 1e6, uncertainty_ms))
+
+
+def test_a_value_that_was_long_under_way_is_stale_on_arrival(state: LiveState) -> None:
+    knows_the_clock(state)
+    state.take(odometry(late_s=0.1))
+    assert state.odometry.freshness == "fresh"
+    state.take(odometry(late_s=0.9))
+    assert state.odometry.freshness == "stale"
+    assert 0.85 < (state.odometry.age_s() or 0.0) < 1.5
+    state.take(odometry(late_s=3.0))
+    assert state.odometry.freshness == "lost"
+
+
+def test_without_the_robots_clock_its_arrival_counts(state: LiveState) -> None:
+    state.take(odometry(late_s=3.0))
+    assert state.odometry.freshness == "fresh"
+    state.take(LinkQuality(clock.now_ns(), 10.0))
+    state.take(odometry(late_s=3.0))
+    assert state.odometry.freshness == "fresh"
+
+
+def test_a_delay_that_may_be_an_error_of_the_clock_is_none(state: LiveState) -> None:
+    knows_the_clock(state, uncertainty_ms=1000.0)
+    state.take(odometry(late_s=0.9))
+    assert state.odometry.freshness == "fresh"
+
+
+@pytest.mark.parametrize("late_s", [3600.0, -3600.0, -0.4])
+def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, late_s: float) -> None:
+    knows_the_clock(state)
+    state.take(odometry(late_s=late_s))
+    assert state.odometry.freshness == "fresh"
+    age_s = state.odometry.age_s()
+    assert age_s is not None
+    assert 0.0 <= age_s < 0.4
