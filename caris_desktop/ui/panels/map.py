@@ -1,67 +1,46 @@
-"""Map: floor plan, LIDAR, places, goal, and the robot as a pin that shows where it looks."""
+"""Map: floor plan, LIDAR, people, places, goal, and the robot as a pin that shows where it looks."""
 
 import math
+import time
 
-import numpy as np
-from numpy.typing import NDArray
-from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import (
-    QFontMetricsF,
-    QImage,
-    QMouseEvent,
-    QPainter,
-    QPainterPath,
-    QPaintEvent,
-    QPen,
-    QPolygonF,
-    QResizeEvent,
-    QTransform,
-    QWheelEvent,
-)
-from PySide6.QtWidgets import QHBoxLayout, QMenu, QVBoxLayout, QWidget
+from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QTimer
+from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, RobotPose
+from caris_desktop.domain.sensing import OccupancyGrid, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.live.state import LiveStream
+from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
+from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
-from caris_desktop.ui import tokens, words
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui import words
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
+from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
+from caris_desktop.ui.widgets.map_view import REPAINT_MS, MapView, Tool
 
-CELLS_AT_ONCE = 400_000
-REPAINT_MS = 80
-"""What the robot sends is painted at most so often: a map does not need the rate of a video."""
+__all__ = ["REPAINT_MS", "MapPanel", "MapView", "distinct_dots", "scan_points_in_map"]
 
-_MIN_SCALE, _MAX_SCALE = 4.0, 400.0  # pixels per metre
-_DOT_PX = 2
-
-
-def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """Where the beams ended, float64 of shape (returns, 2), metres in the map."""
-    ranges = scan.ranges_m
-    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    laser = map_from_robot @ scan.robot_from_laser
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
-    distances = ranges[valid].astype(np.float64)
-    return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
-
-
-def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.int64]:
-    """The points inside a view, each spot of two by two pixels once: int64 of shape (spots, 2), pixels.
-
-    Most beams of a scan end on the same few pixels of a map that shows a whole building.
-    """
-    inside = ((points_px >= 0) & (points_px < (width_px, height_px))).all(axis=1)
-    cells = points_px[inside].astype(np.int64) // _DOT_PX
-    columns = width_px // _DOT_PX + 1
-    numbers = np.unique(cells[:, 1] * columns + cells[:, 0])
-    return np.column_stack((numbers % columns, numbers // columns)) * _DOT_PX + _DOT_PX // 2
+GOAL_ENDED_SHOWN_S = 8.0
+_UNDO_SHOWN_MS = 10_000
+_PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little after its first path
+_GIVE_UP = "Esc gives up"
+_HINTS: dict[Tool, str] = {
+    "look": "",
+    "goal": f"Press where the robot should go, drag to where it should look · {_GIVE_UP}",
+    "pose": f"Press where the robot really is, drag to where it looks · {_GIVE_UP}",
+    "place": f"Press where the new place is, drag to where the robot should look there · {_GIVE_UP}",
+}
+_BUSY = {
+    "save": "Saving the map…", "load": "Loading the map…", "start_mapping": "Switching to building the map…",
+    "start_localization": "Switching to finding the place only…",
+}  # fmt: skip
 
 
 class MapPanel(Panel):
-    """The map, with a menu of places and the running goal."""
+    """The map, with a menu of places, the running goal, and tools that say where."""
 
     title = "Map"
     drives = True
@@ -69,18 +48,73 @@ class MapPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("map_panel")
-        scenario = self.console.scenario
-        self._may_go = scenario.permissions.driving
-        self.view = MapView(self.theme, self, scenario.places)
+        self._may_go = self.console.scenario.permissions.driving
+        self._ended = ("", "", 0.0)
+        self._goal_id, self._goal_since_ns = "", 0
+        self._moving: str | None = None
+        self._naming: tuple[str, Pose2D | None] = ("", None)
+        self._removed: Place | None = None
+        self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.view)
+        self._make_title_widgets()
+        self._tools = self._make_tools() if self._may_go else {}
+        self._card = ChoiceCard(self.theme, self.view, name="map_card")
+        self._undo = ChoiceCard(self.theme, self.view, name="map_undo")
+        self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
+        self._undo_ends.timeout.connect(self._undo.hide)
+        self._name = NameCard(self.theme, self.view, name="map_name")
+        self._name.named.connect(self._on_named)
+        view = self.view
+        view.follow_changed.connect(self._follow.setChecked)
+        view.rotate_changed.connect(self._on_rotate_changed)
+        view.place_clicked.connect(self._on_place_clicked)
+        view.ground_clicked.connect(self._on_ground_clicked)
+        view.aimed.connect(self._on_aimed)
+        view.tool_changed.connect(self._on_tool_changed)
+        view.moved.connect(self._card.hide)
+        self._listen()
+        self._facts = QTimer(self, interval=250)
+        self._facts.timeout.connect(self._refresh)
+        self._facts.start()
+        self.hold.escape_pressed.connect(self._on_escape)
+        self.theme.changed.connect(self._place_tools)
+
+    def _listen(self) -> None:
+        state, view = self.state, self.view
+        state.map.changed.connect(self._on_map_changed)
+        state.pose.changed.connect(self._on_pose_changed)
+        state.scan.changed.connect(view.show_scan)
+        state.path.changed.connect(self._on_path_changed)
+        state.goal.changed.connect(self._on_goal_changed)
+        state.places.changed.connect(self._on_places_changed)
+        state.people_in_map.changed.connect(self._on_people_changed)
+        state.persons.changed.connect(self._on_people_changed)
+        state.robot.changed.connect(self._on_robot_changed)
+        state.mapping.changed.connect(self._on_mapping_changed)
+        state.drive.changed.connect(self._on_drive_changed)
+        state.link.changed.connect(self._on_link_changed)
+        state.event_happened.connect(self._on_event)
+        for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path):
+            stream.freshness_changed.connect(self._on_freshness_changed)
+        if state.map.value is not None:
+            view.show_map(state.map.value)
+        if state.pose.value is not None:
+            view.show_pose(state.pose.value)
+        if state.scan.value is not None:
+            view.show_scan(state.scan.value)
+        self._on_robot_changed(state.robot.value)
+        self._on_places_changed(state.places.value)
+        self._on_drive_changed(state.drive.value)
+        self._on_people_changed()
+        self._on_goal_changed(state.goal.value)
+        self._on_freshness_changed()
+
+    def _make_title_widgets(self) -> None:
         self._go_menu = QMenu(self)
         self._go_menu.setObjectName("map_go_menu")
-        for place in scenario.places:
-            action = self._go_menu.addAction(place.name)
-            action.triggered.connect(lambda _checked=False, name=place.name: self._go_to(name))
         self._go = ActionButton(self.theme, "Go to", icon="navigation-arrow", height_px=30, menu_arrow=True)
         self._go.setObjectName("map_go_button")
         self._go.clicked.connect(self._open_go_menu)
@@ -88,44 +122,43 @@ class MapPanel(Panel):
         self._cancel.setObjectName("goal_cancel")
         self._cancel.setToolTip("Do not go there any more")
         self._cancel.clicked.connect(self.console.cancel_goal)
-        self._follow = ActionButton(self.theme, "", icon="crosshair", height_px=30)
-        self._follow.setObjectName("map_follow_button")
-        self._follow.setAccessibleName("Follow the robot")
-        self._follow.setToolTip("Follow the robot")
+        self._follow = self._icon_button("map_follow_button", "crosshair", "Follow the robot (F)")
         self._follow.setCheckable(True)
         self._follow.toggled.connect(self.view.set_follow)
-        self._fit = ActionButton(self.theme, "", icon="corners-out", height_px=30)
-        self._fit.setObjectName("map_fit_button")
-        self._fit.setAccessibleName("Show the whole map")
-        self._fit.setToolTip("Show the whole map")
+        self._fit = self._icon_button("map_fit_button", "corners-out", "Show the whole map (Home)")
         self._fit.clicked.connect(self._on_fit_clicked)
-        self.view.follow_changed.connect(self._follow.setChecked)
-        self.view.place_clicked.connect(self._on_place_clicked)
-        self._popover = _PlacePopover(self.theme, self.view)
-        self._popover.go.clicked.connect(self._on_popover_go)
-        state = self.state
-        state.map.changed.connect(self.view.show_map)
-        state.pose.changed.connect(self._on_pose_changed)
-        state.scan.changed.connect(self.view.show_scan)
-        state.goal.changed.connect(self._on_goal_changed)
-        for stream in (state.map, state.pose, state.scan):
-            stream.freshness_changed.connect(self._on_freshness_changed)
-        self._facts = QTimer(self, interval=500)
-        self._facts.timeout.connect(self._refresh)
-        self._facts.start()
-        if state.map.value is not None:
-            self.view.show_map(state.map.value)
-        if state.pose.value is not None:
-            self.view.show_pose(state.pose.value)
-        if state.scan.value is not None:
-            self.view.show_scan(state.scan.value)
-        self._on_goal_changed(state.goal.value)
-        self._on_freshness_changed()
-        self.hold.escape_pressed.connect(self._popover.hide)
+        self._menu = QMenu(self)
+        self._menu.setObjectName("map_menu")
+        self._more = self._icon_button("map_menu_button", "dots-three-vertical", "More of the map")
+        self._more.clicked.connect(self._open_menu)
+
+    def _icon_button(self, name: str, icon: str, tip: str) -> ActionButton:
+        button = ActionButton(self.theme, "", icon=icon, height_px=30)
+        button.setObjectName(name)
+        button.setAccessibleName(tip.split(" (", maxsplit=1)[0])
+        button.setToolTip(tip)
+        return button
+
+    def _make_tools(self) -> dict[Tool, ActionButton]:
+        tools: dict[Tool, ActionButton] = {}
+        for tool, icon, tip in (
+            ("goal", "navigation-arrow", "Go here: a place and a heading (G)"),
+            ("place", "flag", "Add a place"),
+            ("pose", "map-pin", "The robot is here: tell it where it stands"),
+        ):
+            button = self._icon_button(f"map_tool_{tool}", icon, tip)
+            button.setParent(self.view)
+            button.setCheckable(True)
+            button.clicked.connect(self._tool_taker(tool))
+            tools[tool] = button  # type: ignore[index]
+        return tools
+
+    def _tool_taker(self, tool: str) -> object:
+        return lambda checked=False: self._take_tool(tool if checked else "look")  # type: ignore[arg-type]
 
     def title_widgets(self) -> list[QWidget]:
-        shown: list[QWidget] = [self._follow, self._fit]
-        return [self._go, self._cancel, *shown] if self._may_go and self.console.scenario.places else shown
+        shown: list[QWidget] = [self._follow, self._fit, self._more]
+        return [self._go, self._cancel, *shown] if self._may_go else shown
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -136,32 +169,312 @@ class MapPanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(240, 96)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_tools()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if (
+            event.key() == Qt.Key.Key_G
+            and not event.modifiers()
+            and self._may_go
+            and not self._tools["goal"].isHidden()
+        ):
+            self._take_tool("look" if self.view.tool == "goal" else "goal")
+            return
+        super().keyPressEvent(event)
+
+    def _place_tools(self) -> None:
+        """Down the left edge, or along it where the panel is low."""
+        left, top = 8, 8
+        upright = self.height() >= 34 * len(self._tools) + 12
+        for button in self._tools.values():
+            if button.isHidden():
+                continue
+            size = button.sizeHint()
+            button.setGeometry(left, top, size.width(), size.height())
+            left, top = (left, top + 34) if upright else (left + size.width() + 4, top)
+
+    # ---- menus
+
     def _go_to(self, place: str) -> None:
-        self._popover.hide()
         self.console.go_to_place(place)
 
     def _open_go_menu(self) -> None:
-        self._go_menu.popup(self._go.mapToGlobal(QPoint(0, self._go.height() + 4)))
+        menu = self._go_menu
+        menu.clear()
+        for number, place in enumerate(self.state.places.value, start=1):
+            action = menu.addAction(f"{place.name}\t{self.table.key_text(f'place_{number}')}".rstrip("\t"))
+            action.triggered.connect(lambda _checked=False, name=place.name: self._go_to(name))
+        menu.popup(self._go.mapToGlobal(QPoint(0, self._go.height() + 4)))
+
+    def _open_menu(self) -> None:
+        self.fill_menu()
+        self._menu.popup(self._more.mapToGlobal(QPoint(0, self._more.height() + 4)))
+
+    def fill_menu(self) -> QMenu:
+        """The menu as it is now: view, trail, places, and what the robot's mapping offers."""
+        menu, view = self._menu, self.view
+        menu.clear()
+        rotate = menu.addAction("Turn with the robot\tR")
+        rotate.setCheckable(True)
+        rotate.setChecked(view.rotate)
+        rotate.toggled.connect(view.set_rotate)
+        menu.addAction("Closer\t+").triggered.connect(lambda _checked=False: view.zoom(1.25))
+        menu.addAction("Farther\t−").triggered.connect(lambda _checked=False: view.zoom(0.8))
+        menu.addSeparator()
+        trail = menu.addAction("Show where it has driven")
+        trail.setCheckable(True)
+        trail.setChecked(view.show_trail)
+        trail.toggled.connect(view.set_trail_shown)
+        clear = menu.addAction("Forget where it has driven")
+        clear.setEnabled(len(view.trail) > 0)
+        clear.triggered.connect(lambda _checked=False: view.clear_trail())
+        if not self._may_go:
+            return menu
+        menu.addSeparator()
+        here = menu.addAction("Add a place where the robot is…")
+        here.setEnabled(self._pose_now() is not None)
+        here.triggered.connect(lambda _checked=False: self._name_robot_place())
+        mapping: MapStatus = self.state.mapping.value
+        if mapping.can_save or mapping.can_load or mapping.can_switch:
+            menu.addSeparator()
+        if mapping.can_save:
+            save = menu.addAction("Save map…")
+            save.setEnabled(not mapping.busy)
+            save.triggered.connect(lambda _checked=False: self._ask_map_name("save_map"))
+        if mapping.can_load:
+            load = menu.addAction("Load map…")
+            load.setEnabled(not mapping.busy)
+            load.triggered.connect(lambda _checked=False: self._ask_map_name("load_map"))
+        if mapping.can_switch:
+            for building, text in ((True, "Build the map on"), (False, "Only find the place in it")):
+                action = menu.addAction(text)
+                action.setCheckable(True)
+                action.setChecked(mapping.mapping is building)
+                action.setEnabled(not mapping.busy)
+                action.triggered.connect(lambda _checked=False, on=building: self.console.set_mapping(mapping=on))
+        return menu
 
     def _on_fit_clicked(self) -> None:
         self._follow.setChecked(False)
         self.view.fit()
 
-    def _on_place_clicked(self, name: str, where: QPointF) -> None:
-        if self._may_go:
-            self._popover.open_at(name, where)
+    def _on_rotate_changed(self, rotate: bool) -> None:
+        self._refresh()
 
-    def _on_popover_go(self) -> None:
-        self._go_to(self._popover.place)
+    # ---- what the wizard says on the map
+
+    def _take_tool(self, tool: Tool, *, at: QPointF | None = None) -> None:
+        self._moving = None
+        self._card.hide()
+        self._name.hide()
+        self.view.set_tool(tool, at=at)
+        self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._on_tool_changed(self.view.tool)
+
+    def _on_tool_changed(self, tool: str) -> None:
+        for name, button in self._tools.items():
+            button.setChecked(name == tool)
+        if tool == "look":
+            self.view.show_hint("")
+        elif self.view.aim is not None and self.view.aim.anchored:
+            self.view.show_hint(f"Click where the robot should look from there · {_GIVE_UP}")
+        elif self._moving is not None:
+            self.view.show_hint(f"Press where {self._moving} is now, drag to where to look there · {_GIVE_UP}")
+        else:
+            self.view.show_hint(_HINTS[self.view.tool])
+
+    def _on_escape(self) -> None:
+        self._moving = None
+        self.view.give_up()
+        for card in (self._card, self._undo):
+            card.hide()
+        if not self._name.isHidden():
+            self._name.hide()
+            self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_place_clicked(self, name: str, where: QPointF) -> None:
+        if not self._may_go:
+            return
+        choices = [
+            ("map_place_move", "Move", "arrows-out-cardinal", lambda: self._begin_moving(name)),
+            ("map_place_remove", "Remove", "trash", lambda: self._remove(name)),
+        ]
+        if self._can_navigate():
+            go = (f"go_to_{name}", f"Go to {name}", "navigation-arrow", lambda: self._go_to(name))
+            self._card.offer(where, "", [go, *choices])
+        else:
+            self._card.offer(where, name, choices, per_row=2)
+
+    def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
+        if not self._may_go:
+            return
+        if not self._card.isHidden():
+            self._card.hide()
+            return
+        refusal = self.view.refusal_at(at)
+        pose = self._pose_now()
+        line = refusal
+        if not refusal and pose is not None:
+            line = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
+            if self.state.map.value is not None and self.view.occupancy_at(at) is None:
+                line += ", not on the map yet"
+        choices = []
+        if not refusal:
+            target = Pose2D(at.x(), at.y(), self.view.heading_towards(at))
+            if self._can_navigate():
+                choices.append(("map_go_here", "Go here", "navigation-arrow", lambda: self.console.go_to(target)))
+                choices.append(
+                    ("map_go_heading", "Choose heading", "compass", lambda: self._take_tool("goal", at=at))
+                )  # fmt: skip
+            choices.append(("map_add_place", "Add place", "flag", lambda: self._take_tool("place", at=at)))
+            if self._can_set_pose():
+                choices.append(("map_robot_here", "Robot is here", "map-pin", lambda: self._take_tool("pose", at=at)))
+        self._card.offer(where, line, choices, per_row=2 if self._can_navigate() else 1)
+
+    def _on_aimed(self, tool: str, pose: Pose2D, headed: bool) -> None:
+        moving, self._moving = self._moving, None
+        match tool:
+            case "goal":
+                self.console.go_to(pose)
+            case "pose":
+                self.console.set_initial_pose(pose)
+                self._ended = (f"The robot was told that it is here{'' if headed else ' (heading as before)'}", "hint",
+                               time.monotonic() + GOAL_ENDED_SHOWN_S)  # fmt: skip
+            case "place" if moving is not None:
+                old = next((place for place in self.state.places.value if place.name == moving), None)
+                if old is not None and not headed:
+                    pose = Pose2D(pose.x_m, pose.y_m, old.pose_in_map.heading_rad)
+                self.console.save_place(moving, pose)
+            case "place":
+                self._ask_place_name(pose)
+        self._refresh()
+
+    def _begin_moving(self, name: str) -> None:
+        self._take_tool("place")
+        self._moving = name
+        self._on_tool_changed("place")
+
+    def _remove(self, name: str) -> None:
+        self._removed = next((place for place in self.state.places.value if place.name == name), None)
+        self.console.remove_place(name)
+        middle = QPointF(self.view.width() / 2, self.view.height())
+        self._undo.offer(
+            middle, f"{name} was removed", [("map_undo_button", "Put back", "arrow-u-up-left", self._put_back)]
+        )
+        self._undo_ends.start()
+
+    def _put_back(self) -> None:
+        if self._removed is not None:
+            self.console.save_place(self._removed.name, self._removed.pose_in_map)
+            self._removed = None
+
+    def _name_robot_place(self) -> None:
+        pose = self._pose_now()
+        if pose is not None:
+            self._ask_place_name(pose)
+
+    def _ask_place_name(self, pose: Pose2D, line: str = "What is the place called?", text: str = "") -> None:
+        self._naming = ("place", pose)
+        self._name.ask(self.view.to_view(pose.x_m, pose.y_m), line, verb="Add", text=text)
+
+    def _ask_map_name(self, operation: str) -> None:
+        self._naming = (operation, None)
+        saving = operation == "save_map"
+        line = "Save the robot's map under which name?" if saving else "Load which saved map of the robot?"
+        middle = QPointF(self.view.width() / 2, self.view.height() / 3)
+        self._name.ask(middle, line, verb="Save" if saving else "Load")
+
+    def _on_named(self, name: str) -> None:
+        what, pose = self._naming
+        if what == "place" and pose is not None:
+            taken = {place.name.casefold() for place in self.state.places.value}
+            if name.casefold() in taken:
+                self._ask_place_name(pose, f"{name} is on the map already: another name?", name)
+                return
+            self.console.save_place(name, pose)
+        elif what == "save_map":
+            self.console.save_map(name)
+        elif what == "load_map":
+            self.console.load_map(name)
+        self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    # ---- what the console tells
+
+    def _pose_now(self) -> Pose2D | None:
+        pose: RobotPose | None = self.state.pose.value
+        return None if pose is None else pose.pose_in_map
+
+    def _can_navigate(self) -> bool:
+        robot: RobotProfile | None = self.state.robot.value
+        return robot is None or robot.navigation is not None
+
+    def _can_set_pose(self) -> bool:
+        robot: RobotProfile | None = self.state.robot.value
+        return robot is not None and robot.initial_pose is not None
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        self.view.show_robot(robot.footprint_outline_m if robot is not None else ())
+        if self._tools:
+            self._tools["goal"].setVisible(self._can_navigate())
+            self._tools["pose"].setVisible(self._can_set_pose())
+            self._place_tools()
+        self._on_goal_changed(self.state.goal.value)
+
+    def _on_places_changed(self, places: tuple[Place, ...]) -> None:
+        self.view.show_places(places)
+        self._on_goal_changed(self.state.goal.value)
+
+    def _on_map_changed(self, grid: OccupancyGrid) -> None:
+        self.view.show_map(grid)
 
     def _on_pose_changed(self, pose: RobotPose) -> None:
         self.view.show_pose(pose)
 
+    def _on_path_changed(self, _path: PlannedPath | None = None) -> None:
+        goal: GoalChanged | None = self.state.goal.value
+        path: PlannedPath | None = self.state.path.value
+        under_way = goal is not None and goal.state in words.UNDER_WAY
+        # The path of an earlier goal stays latched; what is newer than the present goal belongs to it.
+        belongs = path is not None and under_way and path.stamp_ns >= self._goal_since_ns - _PATH_BEFORE_GOAL_NS
+        self.view.show_path(path.points_in_map if belongs and path is not None else None)
+
+    def _on_people_changed(self, _value: object = None) -> None:
+        people: PeopleInMap | None = self.state.people_in_map.value
+        rows = {person.person_id: person for person in self.state.persons.value}
+        shown = []
+        for person in people.people if people is not None else ():
+            row = rows.get(person.person_id)
+            name = words.person_name(row) if row is not None else "Person"
+            shown.append((person, name, row is not None and words.has_given_name(row)))
+        self.view.show_people(tuple(shown), self.state.people_in_map.freshness)
+
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
-        self.view.show_goal(goal if goal is not None and goal.state in words.UNDER_WAY else None)
         going = goal is not None and goal.state in words.UNDER_WAY
+        if goal is not None and goal.goal_id != self._goal_id:
+            self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
+        self.view.show_goal(goal if going else None)
+        self._on_path_changed()
         self._cancel.setVisible(going)
-        self._go.setVisible(not going)
+        self._go.setVisible(not going and bool(self.state.places.value) and self._can_navigate())
+        self._refresh()
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, GoalChanged) and event.state not in words.UNDER_WAY:
+            told = words.event_sentence(event, str)
+            role = {"reached": "good", "failed": "bad"}.get(event.state, "hint")
+            if told is not None:
+                self._ended = (told[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)
+            self._refresh()
+
+    def _on_mapping_changed(self, _mapping: MapStatus) -> None:
+        self._refresh()
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        self.view.show_guard(drive.guard, drive.guard_distance_m)
+
+    def _on_link_changed(self, _link: LinkStatus) -> None:
         self._refresh()
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
@@ -170,11 +483,36 @@ class MapPanel(Panel):
             self.view.show_map(None)
         if state.pose.freshness == "none":
             self.view.show_pose(None)
+        if state.scan.freshness == "none":
+            self.view.show_scan(None)
         self.view.show_freshness(pose=state.pose.freshness, scan=state.scan.freshness)
+        self._on_people_changed()
+        self._on_path_changed()
         self._refresh()
+
+    def _aging_layers(self) -> tuple[tuple[str, LiveStream], ...]:
+        state = self.state
+        return (("LIDAR", state.scan), ("Position", state.pose), ("People", state.people_in_map))
+
+    def _chips(self) -> list[tuple[str, str]]:
+        """What the map must say besides what it draws: ages of what is stale, how the last goal ended."""
+        state = self.state
+        chips = [
+            (f"{name} {words.age(stream.age_s() or 0.0)} old", "warning")
+            for name, stream in self._aging_layers()
+            if stream.freshness in ("stale", "lost")
+        ]
+        if state.mapping.value.busy:
+            chips.append((_BUSY.get(state.mapping.value.busy, "The robot works on its map…"), "hint"))
+        if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
+            chips.append(self._ended[:2])
+        return chips
 
     def _refresh(self) -> None:
         state = self.state
+        self.view.show_chips(self._chips())
+        reachable = state.link.value.state in ("connected", "trouble")
+        self.view.show_waiting("Waiting for the map" if reachable else "No map: the robot is out of reach")
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
@@ -183,472 +521,12 @@ class MapPanel(Panel):
                 text, role = f"LIDAR silent for {words.age(scan_age_s or 0.0)}", "amber"
             case _:
                 text, role = "no LIDAR yet", "dim"
-        goal = state.goal.value
+        goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state in words.UNDER_WAY:
             left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""
             text, role = f"going to {goal.place or 'a point'}{left}", "green"
         elif self.view.follow:
             text += " · follows robot"
+        elif state.mapping.value.mapping:
+            text += " · building the map"
         self.set_fact(text, role)
-
-
-class MapView(QWidget):
-    """Draws everything that has a place in the map. North is up, metres scale to pixels."""
-
-    follow_changed = Signal(bool)
-    place_clicked = Signal(str, QPointF)
-
-    def __init__(self, theme: Theme, panel: Panel, places: tuple[Place, ...]) -> None:
-        super().__init__(panel)
-        self._theme = theme
-        self._panel = panel
-        self._places = places
-        self._grid: OccupancyGrid | None = None
-        self._rendering: _GridRendering | None = None
-        self._shown_grid: OccupancyGrid | None = None
-        self._grid_image: QImage | None = None
-        self._grid_bounds = QRectF()
-        self._pose: Pose2D | None = None
-        self._pose_freshness = "none"
-        self._scan_points_m: NDArray[np.float64] | None = None
-        self._scan_freshness = "none"
-        self._goal: GoalChanged | None = None
-        self._center = QPointF(0.0, 0.0)  # metres in the map
-        self._scale = 40.0
-        self._fitted = False
-        self.follow = False
-        self._drag_from: QPointF | None = None
-        self._dragged = False
-        self._place_rects: dict[str, QRectF] = {}
-        self._hovered: str | None = None
-        self._soon = QTimer(self, singleShot=True, interval=REPAINT_MS)
-        self._soon.timeout.connect(self.update)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setMouseTracking(True)
-        self.setAccessibleName("Map with the robot's position")
-        theme.changed.connect(self._on_theme_changed)
-
-    def show_map(self, grid: OccupancyGrid | None) -> None:
-        self._grid = grid
-        self._render_grid()
-        self.update()
-
-    def show_pose(self, pose: RobotPose | None) -> None:
-        self._pose = None if pose is None else pose.pose_in_map
-        if self._pose is not None and self.follow and self._drag_from is None:
-            self._center = QPointF(self._pose.x_m, self._pose.y_m)
-        self._update_soon()
-
-    def show_scan(self, scan: LaserScan) -> None:
-        # Points are placed with the pose of their own moment, so they do not swim when only the pose moves on.
-        self._scan_points_m = None if self._pose is None else scan_points_in_map(scan, self._pose)
-        self._update_soon()
-
-    def _update_soon(self) -> None:
-        if not self._soon.isActive():
-            self._soon.start()
-
-    def show_goal(self, goal: GoalChanged | None) -> None:
-        self._goal = goal
-        self.update()
-
-    def show_freshness(self, *, pose: str, scan: str) -> None:
-        self._pose_freshness, self._scan_freshness = pose, scan
-        self.update()
-
-    def set_follow(self, follow: bool) -> None:
-        if follow != self.follow:
-            self.follow = follow
-            if follow:
-                self._scale = max(self._scale, 45.0)
-                if self._pose is not None:
-                    self._center = QPointF(self._pose.x_m, self._pose.y_m)
-            self.follow_changed.emit(follow)
-            self.update()
-
-    def fit(self) -> None:
-        """Show the known part of the map, the places and the robot."""
-        points = [QPointF(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in self._places]
-        if self._pose is not None:
-            points.append(QPointF(self._pose.x_m, self._pose.y_m))
-        bounds = QPolygonF(points).boundingRect().adjusted(-1.2, -1.2, 1.2, 1.2) if points else QRectF()
-        bounds = bounds.united(self._grid_bounds) if not self._grid_bounds.isEmpty() else bounds
-        if bounds.isEmpty() or self.width() < 20:
-            return
-        self._center = bounds.center()
-        self._scale = min(
-            max(min((self.width() - 24) / bounds.width(), (self.height() - 24) / bounds.height()), _MIN_SCALE),
-            _MAX_SCALE,
-        )
-        self._fitted = True
-        self.update()
-
-    def place_position(self, name: str) -> QPoint | None:
-        """Where a place is in this widget, for pointing at it."""
-        place = next((place for place in self._places if place.name == name), None)
-        return None if place is None else self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m).toPoint()
-
-    def to_view(self, x_m: float, y_m: float) -> QPointF:
-        return QPointF(
-            self.width() / 2 + (x_m - self._center.x()) * self._scale,
-            self.height() / 2 - (y_m - self._center.y()) * self._scale,
-        )
-
-    def to_map(self, point: QPointF) -> QPointF:
-        return QPointF(
-            self._center.x() + (point.x() - self.width() / 2) / self._scale,
-            self._center.y() - (point.y() - self.height() / 2) / self._scale,
-        )
-
-    def _on_theme_changed(self) -> None:
-        self._render_grid()
-        self.update()
-
-    def _render_grid(self) -> None:
-        if self._grid is None:
-            self._rendering = None
-            self._grid_image, self._grid_bounds = None, QRectF()
-        elif self._rendering is None or self._grid.cells.size <= CELLS_AT_ONCE:
-            self._rendering = _GridRendering(self._grid, self._theme)
-            self._render_more()
-        # Else a large map is on its way; the newest one is begun when that is done.
-
-    def _render_more(self) -> None:
-        rendering = self._rendering
-        if rendering is None:
-            return
-        rendering.render_band()
-        if not rendering.done:
-            QTimer.singleShot(0, self, self._render_more)
-            return
-        self._rendering = None
-        first = self._grid_image is None
-        self._grid_image, self._grid_bounds = rendering.image, rendering.bounds_in_map()
-        self._shown_grid = rendering.grid
-        if first or not self._fitted:
-            self.fit()
-        self.update()
-        if self._grid is not None and self._grid is not rendering.grid:
-            self._render_grid()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        path = self._panel.card_path().translated(-QPointF(self.pos()))
-        painter.fillPath(path, self._theme.color("map_unknown"))
-        painter.setClipPath(path)
-        self._paint_grid(painter)
-        self._paint_scan(painter)
-        self._paint_goal(painter)
-        self._paint_places(painter)
-        if self._pose is not None and self._pose_freshness != "none":
-            self._paint_robot(painter, self._pose)
-        elif self._grid is None:
-            self._paint_words(painter)
-        self._paint_scale_bar(painter)
-        painter.setClipping(False)
-        painter.setPen(QPen(self._theme.color("blue" if self._panel.active else "line"), 1))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawPath(path)
-
-    def _paint_words(self, painter: QPainter) -> None:
-        painter.setFont(self._theme.font())
-        painter.setPen(self._theme.color("dim"))
-        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Waiting for the map")
-
-    def _paint_grid(self, painter: QPainter) -> None:
-        grid = self._shown_grid
-        if grid is None or self._grid_image is None:
-            return
-        corner = grid.origin_in_map
-        transform = QTransform()
-        at = self.to_view(corner.x_m, corner.y_m)
-        transform.translate(at.x(), at.y())
-        transform.rotate(-math.degrees(corner.heading_rad))
-        transform.scale(grid.resolution_m * self._scale, -grid.resolution_m * self._scale)
-        painter.save()
-        painter.setTransform(transform, True)
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, grid.resolution_m * self._scale < 3.0)
-        painter.drawImage(QPointF(0, 0), self._grid_image)
-        painter.restore()
-
-    def _paint_scan(self, painter: QPainter) -> None:
-        points_m = self._scan_points_m
-        if points_m is None or self._scan_freshness not in ("fresh", "stale"):
-            return
-        center, scale = self._center, self._scale
-        points_px = (points_m - (center.x(), center.y())) * (scale, -scale) + (self.width() / 2, self.height() / 2)
-        dots = distinct_dots(points_px, self.width(), self.height())
-        color = self._theme.color("blue")
-        color.setAlpha(230 if self._scan_freshness == "fresh" else 80)
-        painter.setPen(QPen(color, 3, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-        painter.drawPoints([QPoint(x, y) for x, y in dots.tolist()])
-
-    def _paint_goal(self, painter: QPainter) -> None:
-        if self._goal is None:
-            return
-        target = self.to_view(self._goal.target_in_map.x_m, self._goal.target_in_map.y_m)
-        pen = QPen(self._theme.color("green"), 2.5)
-        pen.setDashPattern([4, 3])
-        painter.setPen(pen)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        if self._pose is not None:
-            painter.drawLine(self.to_view(self._pose.x_m, self._pose.y_m), target)
-        painter.setPen(QPen(self._theme.color("green"), 2.5))
-        painter.drawEllipse(target, 9, 9)
-
-    def _paint_places(self, painter: QPainter) -> None:
-        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
-        metrics = QFontMetricsF(font)
-        painter.setFont(font)
-        self._place_rects.clear()
-        marks = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in self._places}
-        taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
-        if self._pose is not None:
-            robot = self.to_view(self._pose.x_m, self._pose.y_m)
-            taken.append(QRectF(robot.x() - 13, robot.y() - 38, 26, 44))
-        goal_place = self._goal.place if self._goal is not None else None
-        # The goal and the place under the pointer get their words first; what finds no room keeps its flag.
-        order = sorted(marks, key=lambda name: (name != goal_place, name != self._hovered))
-        for name in order:
-            at, width = marks[name], metrics.horizontalAdvance(name) + 12
-            going = name == goal_place
-            hit = QRectF(at.x() - 11, at.y() - 11, 22, 22)
-            label = self._free_room(at, width, taken)
-            if label is None and (going or name == self._hovered):
-                label = QRectF(min(max(4.0, at.x() - width / 2), self.width() - width - 4), at.y() - 32, width, 20)
-            ground = self._theme.color("panel")
-            painter.setPen(QPen(self._theme.color("green" if going else "line_strong"), 1.5))
-            painter.setBrush(ground)
-            painter.drawEllipse(at, 9, 9)
-            flag = QRectF(at.x() - 6.5, at.y() - 6.5, 13, 13)
-            draw_icon(painter, flag, "flag", self._theme.color("green" if going else "text"))
-            if label is not None:
-                taken.append(label)
-                hit = hit.united(label)
-                ground.setAlpha(220)
-                painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(ground)
-                painter.drawRoundedRect(label, 5, 5)
-                painter.setPen(self._theme.color("green" if going else "text"))
-                painter.drawText(label, Qt.AlignmentFlag.AlignCenter, name)
-            self._place_rects[name] = hit
-
-    def _free_room(self, at: QPointF, width: float, taken: list[QRectF]) -> QRectF | None:
-        """Room for a label right of, left of, above or below its flag that covers nothing."""
-        room = QRectF(self.rect()).adjusted(2, 2, -2, -2)
-        for left, top in ((11, -10), (-11 - width, -10), (-width / 2, -31), (-width / 2, 11)):
-            label = QRectF(at.x() + left, at.y() + top, width, 20)
-            if room.contains(label) and not any(label.intersects(other) for other in taken):
-                return label
-        return None
-
-    def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
-        tip = self.to_view(pose.x_m, pose.y_m)
-        painter.save()
-        if self._pose_freshness in ("stale", "lost"):
-            painter.setOpacity(0.45)
-        color = self._theme.color("blue")
-        beam = self._theme.color("blue")
-        beam.setAlpha(60)
-        reach = max(34.0, min(70.0, self._scale * 0.9))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(beam)
-        # Qt counts angles counter-clockwise from east in sixteenths of a degree, as headings in the map do.
-        painter.drawPie(
-            QRectF(tip.x() - reach, tip.y() - reach, 2 * reach, 2 * reach),
-            round((math.degrees(pose.heading_rad) - 27) * 16), 54 * 16,
-        )  # fmt: skip
-        painter.setBrush(color)
-        heading = QPointF(math.cos(pose.heading_rad), -math.sin(pose.heading_rad))
-        side = QPointF(-heading.y(), heading.x())
-        nose = tip + heading * 19
-        painter.drawPolygon(QPolygonF([nose, tip + heading * 9 + side * 6, tip + heading * 9 - side * 6]))
-        painter.setPen(QPen(self._theme.color("panel"), 1.5))
-        painter.drawEllipse(tip, 4, 4)
-        painter.drawPath(_pin(tip))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(self._theme.color("panel"))
-        painter.drawEllipse(QPointF(tip.x(), tip.y() - 24), 5, 5)
-        painter.restore()
-
-    def _paint_scale_bar(self, painter: QPainter) -> None:
-        if self._grid is None and self._pose is None:
-            return
-        metres = next((length for length in (0.5, 1, 2, 5, 10, 20, 50) if length * self._scale >= 44), 100)
-        right, bottom = self.width() - 14.0, self.height() - 12.0
-        painter.setPen(QPen(self._theme.color("dim"), 1.5))
-        left = right - metres * self._scale
-        painter.drawPolyline(QPolygonF([
-            QPointF(left, bottom - 4), QPointF(left, bottom), QPointF(right, bottom), QPointF(right, bottom - 4),
-        ]))  # fmt: skip
-        painter.setFont(self._theme.font(tokens.STATUS_PX - 1))
-        painter.drawText(
-            QRectF(left - 40, bottom - 20, right - left + 80, 16), Qt.AlignmentFlag.AlignCenter, f"{metres:g} m"
-        )
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        if self._grid_image is not None and not self.follow:
-            self.fit()
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        factor = 1.0015 ** event.angleDelta().y()
-        before = self.to_map(event.position())
-        self._scale = min(max(self._scale * factor, _MIN_SCALE), _MAX_SCALE)
-        if not self.follow:
-            after = self.to_map(event.position())
-            self._center += before - after
-        self.update()
-        event.accept()
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        self.setFocus(Qt.FocusReason.MouseFocusReason)
-        if event.button() == Qt.MouseButton.LeftButton:
-            self._drag_from, self._dragged = event.position(), False
-        super().mousePressEvent(event)
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if self._drag_from is None:
-            over = self._place_at(event.position())
-            self.setCursor(Qt.CursorShape.ArrowCursor if over is None else Qt.CursorShape.PointingHandCursor)
-            if over != self._hovered:
-                self._hovered = over
-                self.update()
-            return
-        moved = event.position() - self._drag_from
-        if self._dragged or moved.manhattanLength() > 6:
-            self._dragged = True
-            self.set_follow(False)
-            self._center += QPointF(-moved.x() / self._scale, moved.y() / self._scale)
-            self._drag_from = event.position()
-            self.update()
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        if self._drag_from is not None and not self._dragged:
-            name = self._place_at(event.position())
-            if name is not None:
-                self.place_clicked.emit(name, event.position())
-        self._drag_from = None
-        super().mouseReleaseEvent(event)
-
-    def _place_at(self, point: QPointF) -> str | None:
-        return next((name for name, rect in self._place_rects.items() if rect.contains(point)), None)
-
-
-class _GridRendering:
-    """Turns a map into a picture, some rows at a time, so that a large one never holds up the keys."""
-
-    def __init__(self, grid: OccupancyGrid, theme: Theme) -> None:
-        self.grid = grid
-        # int8 seen as uint8: -1 (unknown) is 255, 0..100 is how sure the map is of an obstacle.
-        self._cells = np.ascontiguousarray(grid.cells).view(np.uint8)
-        height, width = self._cells.shape
-        self.image = QImage(width, height, QImage.Format.Format_ARGB32_Premultiplied)
-        self._rows_per_band = max(1, CELLS_AT_ONCE // max(1, width))
-        self._next_row = 0
-        self._known_rows: list[int] = []
-        self._known_columns = np.zeros(width, bool)
-        free, wall = theme.color("map_free"), theme.color("map_wall")
-        self._colors = []
-        for value in range(256):
-            share = min(1.0, max(0.0, (value - 25) / 40))
-            red, green, blue = (
-                round(one + (other - one) * share)
-                for one, other in (
-                    (free.red(), wall.red()), (free.green(), wall.green()), (free.blue(), wall.blue()),
-                )
-            )  # fmt: skip
-            self._colors.append(0xFF000000 | red << 16 | green << 8 | blue if value <= 100 else 0)
-
-    @property
-    def done(self) -> bool:
-        return self._next_row >= len(self._cells)
-
-    def render_band(self) -> None:
-        first = self._next_row
-        band = self._cells[first : first + self._rows_per_band]
-        rows, width = band.shape
-        picture = QImage(band.data, width, rows, width, QImage.Format.Format_Indexed8)
-        picture.setColorTable(self._colors)
-        painter = QPainter(self.image)
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-        painter.drawImage(0, first, picture)
-        painter.end()
-        known = band <= 100
-        self._known_rows.extend((np.flatnonzero(known.any(axis=1)) + first)[[0, -1]] if known.any() else ())
-        self._known_columns |= known.any(axis=0)
-        self._next_row = first + rows
-
-    def bounds_in_map(self) -> QRectF:
-        """What the map knows of, in metres; empty for nothing."""
-        if not self._known_rows:
-            return QRectF()
-        columns, resolution_m = np.flatnonzero(self._known_columns), self.grid.resolution_m
-        corner = self.grid.origin_in_map
-        first_row, last_row = self._known_rows[0], self._known_rows[-1]
-        return QRectF(
-            corner.x_m + float(columns[0]) * resolution_m, corner.y_m + float(first_row) * resolution_m,
-            float(columns[-1] - columns[0] + 1) * resolution_m, float(last_row - first_row + 1) * resolution_m,
-        )  # fmt: skip
-
-
-def _pin(tip: QPointF) -> QPainterPath:
-    """The drop of a map pin, its point at ``tip``."""
-    x, y = tip.x(), tip.y()
-    path = QPainterPath(tip)
-    path.cubicTo(x - 4, y - 9, x - 13, y - 14, x - 13, y - 24)
-    path.cubicTo(x - 13, y - 41, x + 13, y - 41, x + 13, y - 24)
-    path.cubicTo(x + 13, y - 14, x + 4, y - 9, x, y)
-    path.closeSubpath()
-    return path
-
-
-class _Floating(QWidget):
-    """A small card over the map."""
-
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._theme = theme
-        theme.changed.connect(self.update)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color("line_strong"), 1))
-        painter.setBrush(self._theme.color("panel"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 10, 10)
-
-
-class _PlacePopover(_Floating):
-    """A place that was clicked, and the one thing to do with it."""
-
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(theme, parent)
-        self._room = parent
-        self.place = ""
-        self.go = ActionButton(theme, "Go there", icon="navigation-arrow", look="primary", height_px=30)
-        self.go.setObjectName("map_popover_go")
-        close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
-        close.setAccessibleName("Close")
-        close.clicked.connect(self.hide)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 8, 8, 8)
-        row.setSpacing(4)
-        row.addWidget(self.go)
-        row.addWidget(close)
-        self.hide()
-
-    def open_at(self, place: str, where: QPointF) -> None:
-        self.place = place
-        self.go.set_label(f"Go to {place}")
-        self.go.setObjectName(f"go_to_{place}")
-        self.adjustSize()
-        room = self._room.rect()
-        left = min(max(6, round(where.x()) - self.width() // 2), room.width() - self.width() - 6)
-        top = round(where.y()) + 16
-        if top + self.height() > room.height() - 6:
-            top = round(where.y()) - 16 - self.height()
-        self.move(left, max(6, top))
-        self.show()
-        self.raise_()

@@ -1,0 +1,178 @@
+"""Small cards over a picture or a map: what was clicked, and what can be done with it. Never a window of their own.
+
+A popup window would end driving and take the keys; these are children of what they lie on.
+"""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class FloatingCard(QWidget):
+    """A rounded card that opens beside a point and stays inside its parent."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._room = parent
+        theme.changed.connect(self.update)
+        # A click on the card is not a click on what lies below.
+        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
+        self.hide()
+
+    def open_at(self, where: QPointF) -> None:
+        self.adjustSize()
+        room = self._room.rect()
+        left = min(max(6, round(where.x()) - self.width() // 2), room.width() - self.width() - 6)
+        top = round(where.y()) + 16
+        if top + self.height() > room.height() - 6:
+            top = round(where.y()) - 16 - self.height()
+        self.move(max(0, left), max(6, top))
+        self.show()
+        self.raise_()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("line_strong"), 1))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 10, 10)
+
+
+class ChoiceCard(FloatingCard):
+    """A line of words and a few buttons; what a button does is told when the card is opened."""
+
+    def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
+        super().__init__(theme, parent)
+        self.setObjectName(name)
+        self._line = QLabel()
+        self._line.setObjectName(f"{name}_line")
+        self._first = QHBoxLayout()
+        self._first.setSpacing(4)
+        self._second = QHBoxLayout()
+        self._second.setSpacing(4)
+        self._buttons: list[ActionButton] = []
+        column = QVBoxLayout(self)
+        column.setContentsMargins(8, 8, 8, 8)
+        column.setSpacing(6)
+        column.addWidget(self._line)
+        column.addLayout(self._first)
+        column.addLayout(self._second)
+        theme.changed.connect(self._style)
+        self._style()
+
+    def _style(self) -> None:
+        self._line.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._line.palette()
+        palette.setColor(self._line.foregroundRole(), self._theme.color("dim"))
+        self._line.setPalette(palette)
+
+    def offer(
+        self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
+    ) -> None:
+        """Open with ``choices`` of (object name, text, icon, what it does); the first ``per_row`` stand out."""
+        for button in self._buttons:
+            button.hide()
+            button.deleteLater()
+        self._buttons.clear()
+        self._line.setText(line)
+        self._line.setVisible(bool(line))
+        for number, (name, text, icon, act) in enumerate(choices):
+            button = ActionButton(
+                self._theme, text, icon=icon, look="primary" if number == 0 else "plain", height_px=30,
+                text_px=tokens.BODY_PX if number < per_row else tokens.STATUS_PX,
+            )  # fmt: skip
+            button.setObjectName(name)
+            button.clicked.connect(self._closing(act))
+            (self._first if number < per_row else self._second).addWidget(button)
+            self._buttons.append(button)
+        close = ActionButton(self._theme, "", icon="x", look="ghost", height_px=30)
+        close.setAccessibleName("Close")
+        close.setObjectName(f"{self.objectName()}_close")
+        close.clicked.connect(self.hide)
+        self._first.addWidget(close)
+        self._buttons.append(close)
+        self.open_at(where)
+
+    def _closing(self, act: Callable[[], None]) -> Callable[[], None]:
+        def run() -> None:
+            self.hide()
+            act()
+
+        return run
+
+
+class _NameField(QLineEdit):
+    """Return belongs to the field, also inside a panel where it is a key of the window."""
+
+    def event(self, event: QEvent) -> bool:
+        if (
+            event.type() == QEvent.Type.ShortcutOverride
+            and isinstance(event, QKeyEvent)
+            and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        ):
+            event.accept()
+            return True
+        return super().event(event)
+
+
+class NameCard(FloatingCard):
+    """Asks for a name, in place."""
+
+    named = Signal(str)
+
+    def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
+        super().__init__(theme, parent)
+        self.setObjectName(name)
+        self.field = _NameField()
+        self.field.setObjectName(f"{name}_field")
+        self.field.setMinimumWidth(150)
+        self.field.setMaxLength(60)
+        self._line = QLabel()
+        self._save = ActionButton(theme, "Save", icon="check", look="primary", height_px=30)
+        self._save.setObjectName(f"{name}_save")
+        close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
+        close.setAccessibleName("Close")
+        close.clicked.connect(self.hide)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(8, 8, 8, 8)
+        column.setSpacing(6)
+        column.addWidget(self._line)
+        row = QHBoxLayout()
+        row.setSpacing(4)
+        row.addWidget(self.field, 1)
+        row.addWidget(self._save)
+        row.addWidget(close)
+        column.addLayout(row)
+        self.field.returnPressed.connect(self._finish)
+        self._save.clicked.connect(self._finish)
+        self.field.textChanged.connect(self._on_text_changed)
+        theme.changed.connect(self._style)
+        self._style()
+
+    def _style(self) -> None:
+        self._line.setFont(self._theme.font(tokens.STATUS_PX))
+
+    def ask(self, where: QPointF, line: str, *, verb: str = "Save", text: str = "") -> None:
+        self._line.setText(line)
+        self._save.set_label(verb)
+        self.field.setText(text)
+        self._on_text_changed(text)
+        self.open_at(where)
+        self.field.setFocus(Qt.FocusReason.PopupFocusReason)
+        self.field.selectAll()
+
+    def _on_text_changed(self, text: str) -> None:
+        self._save.setEnabled(bool(text.strip()))
+
+    def _finish(self) -> None:
+        name = " ".join(self.field.text().split())
+        if name:
+            self.hide()
+            self.named.emit(name)

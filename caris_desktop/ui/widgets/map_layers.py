@@ -1,0 +1,169 @@
+"""What lies on the map: scan, trail, path and footprint as numbers, and the marks that are drawn for them."""
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF, QTransform
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import LaserScan
+
+TRAIL_STEP_M = 0.05
+TRAIL_POINTS = 4000
+"""Two hundred metres of trail; older parts are forgotten."""
+
+_TRAIL_JUMP_M = 1.0
+_TRAIL_SHADES = 8
+_DOT_PX = 2
+
+
+def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
+    """Where the beams ended, float64 of shape (returns, 2), metres in the map."""
+    ranges = scan.ranges_m
+    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    laser = map_from_robot @ scan.robot_from_laser
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
+    distances = ranges[valid].astype(np.float64)
+    return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
+
+
+def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.int64]:
+    """The points inside a view, each spot of two by two pixels once: int64 of shape (spots, 2), pixels.
+
+    Most beams of a scan end on the same few pixels of a map that shows a whole building.
+    """
+    inside = ((points_px >= 0) & (points_px < (width_px, height_px))).all(axis=1)
+    cells = points_px[inside].astype(np.int64) // _DOT_PX
+    columns = width_px // _DOT_PX + 1
+    numbers = np.unique(cells[:, 1] * columns + cells[:, 0])
+    return np.column_stack((numbers % columns, numbers // columns)) * _DOT_PX + _DOT_PX // 2
+
+
+class Trail:
+    """Where the robot has been, a point every five centimetres, the newest ``TRAIL_POINTS`` of them."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def add(self, pose: Pose2D) -> None:
+        if self._points:
+            moved_m = math.dist(self._points[-1], (pose.x_m, pose.y_m))
+            if moved_m < TRAIL_STEP_M:
+                return
+            if moved_m > _TRAIL_JUMP_M and not math.isnan(self._points[-1][0]):
+                # Localization found itself elsewhere: the robot did not drive that line.
+                self._points.append((math.nan, math.nan))
+        self._points.append((pose.x_m, pose.y_m))
+
+    def clear(self) -> None:
+        self._points.clear()
+
+    def pieces(self) -> list[tuple[float, NDArray[np.float64]]]:
+        """(strength 0..1, points of shape (n, 2) in metres) from the oldest part to the newest."""
+        points = np.array(self._points, np.float64).reshape(-1, 2)
+        pieces: list[tuple[float, NDArray[np.float64]]] = []
+        per_shade = max(2, math.ceil(len(points) / _TRAIL_SHADES))
+        for shade, first in enumerate(range(0, len(points), per_shade), start=1):
+            part = points[first : first + per_shade + 1]
+            gaps = np.flatnonzero(np.isnan(part[:, 0]))
+            for run in np.split(part, gaps):
+                kept = run[~np.isnan(run[:, 0])]
+                if len(kept) > 1:
+                    pieces.append((shade / _TRAIL_SHADES, kept))
+        return pieces
+
+
+def polygon(points: NDArray[np.float64] | list[tuple[float, float]], to_view: QTransform) -> QPolygonF:
+    """Points of the map as a line in the view."""
+    m11, m12, m21, m22 = to_view.m11(), to_view.m12(), to_view.m21(), to_view.m22()
+    dx, dy = to_view.dx(), to_view.dy()
+    array = np.asarray(points, np.float64)
+    xs = array[:, 0] * m11 + array[:, 1] * m21 + dx
+    ys = array[:, 0] * m12 + array[:, 1] * m22 + dy
+    return QPolygonF([QPointF(x, y) for x, y in zip(xs.tolist(), ys.tolist(), strict=True)])
+
+
+def thinned(points: NDArray[np.float32], at_most: int = 400) -> NDArray[np.float64]:
+    """A line of many points with no more than so many; its end stays."""
+    step = max(1, math.ceil(len(points) / at_most))
+    kept = points[::step]
+    if len(points) and step > 1:
+        kept = np.concatenate((kept, points[-1:]))
+    return kept.astype(np.float64)
+
+
+def outline_in_map(outline_m: tuple[tuple[float, float], ...], pose: Pose2D) -> list[tuple[float, float]]:
+    """The footprint where the robot stands."""
+    cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
+    return [(pose.x_m + cos * x - sin * y, pose.y_m + sin * x + cos * y) for x, y in outline_m]
+
+
+def pin(tip: QPointF) -> QPainterPath:
+    """The drop of a map pin, its point at ``tip``."""
+    x, y = tip.x(), tip.y()
+    path = QPainterPath(tip)
+    path.cubicTo(x - 4, y - 9, x - 13, y - 14, x - 13, y - 24)
+    path.cubicTo(x - 13, y - 41, x + 13, y - 41, x + 13, y - 24)
+    path.cubicTo(x + 13, y - 14, x + 4, y - 9, x, y)
+    path.closeSubpath()
+    return path
+
+
+def draw_pin(
+    painter: QPainter, tip: QPointF, heading_rad: float, *, color: QColor, ground: QColor, beam_px: float, hollow: bool
+) -> None:
+    """The robot: a pin with a nose and a beam towards ``heading_rad`` of the view (counter-clockwise from right).
+
+    ``hollow``: outlined with dashes, because it is not known where the robot is now.
+    """
+    heading = QPointF(math.cos(heading_rad), -math.sin(heading_rad))
+    side = QPointF(-heading.y(), heading.x())
+    nose = QPolygonF([tip + heading * 19, tip + heading * 9 + side * 6, tip + heading * 9 - side * 6])
+    if hollow:
+        pen = QPen(color, 2)
+        pen.setDashPattern([3, 2])
+        painter.setPen(pen)
+        painter.setBrush(ground)
+        painter.drawPath(pin(tip))
+        painter.setPen(QPen(color, 1.5))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.drawPolygon(nose)
+        painter.drawEllipse(QPointF(tip.x(), tip.y() - 24), 4, 4)
+        return
+    beam = QColor(color)
+    beam.setAlpha(60)
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(beam)
+    # Qt counts angles counter-clockwise from the right in sixteenths of a degree.
+    painter.drawPie(
+        QRectF(tip.x() - beam_px, tip.y() - beam_px, 2 * beam_px, 2 * beam_px),
+        round((math.degrees(heading_rad) - 27) * 16), 54 * 16,
+    )  # fmt: skip
+    painter.setBrush(color)
+    painter.drawPolygon(nose)
+    painter.setPen(QPen(ground, 1.5))
+    painter.drawEllipse(tip, 4, 4)
+    painter.drawPath(pin(tip))
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(ground)
+    painter.drawEllipse(QPointF(tip.x(), tip.y() - 24), 5, 5)
+
+
+def draw_arrow(painter: QPainter, at: QPointF, heading_rad: float, *, color: QColor, length_px: float) -> None:
+    """An arrow from ``at`` towards ``heading_rad`` of the view, with a ring at its foot."""
+    heading = QPointF(math.cos(heading_rad), -math.sin(heading_rad))
+    side = QPointF(-heading.y(), heading.x())
+    end = at + heading * length_px
+    painter.setPen(QPen(color, 3, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawEllipse(at, 9, 9)
+    painter.drawLine(at + heading * 9, end - heading * 8)
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(color)
+    painter.drawPolygon(QPolygonF([end, end - heading * 12 + side * 7, end - heading * 12 - side * 7]))
