@@ -5,6 +5,7 @@ halves, ``b3`` a button, ``h0.1`` a direction of a hat (1 up, 2 right, 4 down, 8
 an axis the first pushes it to +1 and the second to -1, for a button either of them presses it.
 """
 
+import itertools
 import json
 import math
 import re
@@ -29,6 +30,7 @@ _STICKS: tuple[tuple[AxisAction, ...], ...] = (("forward", "turn"), ("pan", "til
 _PART = re.compile(r"([+-]?)(?:a(\d+)(~?)|b(\d+)|h(\d+)\.([1248]))")
 _PRESSED_AT = 0.5
 _MOVED_BY = 0.6
+_TRIGGER_RESTS_BELOW = -0.9
 
 # In terms of SDL's own names for the parts of a game controller. Push to talk has no button of its own yet.
 _ON_A_CONTROLLER: dict[str, tuple[str, ...]] = {
@@ -196,7 +198,7 @@ def trigger_value(binding: str, raw: RawInputs) -> float:
 def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
     """The binding of the one input that the wizard has just pressed (``buttons``) or pushed; empty while there is none.
 
-    A pushed axis is given so that the way it was pushed is positive.
+    A pushed axis is given so that the way it was pushed is positive. What is None in ``before`` does not count yet.
     """
     if buttons:
         for index, down in enumerate(now.buttons):
@@ -210,11 +212,11 @@ def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
         return ""
     for index, value in enumerate(now.axes):
         rest = before.axes[index] if index < len(before.axes) else None
-        if value is None:
+        if value is None or rest is None:
             continue
-        moved = value - (rest or 0.0)
-        if rest is None or rest < -0.9:
-            # A trigger rests at its end, and its whole way counts; what has not been heard of may be one.
+        moved = value - rest
+        if rest < _TRIGGER_RESTS_BELOW:
+            # A trigger rests at its end, and its whole way counts.
             if moved > _MOVED_BY:
                 return f"a{index}"
         elif abs(moved) > _MOVED_BY:
@@ -222,13 +224,28 @@ def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
     return ""
 
 
-def with_rests(before: RawInputs, now: RawInputs) -> RawInputs:
-    """``before`` with the first that was heard of each axis since: a trigger's end, else the middle."""
-    axes = list(before.axes) + [None] * (len(now.axes) - len(before.axes))
+def with_rests(rests: RawInputs, now: RawInputs) -> RawInputs:
+    """Where each axis rests, from the first that was heard of it: at its end (a trigger), else in the middle."""
+    axes = list(rests.axes) + [None] * (len(now.axes) - len(rests.axes))
     for index, value in enumerate(now.axes):
         if axes[index] is None and value is not None:
-            axes[index] = value if value < -0.9 else 0.0
-    return replace(before, axes=tuple(axes))
+            axes[index] = value if value < _TRIGGER_RESTS_BELOW else 0.0
+    return RawInputs(axes=tuple(axes))
+
+
+def let_go_since(before: RawInputs, now: RawInputs, rests: RawInputs) -> RawInputs:
+    """``before`` for :func:`moved_input`: what was held when the learning began counts once it has been let go."""
+    axes = tuple(
+        rest if _held_nowhere(known, value, rest) else known
+        for known, value, rest in itertools.zip_longest(before.axes, now.axes, rests.axes)
+    )
+    buttons = tuple(was and still for was, still in zip(before.buttons, now.buttons, strict=False))
+    hats = tuple(was & still for was, still in zip(before.hats, now.hats, strict=False))
+    return RawInputs(axes, buttons, hats)
+
+
+def _held_nowhere(known: float | None, value: float | None, rest: float | None) -> bool:
+    return known is None and value is not None and rest is not None and abs(value - rest) < 0.3
 
 
 _HAT_WORDS = {1: "up", 2: "right", 4: "down", 8: "left"}

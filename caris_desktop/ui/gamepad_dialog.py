@@ -16,6 +16,7 @@ from caris_desktop.live.gamepad_mapping import (
     ButtonAction,
     RawInputs,
     binding_words,
+    let_go_since,
     moved_input,
     part_names,
     with_rests,
@@ -55,6 +56,7 @@ class GamepadDialog(QDialog):
         self._state = state
         self._gamepads = gamepads
         self._learned: AxisAction | ButtonAction | None = None
+        self._rests = RawInputs()
         self._before = RawInputs()
         self._first_way = ""
         self._name = QLabel()
@@ -167,7 +169,9 @@ class GamepadDialog(QDialog):
         self._end_learning()
         if not again:
             self._learned = action
-            self._before = with_rests(self._gamepads.sample.raw, self._gamepads.sample.raw)
+            now = self._gamepads.sample.raw
+            self._rests = with_rests(self._rests, now)
+            self._before = let_go_since(RawInputs((), now.buttons, now.hats), now, self._rests)
             self._gamepads.set_learning(learning=True)
         self._refresh()
 
@@ -176,13 +180,14 @@ class GamepadDialog(QDialog):
         self._gamepads.set_learning(learning=False)
 
     def _on_sampled(self, sample: GamepadSample) -> None:
+        self._rests = with_rests(self._rests, sample.raw)
         if not self.isVisible():
             return
         self._view.show_sample(sample, self._gamepads.device, self._gamepads.wish, self._gamepads.mapping.dead_zone)
         if self._learned is None:
             return
-        self._before = with_rests(self._before, sample.raw)
         found = self._found(sample.raw)
+        self._before = let_go_since(self._before, sample.raw, self._rests)
         if found:
             action = self._learned
             self._end_learning()
@@ -207,6 +212,7 @@ class GamepadDialog(QDialog):
 
     def _on_status_changed(self, _status: GamepadStatus) -> None:
         self._end_learning()
+        self._rests = RawInputs()
         self._refresh()
 
     def _refresh(self) -> None:

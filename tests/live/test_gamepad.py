@@ -17,6 +17,7 @@ from caris_desktop.live.gamepad_mapping import (
     axis_value,
     binding_words,
     default_mapping,
+    let_go_since,
     mappings_from_text,
     mappings_text,
     moved_input,
@@ -26,6 +27,7 @@ from caris_desktop.live.gamepad_mapping import (
     speed_share,
     stick_wish,
     trigger_value,
+    with_rests,
 )
 from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.live.state import LiveState
@@ -137,6 +139,17 @@ def test_what_the_wizard_presses_is_found() -> None:
     assert moved_input(REST, with_axes(a1=0.9), buttons=False) == "a1"
     assert moved_input(REST, with_axes(a2=0.2), buttons=False) == "a2", "a trigger pulled half way"
     assert moved_input(REST, with_axes(a1=0.3), buttons=False) == ""
+
+
+def test_what_is_held_when_learning_begins_has_to_be_let_go_first() -> None:
+    rests = with_rests(RawInputs(), REST)
+    held = RawInputs(with_axes(a0=-1.0).axes, (True, False), (1,))
+    before = let_go_since(RawInputs((), held.buttons, held.hats), held, rests)
+    assert moved_input(before, held, buttons=False) == ""
+    assert moved_input(before, with_axes(a0=1.0), buttons=False) == "", "straight to the other side"
+    before = let_go_since(before, RawInputs(REST.axes, (False, False), (0,)), rests)
+    assert moved_input(before, held, buttons=False) == "a0~"
+    assert moved_input(before, held, buttons=True) == "b0"
 
 
 def test_a_new_binding_takes_its_input_from_the_old_one() -> None:
