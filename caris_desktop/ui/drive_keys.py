@@ -74,6 +74,7 @@ class HoldToDrive(QObject):
     held_changed = Signal(object)  # frozenset of action ids
     wish_changed = Signal(object)  # MotionWish
     key_owner_changed = Signal(str)
+    windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
 
     def __init__(self, console: WizardIntents, actions: Actions, window: QWidget) -> None:
@@ -269,7 +270,7 @@ class HoldToDrive(QObject):
             if kind == QEvent.Type.Show and _takes_over(watched):
                 self.release_all("A dialog or menu opened")
             # Qt takes note of popups and dialogs only after this event.
-            QTimer.singleShot(0, self, self._update_key_owner)
+            QTimer.singleShot(0, self, self._on_windows_changed)
         return False
 
     def _filter_press(self, event: QMouseEvent) -> bool:
@@ -492,6 +493,10 @@ class HoldToDrive(QObject):
                 self._send("keyboard")
             else:
                 self.release_all("The driving panels lost the focus")
+
+    def _on_windows_changed(self) -> None:
+        self._update_key_owner()
+        self.windows_changed.emit()
 
     def _update_key_owner(self) -> None:
         owner = self._owner_now()

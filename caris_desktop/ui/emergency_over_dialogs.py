@@ -1,8 +1,9 @@
 """The red button stays within reach while a modal dialog locks the window that it is in."""
 
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
+from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -16,25 +17,12 @@ class EmergencyOverDialogs(QObject):
 
     pressed = Signal()
 
-    def __init__(self, theme: Theme, button: QWidget) -> None:
+    def __init__(self, theme: Theme, button: QWidget, hold: HoldToDrive) -> None:
         super().__init__(button)
         self._theme = theme
         self._button = button
         self._copy: QWidget | None = None
-        app = QApplication.instance()
-        if app is not None:
-            app.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if (
-            event.type() in (QEvent.Type.Show, QEvent.Type.Hide)
-            and isinstance(watched, QWidget)
-            and watched.isWindow()
-            and watched.isModal()
-        ):
-            # Once Qt has made up its list of modal windows.
-            QTimer.singleShot(0, self, self._follow)
-        return False
+        hold.windows_changed.connect(self._follow)
 
     def _follow(self) -> None:
         dialog = QApplication.activeModalWidget()

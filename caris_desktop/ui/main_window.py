@@ -205,7 +205,7 @@ class MainWindow(QWidget):
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
-        self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency)
+        self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency, self.hold)
         self._emergency_copy.pressed.connect(console.emergency_stop)
         console.state.event_happened.connect(self._on_event)
         console.state.robot.changed.connect(self._on_robot_changed)
