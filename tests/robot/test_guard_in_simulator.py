@@ -1,6 +1,7 @@
 """The guarded lease drives the simulator's base by the simulator's LIDAR, in simulated time."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -35,7 +36,7 @@ Circles = NDArray[np.float64]
 class GuardedRobot:
     """One robot somewhere in the building: 50 Hz base, 10 Hz LIDAR, 25 Hz odometry that drifts, 20 Hz commands.
 
-    What the sensors tell arrives 40 ms late, and a command takes 20 ms.
+    What the sensors tell arrives 40 ms late and a command takes 20 ms, both ``delay_s`` of the network longer.
     """
 
     pose: Pose2D
@@ -45,6 +46,7 @@ class GuardedRobot:
     bodies: Callable[[float], Circles] = lambda _now_s: NOBODY
     legs: Callable[[float], Circles] = lambda _now_s: NOBODY
     seed: int = 0
+    delay_s: float = 0.0
     now_s: float = 1.0
     gaps_m: list[float] = field(default_factory=list)
     limits: list[GuardLimit] = field(default_factory=list)
@@ -54,7 +56,7 @@ class GuardedRobot:
         self.guard = ObstacleGuard(self.profile)
         self.lease = MotionLease(self.profile.limits, allow=self._allow)
         self.noise = np.random.default_rng(self.seed)
-        self.wanted = ZERO_TWIST
+        self.wanted = deque([ZERO_TWIST], maxlen=1 + round(self.delay_s / STEP_S))
         self.steps = 0
         self._odom_from_robot = Pose2D(3.0, -2.0, 1.0)
         self._late: list[tuple[float, LaserScan | Odometry]] = []
@@ -84,10 +86,11 @@ class GuardedRobot:
         return self
 
     def _step(self) -> None:
-        wanted = self.wanted
+        wanted = self.wanted[0]
+        self.wanted.append(self.wanted[-1])
         while (leased := self.lease.next_twist(self.now_s)) is not None:
             self.guard.note_sent(leased.twist, self.now_s)
-            self.wanted = leased.twist
+            self.wanted[-1] = leased.twist
         before, self.state = self.state, base.step(self.state, wanted, self.bodies(self.now_s), model=self.base_model)
         moved = before.pose_in_map.inverse() @ self.state.pose_in_map
         self._odom_from_robot = self._odom_from_robot @ Pose2D(
@@ -98,12 +101,12 @@ class GuardedRobot:
         robot_ns = round((self.now_s + 1000.0) * 1e9)
         if self.steps % 2 == 0:
             twist = Twist2D(self.state.forward_mps, self.state.left_mps, self.state.turn_radps)
-            self._late.append((self.now_s + 0.04, Odometry(0, robot_ns, self._odom_from_robot, twist)))
+            self._late.append((self.now_s + 0.04 + self.delay_s, Odometry(0, robot_ns, self._odom_from_robot, twist)))
         if self.steps % 5 == 0:
             scan = lidar.scan_from(
                 self.state.pose_in_map, self.legs(self.now_s), self.noise, stamp_ns=robot_ns, model=self.lidar_model
             )
-            self._late.append((self.now_s + 0.04, scan))
+            self._late.append((self.now_s + 0.04 + self.delay_s, scan))
         while self._late and self._late[0][0] <= self.now_s + 1e-9:
             value = replace(self._late.pop(0)[1], stamp_ns=round(self.now_s * 1e9))
             if isinstance(value, Odometry):
@@ -256,6 +259,18 @@ def test_it_stops_before_people_whichever_way_they_stand() -> None:
         assert robot.limits[-1].state == "blocked"
         gaps_m.append(min(robot.gaps_m))
     print("gap to the body", [round(gap_m, 3) for gap_m in gaps_m])
+    assert min(gaps_m) > 0.03
+
+
+def test_a_network_that_takes_300_ms_each_way_makes_it_slower_and_not_bolder() -> None:
+    gaps_m = []
+    for number, pose in enumerate(free_poses(6, seed=9)):
+        robot = GuardedRobot(pose, delay_s=0.3, seed=number).wait(0.8)
+        robot.guard.take_round_trip(0.6)
+        robot.push((Twist2D(0.5), Twist2D(0.5, 0.0, 0.8), Twist2D(-0.3))[number % 3], 5.0)
+        assert robot.state.collisions == 0
+        gaps_m.append(min(robot.gaps_m))
+    print(f"600 ms there and back: least gap {min(gaps_m):.3f} m")
     assert min(gaps_m) > 0.03
 
 
