@@ -31,6 +31,7 @@ from caris_desktop.ros.fields import Message, MessageError
 
 logger = logging.getLogger(__name__)
 
+_REMEMBERED_GOALS = 20
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
@@ -159,7 +160,6 @@ class BridgedActionClient:
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
-            self._uuid_of.pop(wire_ids[0], None)
             operation = {"status": results["status"].value or None, "values": results["values"], "result": worked}
             try:
                 result = decode_ros2_result(operation)
@@ -214,5 +214,8 @@ class BridgedActionClient:
             if wire_id is not None and status in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
                 # The first goal that turns up after ours was sent.
                 self._unknown = None
+                # Kept when it seems to have ended: after a lost link it goes on, and is known by this name only.
                 self._uuid_of[wire_id] = uuid_hex
+                while len(self._uuid_of) > _REMEMBERED_GOALS:
+                    del self._uuid_of[next(iter(self._uuid_of))]
                 self._listener.goal_active(wire_id)

@@ -144,6 +144,7 @@ class ControlLink:
     async def finish(self) -> None:
         """Stop the robot and say goodbye."""
         moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
+        self._controls.cancel_goals("the console closed")
         if self._connected and moving:
             self._navigator.cancel_all("the console closed")
             self._lease.stop(self._loop.time())

@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 READINGS_EVERY_S = 0.2
 # A gesture may take its time to begin; a server that is not there never does.
 NO_ANSWER_S = 4.0
+# A publisher that was just advertised reaches its subscribers only after a moment.
+CANCEL_AGAIN_S = (0.0, 0.3, 1.0)
 SERVICE_WAIT_S = 20.0
 LONGEST_TEXT_SHOWN = 500
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
@@ -112,6 +114,7 @@ class _Server:
     tell: Callable[[UseControl, RequestState, str], None]
     client: ActionClient | None = None
     goals: dict[str, _Goal] = field(default_factory=dict)
+    lost: tuple[str, ...] = ()
 
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
@@ -197,12 +200,19 @@ class RobotControls:
 
     def link_connected(self) -> None:
         self._learn_types()
+        for server in self._servers.values():
+            # What was begun before the gap does not go on after it.
+            lost, server.lost = server.lost, ()
+            for wire_id in lost if server.client is not None else ():
+                for delay_s in CANCEL_AGAIN_S:
+                    self._loop.call_later(delay_s, server.client.cancel, wire_id)
 
     def link_lost(self) -> None:
         self._types.forget()
         self._values.clear()
         for server in self._servers.values():
-            self._fail_goals(server, "the link to the robot was lost", cancel=False)
+            server.lost += tuple(server.goals)
+            self._fail_goals(server, "the link to the robot was lost; it is cancelled when it is back", cancel=False)
 
     def close(self) -> None:
         """The link ends."""

@@ -183,6 +183,9 @@ def test_without_a_link_every_use_fails_and_none_comes_later() -> None:
         await bench.bridge.open()
         await bench.until(lambda: bench.state == "connected", "the link")
         await bench.until(lambda: len(bench.bridge.operations("advertise", "/volume")) == 2, "restored")
+        [goal] = bench.bridge.published("/play/goal")
+        [cancel] = await bench.until(lambda: bench.bridge.published("/play/cancel"), "what was under way is cancelled")
+        assert cancel["id"] == goal["goal_id"]["id"]
         assert bench.bridge.published("/volume") == []
 
     with_link(ROBOT, test)
@@ -219,6 +222,16 @@ def test_stop_cancels_what_a_control_has_begun() -> None:
         bench.send(StopMotion(now_ns()))
         await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
         assert (await ended(bench)).detail == "stopped by the wizard"
+
+    with_link(ROBOT, test)
+
+
+def test_what_a_control_has_begun_does_not_outlive_the_console() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True))
+        await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        await bench.link.finish()
+        await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
 
     with_link(ROBOT, test)
 
