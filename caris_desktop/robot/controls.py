@@ -116,6 +116,10 @@ class _Server:
     goals: dict[str, _Goal] = field(default_factory=dict)
     lost: tuple[str, ...] = ()
 
+    def cancel(self, wire_id: str) -> None:
+        if self.client is not None:
+            self.client.cancel(wire_id)
+
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
             self.goals[wire_id].heard = True
@@ -203,9 +207,9 @@ class RobotControls:
         for server in self._servers.values():
             # What was begun before the gap does not go on after it.
             lost, server.lost = server.lost, ()
-            for wire_id in lost if server.client is not None else ():
+            for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
-                    self._loop.call_later(delay_s, server.client.cancel, wire_id)
+                    self._loop.call_later(delay_s, server.cancel, wire_id)
 
     def link_lost(self) -> None:
         self._types.forget()
@@ -317,15 +321,14 @@ class RobotControls:
         goal = server.goals.get(wire_id)
         if goal is not None and not goal.heard:
             del server.goals[wire_id]
-            if server.client is not None:
-                server.client.cancel(wire_id)
+            server.cancel(wire_id)
             self._tell(goal.command, "failed", f"the robot did not answer within {NO_ANSWER_S:g} s")
 
     def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
         goals, server.goals = server.goals, {}
         for wire_id, goal in goals.items():
-            if cancel and server.client is not None:
-                server.client.cancel(wire_id)
+            if cancel:
+                server.cancel(wire_id)
             self._tell(goal.command, "failed", detail)
 
     def _tell(self, command: UseControl, state: RequestState, detail: str) -> None:
