@@ -23,7 +23,7 @@ from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.robot.link import LinkSettings, run_media_link
 from caris_desktop.robot.profile import TopicSource
-from caris_desktop.ui.panels.map import MapView
+from caris_desktop.ui.widgets.map_view import MapView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad, stop_process
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 from tests.benchmarks.teleop_latency import first_after, moving, start_program
