@@ -266,11 +266,11 @@ class PoseTracker:
         return self.tree.lookup(self._frames.map, name, robot_stamp_ns) or self.tree.lookup(self._frames.map, name)
 
     def unknown_frame(self, frame: str) -> str:
-        """Why nothing is known of ``frame``, for the wizard: what it is not, and what it may have been meant to be."""
+        """Why nothing is known of ``frame``, for the wizard, and what it may have been meant to be. No full stop."""
         name = frame.lstrip("/")
         alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
         hint = f"; the robot has {', '.join(sorted(alike)[:3])}" if alike and name not in alike else ""
-        return f"the robot's transforms do not lead from {self._frames.base} to {name!r}{hint}"
+        return f"The robot's transforms do not lead from {self._frames.base} to {name!r}{hint}"
 
     def forget(self) -> None:
         """The link was lost: what was known of the robot's place is no longer."""

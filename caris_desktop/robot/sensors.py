@@ -215,7 +215,7 @@ class Sensors:
         self._report.problems.count(
             f"frame {frame}",
             severity="warning",
-            what=f"{self._poses.unknown_frame(frame[:100])}.".capitalize(),
+            what=f"{self._poses.unknown_frame(frame[:100])}.",
             meaning=meaning,
             advice="Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static.",
         )

@@ -86,7 +86,7 @@ def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeyp
 
     async def test(bench: LoopBench) -> None:
         await tell_transforms(
-            bench, ("tiago/base_footprint", "tiago/laser", Pose2D(0, 0, 0)), ("a", "b", Pose2D(0, 0, 0)),
+            bench, ("tiago/base_footprint", "Tiago/laser", Pose2D(0, 0, 0)), ("a", "b", Pose2D(0, 0, 0)),
             ("b", "a", Pose2D(0, 0, 0)), at_ns=START_NS,
         )  # fmt: skip
         for number in range(3):
@@ -96,7 +96,7 @@ def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeyp
         assert {scan.robot_from_laser.x_m for scan in await scans(bench, 4)} == {0.3}
         assert {scan.map_from_laser for scan in bench.of(LaserScan)} == {None}
         first, second = bench.of(Problem)
-        assert "do not lead from base_footprint to 'laser'; the robot has tiago/laser." in first.what
+        assert "do not lead from base_footprint to 'laser'; the robot has Tiago/laser." in first.what
         assert "to 'a'" in second.what
 
     with_link(robot, test)
