@@ -17,6 +17,7 @@ from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
+from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
@@ -51,7 +52,14 @@ class ConsoleRun:
         parts = composition.parts(scenario, study=study, camera=arguments.camera, address_of=self._address_of)
         self.console = Console(parts, scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
-        self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=_scenario_choices)
+        self.window = MainWindow(
+            self.console,
+            settings=self.settings,
+            theme=theme,
+            scenarios=_scenario_choices,
+            gamepads=self.console.gamepads,
+            explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
+        )
         self.window.layout_save_requested.connect(self._on_layout_save_requested)
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
