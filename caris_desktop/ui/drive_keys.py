@@ -27,7 +27,7 @@ from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui.actions import Actions, ActionSpec
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
-from caris_desktop.ui.physical_keys import PhysicalKeys
+from caris_desktop.ui.physical_keys import KeyboardGrabs, PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
 
@@ -100,6 +100,9 @@ class HoldToDrive(QObject):
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
         app.installEventFilter(self)
+        self._grabs = KeyboardGrabs(self._on_keyboard_taken)
+        if self._keys.exact:
+            app.installNativeEventFilter(self._grabs)
         app.focusChanged.connect(self._on_focus_changed)
         app.applicationStateChanged.connect(self._on_application_state_changed)
         actions.rebuilt.connect(self._on_rebuilt)
@@ -112,6 +115,7 @@ class HoldToDrive(QObject):
         """Stop listening; anything held is released."""
         self.release_all("The window was closed")
         self._app.removeEventFilter(self)
+        self._app.removeNativeEventFilter(self._grabs)
 
     # ---- what is held
 
@@ -403,6 +407,16 @@ class HoldToDrive(QObject):
             self._stop()
         if key == Qt.Key.Key_Escape:
             self._close_what_escape_closes()
+
+    def _on_keyboard_taken(self) -> None:
+        if self._app.activePopupWidget() is not None or not self._is_ours(self._app.activeWindow()):
+            return  # our own menus take it too
+        key = self._keys.stop_key_down()
+        if key is not None:
+            # A stop is a stop, also where the window manager keeps Alt+Escape for itself.
+            self._on_stop_key(Qt.Key(key))
+        else:
+            self.release_all("The window manager took the keyboard")
 
     def _stop(self) -> None:
         self._end_held()

@@ -8,13 +8,16 @@ would be typed. Asking the X server for releases of the finger alone ends that a
 import ctypes
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+from PySide6.QtCore import QAbstractNativeEventFilter, QByteArray, Qt
 from PySide6.QtGui import QGuiApplication, QKeyEvent, QNativeInterface
 
 logger = logging.getLogger(__name__)
 
 _CORE_KEYBOARD = 0x0100
+_FOCUS_OUT, _NOTIFY_GRAB = 10, 1
+_XK_ESCAPE, _XK_PAUSE = 0xFF1B, 0xFF13
 
 LONGEST_REPEAT_GAP_S = 1.2
 """A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
@@ -27,6 +30,24 @@ class _XkbState(ctypes.Structure):
         ("group", ctypes.c_ubyte), ("locked_group", ctypes.c_ubyte), ("base_group", ctypes.c_ushort),
         ("latched_group", ctypes.c_ushort), ("mods", ctypes.c_ubyte * 9), ("ptr_buttons", ctypes.c_ushort),
     ]  # fmt: skip
+
+
+class KeyboardGrabs(QAbstractNativeEventFilter):
+    """Tells when another program takes the keyboard: a window manager that keeps Alt+Tab or Alt+Escape for itself.
+
+    On X11 the window is told of it by a FocusOut that Qt passes over in silence, together with the key.
+    """
+
+    def __init__(self, on_grab: Callable[[], None]) -> None:
+        super().__init__()
+        self._on_grab = on_grab
+
+    def nativeEventFilter(self, _event_type: QByteArray | bytes | bytearray | memoryview, message: int) -> object:
+        # xcb_focus_out_event_t: response_type, detail, sequence (2 bytes), event (4 bytes), mode.
+        head = (ctypes.c_ubyte * 9).from_address(int(message))
+        if head[0] & 0x7F == _FOCUS_OUT and head[8] == _NOTIFY_GRAB:
+            self._on_grab()
+        return False, 0
 
 
 class PhysicalKeys:
@@ -58,6 +79,8 @@ class PhysicalKeys:
             display, supported = int(native.display()), ctypes.c_int()
             if x11.XkbSetDetectableAutoRepeat(display, 1, ctypes.byref(supported)) and supported.value:
                 self._x11, self._display = x11, display
+            x11.XKeysymToKeycode.argtypes = [ctypes.c_void_p, ctypes.c_ulong]
+            x11.XKeysymToKeycode.restype = ctypes.c_ubyte
             x11.XkbGetState.argtypes = [ctypes.c_void_p, ctypes.c_uint, ctypes.POINTER(_XkbState)]
             x11.XkbKeycodeToKeysym.argtypes = [ctypes.c_void_p, ctypes.c_ubyte, ctypes.c_uint, ctypes.c_uint]
             x11.XkbKeycodeToKeysym.restype = ctypes.c_ulong
@@ -95,6 +118,18 @@ class PhysicalKeys:
         down = {code for code in scan_codes | set(self._down) if code < 256 and keymap.raw[code // 8] >> code % 8 & 1}
         self._down = {code: known for code, known in self._down.items() if code in down}
         return down & scan_codes
+
+    def stop_key_down(self) -> int | None:
+        """Qt's key of Escape or Pause if one of them is down at this moment, whoever gets it."""
+        if self._x11 is None:
+            return None
+        keymap = ctypes.create_string_buffer(32)
+        self._x11.XQueryKeymap(self._display, keymap)
+        for keysym, key in ((_XK_PAUSE, Qt.Key.Key_Pause), (_XK_ESCAPE, Qt.Key.Key_Escape)):
+            code = self._x11.XKeysymToKeycode(self._display, keysym)
+            if code and keymap.raw[code // 8] >> code % 8 & 1:
+                return int(key)
+        return None
 
     def letters(self, codes: Mapping[str, int]) -> dict[str, str]:
         """What the present layout types on the keys with these codes; empty where the system does not tell."""

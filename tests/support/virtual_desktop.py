@@ -11,12 +11,15 @@ TOOLS = ("Xvfb", "openbox", "xdotool", "setxkbmap")
 MISSING_TOOLS = tuple(tool for tool in TOOLS if shutil.which(tool) is None)
 
 _REPOSITORY = Path(__file__).resolve().parents[2]
-# Openbox keeps Alt+Escape for itself (it lowers the window); a desktop on which it reaches programs is wanted here.
+# Openbox keeps Alt+Escape for itself (it lowers the window). Here it reaches programs, and Ctrl+Escape is kept instead.
 _OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
 <openbox_config xmlns="http://openbox.org/3.4/rc">
   <desktops><number>2</number><popupTime>0</popupTime></desktops>
   <focus><focusNew>yes</focusNew><followMouse>no</followMouse></focus>
-  <keyboard/>
+  <keyboard>
+    <keybind key="C-Escape"><action name="Lower"/></keybind>
+    <keybind key="C-F11"><action name="Lower"/></keybind>
+  </keyboard>
   <mouse><context name="Client"><mousebind button="Left" action="Press">
     <action name="Focus"/><action name="Raise"/></mousebind></context></mouse>
 </openbox_config>

@@ -260,6 +260,17 @@ def test_the_gamepad_drives_stops_and_speaks(desktop: Desktop, whole_desktop: Vi
     assert "GAMEPAD False" in desktop.since()
 
 
+def test_a_key_that_the_window_manager_keeps_stops_too(desktop: Desktop) -> None:
+    desktop.do("keydown", "w")
+    desktop.expect(FORWARD)
+    desktop.do("keydown", "ctrl", "keydown", "F11", "sleep", "0.1", "keyup", "F11", "keyup", "ctrl")
+    desktop.expect("release_drive The window manager took the keyboard")
+    desktop.do("keyup", "w", "keydown", "w")
+    desktop.expect(FORWARD)
+    desktop.do("keydown", "ctrl", "keydown", "Escape", "sleep", "0.1", "keyup", "Escape", "keyup", "ctrl", "keyup", "w")
+    desktop.expect("stop")
+
+
 def test_a_completion_does_not_end_driving(desktop: Desktop) -> None:
     desktop.say("completer")
     desktop.expect("KEYS typing")
