@@ -2,13 +2,15 @@
 
 Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
 (``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
-thing to send to every client: ``{"text": ...}``, ``{"hex": ...}`` or ``{"size": N}``. Service calls listed in
-``answers`` are answered, others of rosapi refused; scans and odometry are published while somebody subscribes to them.
+thing to send to every client: ``{"text": ...}``, ``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or
+``{"flood": N}``. Service calls listed in ``answers`` are answered, others of rosapi refused; scans and odometry are
+published while somebody subscribes to them.
 """
 
 import asyncio
 import contextlib
 import json
+import struct
 import sys
 import time
 from typing import Any
@@ -43,6 +45,7 @@ ANSWERS: dict[str, dict[str, Any]] = {
     "/emergency_stop/set": {"success": True, "message": ""},
 }
 
+_PIECE_BYTES = 1_000_000
 CLOCK_OFFSET_S = 1_700_000_000
 
 
@@ -107,6 +110,14 @@ async def send_ordered(client: ServerConnection, order: dict[str, Any]) -> None:
         for number in range(order["flood"]):
             fragment = {"op": "fragment", "id": f"flood {number}", "num": 0, "total": 2, "data": "x" * 2000}
             await client.send(json.dumps(fragment))
+    elif "frame" in order:
+        # Piece by piece, as a network delivers it; the double must go on answering meanwhile.
+        client.transport.write(b"\x81\x7f" + struct.pack(">Q", order["frame"]))
+        for _ in range(order["frame"] // _PIECE_BYTES):
+            if client.transport.is_closing():
+                break
+            client.transport.write(b"x" * _PIECE_BYTES)
+            await asyncio.sleep(0)
     elif "size" in order:
         await client.send('{"op":"publish","topic":"/map","msg":{"data":"' + "x" * order["size"] + '"}}')
 

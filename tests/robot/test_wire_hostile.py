@@ -49,7 +49,7 @@ def test_a_frame_of_200_megabytes_ends_the_connection_unread_and_the_next_one_wo
 ) -> None:
     before_bytes = psutil.Process(link.process.pid).memory_info().rss
     changes = len(link.states())
-    bridge.tell(size=200_000_000)
+    bridge.tell(frame=200_000_000)
     link.wait_for_state("lost", after=changes)
     assert psutil.Process(link.process.pid).memory_info().rss - before_bytes < 100e6
     link.wait_for_state("connected", after=changes)
