@@ -33,6 +33,7 @@ from caris_desktop.ui.panels.assistant import AssistantPanel
 from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel
 from caris_desktop.ui.panels.drive import DrivePanel
 from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.motion import MotionPanel
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.robot import RobotPanel, question_for
 from caris_desktop.ui.panels.session import SessionPanel
@@ -59,6 +60,7 @@ PANELS: dict[PanelName, type[Panel]] = {
     "assistant": AssistantPanel,
     "session": SessionPanel,
     "robot": RobotPanel,
+    "motion": MotionPanel,
     "diagnostics": DiagnosticsPanel,
 }
 _PANEL_ICONS: dict[PanelName, str] = {

@@ -5,12 +5,14 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QShowEvent
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
-from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox, RobotPose
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
@@ -18,6 +20,8 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.floating_card import ChoiceCard
+from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, ring_px, spot_at
 
 BOXES_FRAMES_APART = 12
 """Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
@@ -31,8 +35,16 @@ _FORESEEN_S = 0.25
 _STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
 _PHOTO_SHOWN_S = 2.5
 _DRIVE_ENDED_SHOWN_S = 5.0
-_CHIP_COLORS = {"hint": "box_unnamed", "warning": "box_warning", "good": "box_named"}
-_CHIP_ICONS = {"warning": "warning", "good": "check"}
+_CHIP_COLORS = {
+    "hint": "box_unnamed", "warning": "box_warning", "good": "box_named", "blocked": "box_warning",
+    "slowing": "box_warning", "override": "box_warning",
+}  # fmt: skip
+_CHIP_ICONS = {
+    "warning": "warning", "good": "check", "blocked": "prohibit", "slowing": "shield-warning",
+    "override": "shield-slash",
+}  # fmt: skip
+_NOTE_SHOWN_S = 3.0
+_CLICK_PX = 6
 _AHEAD_RAD = math.radians(20.0)
 
 
@@ -71,6 +83,22 @@ def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[
     return moved
 
 
+def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
+    """What the obstacle guard does to the motion now, in words, with the role of its chip; None for nothing."""
+    left = f" · {drive.guard_distance_m:.1f} m left" if drive.guard_distance_m is not None else ""
+    match drive.guard:
+        case "blocked":
+            return f"Blocked: the guard keeps clear of an obstacle{left}", "blocked"
+        case "slowing":
+            return f"The guard slows down before an obstacle{left}", "slowing"
+        case "blind":
+            return "The guard has no fresh LIDAR: slow", "warning"
+        case "overridden":
+            return "The guard is off: nothing stops before obstacles", "override"
+        case _:
+            return None
+
+
 def distance_ahead_m(scan: LaserScan) -> float | None:
     """The nearest return within 20 degrees of straight ahead; None when nothing returned there."""
     ranges = scan.ranges_m
@@ -107,6 +135,13 @@ class VideoPanel(Panel):
         self._photo_until_s = 0.0
         self._ended = ("", 0.0)
         self._latency_s = 0.0
+        self._note = ("", 0.0)
+        self._target: Pose2D | None = None  # in the map, while the card asks about it
+        self._card = ChoiceCard(self.theme, self.view, name="video_card")
+        self._may_go = self.console.scenario.permissions.driving
+        self.view.hovered.connect(self._on_hovered)
+        self.view.floor_clicked.connect(self._on_floor_clicked)
+        self.hold.escape_pressed.connect(self._card.hide)
         state = self.state
         state.frame.changed.connect(self._on_frame_changed)
         state.frame.freshness_changed.connect(self._on_freshness_changed)
@@ -139,6 +174,8 @@ class VideoPanel(Panel):
 
     def _on_frame_changed(self, frame: FrameRef) -> None:
         self._shown.append(time.monotonic())
+        self.view.show_model(self._model(frame))
+        self._keep_ring_in_place()
         self._latency_s = self.state.frame.age_s() or 0.0
         if not self.view.isVisible() or self.view.visibleRegion().isEmpty():
             return
@@ -210,6 +247,8 @@ class VideoPanel(Panel):
         hints: list[tuple[str, str]] = []
         if time.monotonic() < self._photo_until_s:
             hints.append(("Photo taken", "good"))
+        if time.monotonic() < self._note[1]:
+            hints.append((self._note[0], "warning"))
         if self.table.spec("drive_forward") is None:
             return hints
         if drive.emergency_stop:
@@ -218,12 +257,79 @@ class VideoPanel(Panel):
             hints.append((f"Driving is off: {drive.reason}" if drive.reason else "Driving is off", "warning"))
         elif time.monotonic() < self._ended[1] and not self.hold.held:
             hints.append((f"Driving ended: {self._ended[0]}", "warning"))
-        elif drive.cap_reason:
-            hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
+        elif drive.cap_reason or guard_chip(drive) is not None:
+            guard = guard_chip(drive)
+            if guard is not None:
+                hints.append(guard)
+            if drive.cap_reason:
+                hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
         else:
             free = self.table.driving_focus
             hints.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
         return hints
+
+    # ---- a click on the floor
+
+    def _model(self, frame: FrameRef) -> CameraModel | None:
+        """Where this camera looks, where the robot may be sent by a click; None where it may not."""
+        robot = self.state.robot.value
+        if not self._may_go or robot is None or robot.navigation is None:
+            return None
+        head = self.state.head
+        return model_for(robot, frame, head.value if head.freshness == "fresh" else None)
+
+    def _pose_now(self) -> Pose2D | None:
+        pose: RobotPose | None = self.state.pose.value
+        return pose.pose_in_map if pose is not None and self.state.pose.freshness == "fresh" else None
+
+    def _keep_ring_in_place(self) -> None:
+        """The point that is asked about stays on the floor while the robot moves on; closed, it is forgotten."""
+        pose = self._pose_now()
+        if self._target is None:
+            return
+        if self._card.isHidden() or pose is None:
+            self._target = None
+            self._card.hide()
+            self.view.show_spot(None)
+            return
+        seen = pose.inverse() @ self._target
+        self.view.show_spot(FloorSpot(seen.x_m, seen.y_m))
+
+    def _on_hovered(self, at: QPointF | None) -> None:
+        model = self.view.model
+        spot = spot_at(model, at.x(), at.y()) if model is not None and at is not None else None
+        shown = isinstance(spot, FloorSpot) and self.state.frame.freshness == "fresh" and self._card.isHidden()
+        if shown or self._card.isHidden():
+            self.view.show_spot(spot if shown and isinstance(spot, FloorSpot) else None)
+
+    def _on_floor_clicked(self, at: QPointF, where: QPointF) -> None:
+        if not self._card.isHidden():
+            self._card.hide()
+            self.view.show_spot(None)
+            return
+        model, pose = self.view.model, self._pose_now()
+        if model is None:
+            return
+        spot = spot_at(model, at.x(), at.y())
+        if self.state.frame.freshness != "fresh":
+            spot = "The picture is too old to aim with"
+        elif pose is None and isinstance(spot, FloorSpot):
+            spot = "It is not known where the robot is now"
+        if isinstance(spot, str) or pose is None:
+            self._note = (str(spot), time.monotonic() + _NOTE_SHOWN_S)
+            self._refresh()
+            return
+        target = pose @ Pose2D(spot.x_m, spot.y_m, math.atan2(spot.y_m, spot.x_m))
+        self.view.show_spot(spot)
+        self._target = target
+        self._card.offer(
+            where, f"{spot.distance_m:.1f} m from the robot",
+            [("video_go_there", "Go there", "navigation-arrow", lambda: self._go(target))],
+        )  # fmt: skip
+
+    def _go(self, target: Pose2D) -> None:
+        self.view.show_spot(None)
+        self.console.go_to(target)
 
     def _on_link_changed(self, _link: LinkStatus) -> None:
         self._refresh()
@@ -244,6 +350,8 @@ class FrameView(QWidget):
     """Paints the newest frame to fit, with boxes over it. Never shows an old frame as if it were live."""
 
     clicked = Signal()
+    hovered = Signal(object)  # QPointF in pixels of the frame, None outside
+    floor_clicked = Signal(QPointF, QPointF)  # pixels of the frame, of the view
 
     def __init__(self, theme: Theme, panel: Panel) -> None:
         super().__init__(panel)
@@ -260,6 +368,10 @@ class FrameView(QWidget):
         self._lost_reason = ""
         self._out_of_reach = False
         self._chips: list[tuple[str, str]] = []
+        self._model: CameraModel | None = None
+        self._spot: FloorSpot | None = None
+        self._press: QPointF | None = None
+        self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName("Picture from the robot's camera")
         theme.changed.connect(self.update)
@@ -277,6 +389,47 @@ class FrameView(QWidget):
         self._frame = frame
         self.update()
 
+    @property
+    def model(self) -> CameraModel | None:
+        """How pixels of the frame on show look at the floor, where a click may send the robot."""
+        return self._model if self.frame is not None else None
+
+    @property
+    def spot(self) -> FloorSpot | None:
+        return self._spot
+
+    def show_model(self, model: CameraModel | None) -> None:
+        self._model = model
+        if model is None:
+            self._spot = None
+
+    def show_spot(self, spot: FloorSpot | None) -> None:
+        """A ring on the floor."""
+        if spot != self._spot:
+            self._spot = spot
+            self.setCursor(Qt.CursorShape.ArrowCursor if spot is None else Qt.CursorShape.PointingHandCursor)
+            self.update()
+
+    def to_frame(self, point: QPointF) -> QPointF | None:
+        """Pixels of the frame under a point of the view; None beside the picture."""
+        picture, frame = self.picture_rect(), self.frame
+        if frame is None or not picture.contains(point):
+            return None
+        return QPointF(
+            (point.x() - picture.left()) / picture.width() * frame.width_px,
+            (point.y() - picture.top()) / picture.height() * frame.height_px,
+        )
+
+    def to_view(self, u_px: float, v_px: float) -> QPointF:
+        """Where a pixel of the frame is in the view."""
+        picture, frame = self.picture_rect(), self.frame
+        if frame is None:
+            return picture.center()
+        return QPointF(
+            picture.left() + u_px / frame.width_px * picture.width(),
+            picture.top() + v_px / frame.height_px * picture.height(),
+        )
+
     def show_people(self, people: People) -> None:
         self._people_before, self._people = self._people, people
         # With a running video the next frame paints them, a moment later and once instead of twice.
@@ -291,7 +444,7 @@ class FrameView(QWidget):
     def show_freshness(self, freshness: str) -> None:
         self._freshness = freshness
         if freshness in ("lost", "none"):
-            self._image = self._pixels = self._frame = None
+            self._image = self._pixels = self._frame = self._spot = None
         self.update()
 
     def show_lost_reason(self, reason: str) -> None:
@@ -354,6 +507,8 @@ class FrameView(QWidget):
                 self._paint_stale(painter)
             elif boxes_fit(self._people, self._frame):
                 self._paint_boxes(painter)
+            if self._freshness == "fresh":
+                self._paint_spot(painter)
         self._paint_chips(painter)
         painter.setPen(QPen(self._theme.color("blue" if self._panel.active else "line"), 1))
         painter.setBrush(Qt.BrushStyle.NoBrush)
@@ -429,6 +584,31 @@ class FrameView(QWidget):
             painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, label)
         painter.setOpacity(1.0)
 
+    def _paint_spot(self, painter: QPainter) -> None:
+        spot, model, theme = self._spot, self.model, self._theme
+        corners = ring_px(model, spot) if spot is not None and model is not None else []
+        if spot is None or not corners:
+            return
+        painter.save()
+        painter.setClipRect(self.picture_rect())
+        ring = QPolygonF([self.to_view(u_px, v_px) for u_px, v_px in corners])
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for color, width in (("video_ground", 4.5), ("box_named", 2.5)):
+            painter.setPen(QPen(theme.color(color), width))
+            painter.drawPolygon(ring)
+        text = f"{spot.distance_m:.1f} m"
+        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        painter.setFont(font)
+        bounds = ring.boundingRect()
+        tag = QRectF(0, 0, QFontMetricsF(font).horizontalAdvance(text) + 14, 21)
+        tag.moveCenter(QPointF(bounds.center().x(), bounds.top() - 16))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(theme.color("box_named"))
+        painter.drawRoundedRect(tag, 4, 4)
+        painter.setPen(theme.color("on_box"))
+        painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, text)
+        painter.restore()
+
     def _paint_chips(self, painter: QPainter) -> None:
         theme = self._theme
         chips = self._chips
@@ -462,4 +642,23 @@ class FrameView(QWidget):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
         self.clicked.emit()
+        self._press = event.position() if event.button() == Qt.MouseButton.LeftButton else None
         super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._model is not None:
+            self.hovered.emit(self.to_frame(event.position()))
+        super().mouseMoveEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        press, self._press = self._press, None
+        where = event.position()
+        if press is not None and (where - press).manhattanLength() <= _CLICK_PX and self._model is not None:
+            at = self.to_frame(where)
+            if at is not None:
+                self.floor_clicked.emit(at, where)
+        super().mouseReleaseEvent(event)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        self.hovered.emit(None)
+        super().leaveEvent(event)

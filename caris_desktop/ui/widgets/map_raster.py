@@ -41,13 +41,14 @@ class GridRaster:
 
     @property
     def done(self) -> bool:
-        return self._next_row >= self.grid.cells.shape[0]
+        return bool(self._next_row >= len(self.grid.cells))
 
     def fits(self, grid: OccupancyGrid) -> bool:
         """Whether ``grid`` is another state of the same map, whose changes alone need work."""
         mine = self.grid
-        same_size = bool(grid.cells.shape == mine.cells.shape)
-        return same_size and (grid.resolution_m, grid.origin_in_map) == (mine.resolution_m, mine.origin_in_map)
+        if grid.cells.shape != mine.cells.shape or grid.resolution_m != mine.resolution_m:
+            return False
+        return grid.origin_in_map == mine.origin_in_map
 
     def begin(self, grid: OccupancyGrid) -> None:
         """Take another state of the same map: :meth:`render_band` goes over it once more."""

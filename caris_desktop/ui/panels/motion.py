@@ -1,0 +1,235 @@
+"""Motion: what was commanded and what the base did, over the last half minute, and where odometry has it."""
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtGui import QBrush, QColor, QPen
+from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import CommandSent
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.panel import Panel, PanelContext, card_margins
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+SPAN_S = 30.0
+POINTS = 3000
+"""Of each line; a hundred a second for half a minute. Older ones are forgotten."""
+
+_REDRAW_MS = 100
+_GAP_S = 0.5
+_COMMANDS_END_S = 0.6  # the link repeats a command, and then zero for half a second; silence means nothing is asked
+
+
+class Strip:
+    """Stamped values of the last half minute, bounded in number."""
+
+    def __init__(self, values: int) -> None:
+        self._values = values
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=POINTS)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, stamp_ns: int, *values: float) -> None:
+        self._rows.append((stamp_ns / 1e9, *values))
+
+    def clear(self) -> None:
+        self._rows.clear()
+
+    def window(self, now_s: float, *, gap_s: float) -> NDArray[np.float64]:
+        """Rows of (seconds before now, values...), oldest first; a row of NaN wherever nothing came for ``gap_s``."""
+        if not self._rows:
+            return np.empty((0, 1 + self._values))
+        rows = np.array(self._rows)
+        rows = rows[rows[:, 0] >= now_s - SPAN_S - gap_s]
+        rows[:, 0] -= now_s
+        gaps = np.flatnonzero(np.diff(rows[:, 0]) > gap_s) + 1
+        return np.insert(rows, gaps, np.nan, axis=0)
+
+
+def limited_why(drive: DriveStatus) -> str:
+    """Why the robot moves slower than it is asked to, in words; empty where it does not."""
+    match drive.guard:
+        case "blocked":
+            return "guard: blocked"
+        case "slowing":
+            return "guard: slowing"
+        case _:
+            return drive.cap_reason
+
+
+class MotionPanel(Panel):
+    """Two strips, forward and turning: dashed is what was commanded, solid what odometry measured."""
+
+    title = "Motion"
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("motion_panel")
+        # Costs a third of a second, so only scenarios with this panel pay for it.
+        import pyqtgraph
+
+        self._commanded = Strip(3)
+        self._measured = Strip(3)
+        self._limited = Strip(1)
+        self._paused_at_ns: int | None = None
+        self._drawn_ns: int | None = None
+        self._odometry_line = QLabel()
+        self._odometry_line.setObjectName("motion_odometry")
+        self._odometry_line.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._pause = ActionButton(self.theme, "Pause", icon="pause", height_px=30)
+        self._pause.setObjectName("motion_pause")
+        self._pause.setCheckable(True)
+        self._pause.toggled.connect(self._on_pause_toggled)
+        self._widget = pyqtgraph.GraphicsLayoutWidget()
+        self._widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._widget.ci.setContentsMargins(0, 0, 0, 0)
+        self._widget.ci.layout.setSpacing(4)
+        self._plots: list[Any] = []
+        self._lines: list[tuple[Any, Any, Any]] = []
+        for row in range(2):
+            plot = self._widget.addPlot(row=row, col=0)
+            plot.setMenuEnabled(False)
+            plot.hideButtons()
+            plot.setMouseEnabled(False, False)
+            plot.setXRange(-SPAN_S, 0.0, padding=0.0)
+            plot.getAxis("left").setWidth(52)
+            plot.showGrid(x=False, y=True, alpha=0.2)
+            hatch = plot.plot(connect="finite", skipFiniteCheck=False)
+            commanded, measured = plot.plot(connect="finite"), plot.plot(connect="finite")
+            self._plots.append(plot)
+            self._lines.append((commanded, measured, hatch))
+        self._plots[0].hideAxis("bottom")
+        layout = QVBoxLayout(self)
+        card_margins(layout)
+        layout.addWidget(self._widget, 1)
+        layout.addWidget(self._odometry_line)
+        self.state.event_happened.connect(self._on_event)
+        self.state.odometry.changed.connect(self._on_odometry_changed)
+        self.state.drive.changed.connect(self._on_drive_changed)
+        self.theme.changed.connect(self._style)
+        self._redraw = QTimer(self, interval=_REDRAW_MS)
+        self._redraw.timeout.connect(self._draw)
+        self._redraw.start()
+        self._style()
+        self._on_drive_changed(self.state.drive.value)
+        self._draw()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._pause]
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 260)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(240, 120)
+
+    @property
+    def points_kept(self) -> int:
+        return len(self._commanded) + len(self._measured) + len(self._limited)
+
+    def shown(self, row: int, line: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What a strip (0 forward, 1 turning) shows as ``commanded`` or ``measured``: seconds and values."""
+        item = self._lines[row][0 if line == "commanded" else 1]
+        xs, ys = item.getData()
+        return (np.empty(0), np.empty(0)) if xs is None else (xs, ys)
+
+    def _style(self) -> None:
+        theme = self.theme
+        self._widget.setBackground(theme.color("panel"))
+        dim, line = theme.color("dim"), theme.color("line_strong")
+        dashed = QPen(theme.color("amber"), 1.6, Qt.PenStyle.DashLine)
+        solid = QPen(theme.color("blue"), 2.0)
+        for pen in (dashed, solid):
+            pen.setCosmetic(True)
+        ground = QColor(theme.color("red"))
+        ground.setAlpha(110)
+        hatch = QBrush(ground, Qt.BrushStyle.BDiagPattern)
+        for plot, (commanded, measured, limited) in zip(self._plots, self._lines, strict=True):
+            commanded.setPen(dashed)
+            measured.setPen(solid)
+            limited.setPen(None)
+            limited.setFillBrush(hatch)
+            for side in ("left", "bottom"):
+                axis = plot.getAxis(side)
+                axis.setPen(line)
+                axis.setTextPen(dim)
+                axis.setTickFont(theme.font(tokens.KEY_CAP_PX))
+            label = {"color": dim.name(), "font-size": f"{tokens.KEY_CAP_PX}px"}
+            plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)
+        self._odometry_line.setFont(theme.font(tokens.STATUS_PX))
+        palette = self._odometry_line.palette()
+        palette.setColor(self._odometry_line.foregroundRole(), dim)
+        self._odometry_line.setPalette(palette)
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, CommandSent):
+            twist = event.twist
+            self._commanded.add(event.stamp_ns, twist.forward_mps, math.degrees(twist.turn_radps), twist.left_mps)
+
+    def _on_odometry_changed(self, odometry: Odometry) -> None:
+        twist = odometry.twist
+        self._measured.add(odometry.stamp_ns, twist.forward_mps, math.degrees(twist.turn_radps), twist.left_mps)
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        for plot, limit in zip(self._plots, (drive.max_forward_mps, math.degrees(drive.max_turn_radps)), strict=True):
+            reach = max(limit, 0.05) * 1.15
+            plot.setYRange(-reach, reach, padding=0.0)
+
+    def _on_pause_toggled(self, paused: bool) -> None:
+        """Hold the picture still; what happens meanwhile is kept and shown afterwards."""
+        self._paused_at_ns = clock.now_ns() if paused else None
+        self._pause.set_label("Go on" if paused else "Pause", icon="play" if paused else "pause")
+        self._draw()
+
+    def _draw(self) -> None:
+        state = self.state
+        self._say()
+        self._limited.add(clock.now_ns(), 1.0 if limited_why(state.drive.value) else 0.0)
+        still = self._paused_at_ns is not None and self._drawn_ns == self._paused_at_ns
+        if not self.isVisible() or still:
+            return
+        now_s = (self._paused_at_ns or clock.now_ns()) / 1e9
+        commanded = self._commanded.window(now_s, gap_s=_COMMANDS_END_S)
+        measured = self._measured.window(now_s, gap_s=_GAP_S)
+        limited = self._limited.window(now_s, gap_s=math.inf)
+        drive: DriveStatus = state.drive.value
+        reaches = (max(drive.max_forward_mps, 0.05), math.degrees(max(drive.max_turn_radps, 0.01)))
+        for column, (line_commanded, line_measured, hatch) in enumerate(self._lines, start=1):
+            line_commanded.setData(commanded[:, 0], commanded[:, column])
+            line_measured.setData(measured[:, 0], measured[:, column])
+            reach = reaches[column - 1] * 1.15
+            hatch.setData(limited[:, 0], np.where(limited[:, 1] > 0, reach, -reach), fillLevel=-reach)
+        self._drawn_ns = self._paused_at_ns
+
+    def _say(self) -> None:
+        state = self.state
+        odometry: Odometry | None = state.odometry.value
+        if odometry is None:
+            self._odometry_line.setText("No odometry yet")
+            self.set_fact("no odometry yet")
+            return
+        pose = odometry.pose_in_odom
+        self._odometry_line.setText(
+            f"Odometry: x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {math.degrees(pose.heading_rad):.0f}°"
+            " · dashed: commanded, solid: measured, hatched: limited"
+        )
+        self._odometry_line.setToolTip(self._odometry_line.text())
+        why = limited_why(state.drive.value)
+        if self._paused_at_ns is not None:
+            paused_s = (clock.now_ns() - self._paused_at_ns) / 1e9
+            self.set_fact(f"paused for {words.age(paused_s)}", "amber")
+        elif state.odometry.freshness != "fresh":
+            self.set_fact(f"odometry silent for {words.age(state.odometry.age_s() or 0.0)}", "amber")
+        elif why:
+            self.set_fact(why, "amber")
+        else:
+            self.set_fact(words.motion(odometry.twist.forward_mps, odometry.twist.turn_radps).lower())

@@ -1,0 +1,61 @@
+"""A point of the video on the floor: where it is, how far, and why the robot cannot be sent there."""
+
+import math
+from dataclasses import dataclass
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.sensing import FrameRef, HeadState
+from caris_desktop.robot.profile import RobotProfile
+
+FARTHEST_M = 8.0
+"""Beyond this a pixel is half a metre and more of floor."""
+
+RING_M = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class FloorSpot:
+    """A point of the floor in the robot frame."""
+
+    x_m: float
+    y_m: float
+
+    @property
+    def distance_m(self) -> float:
+        return math.hypot(self.x_m, self.y_m)
+
+
+def model_for(robot: RobotProfile | None, frame: FrameRef, head: HeadState | None) -> CameraModel | None:
+    """Where the camera of ``frame`` looks, for a picture of its size; None where the profile does not tell."""
+    cameras = robot.cameras if robot is not None else ()
+    model = next((camera.model for camera in cameras if camera.name == frame.camera), None)
+    if model is None:
+        return None
+    if model.on_head and head is None:
+        return None  # a head that may be turned anywhere points nowhere
+    if head is not None:
+        model = model.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
+    return model.scaled_to(frame.width_px, frame.height_px)
+
+
+def spot_at(model: CameraModel, u_px: float, v_px: float) -> FloorSpot | str:
+    """The floor under a pixel, or why there is none to drive to, in words."""
+    point = model.floor_point(u_px, v_px)
+    if point is None:
+        return "That is not on the floor"
+    spot = FloorSpot(*point)
+    if spot.distance_m > FARTHEST_M:
+        return f"Too far to aim at in the picture: more than {FARTHEST_M:.0f} m"
+    return spot
+
+
+def ring_px(model: CameraModel, spot: FloorSpot) -> list[tuple[float, float]]:
+    """A ring on the floor around a spot, in pixels; empty where a part of it is behind the camera."""
+    corners = []
+    for step in range(32):
+        angle = 2 * math.pi * step / 32
+        corner = model.pixel_of(spot.x_m + RING_M * math.cos(angle), spot.y_m + RING_M * math.sin(angle), 0.0)
+        if corner is None:
+            return []
+        corners.append(corner)
+    return corners
