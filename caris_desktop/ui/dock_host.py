@@ -148,7 +148,7 @@ class DockHost(QMainWindow):
         """Replace everything by ``panels``, arranged as ``tree`` says."""
         self.clear()
         for name in panels_in(tree):
-            self._docks[name] = _dock_of(name, panels[name])
+            self._docks[name] = self._make_dock(name, panels[name])
         first = self._docks[_representative(tree)]
         self.addDockWidget(_AREA, first)
         self._place(tree)
@@ -184,7 +184,7 @@ class DockHost(QMainWindow):
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
         """Add one panel in a tab in front of the first of ``beside`` that is open, else of any open one."""
         neighbour = next((each for each in (*beside, *self._docks) if self.is_open(each)), None)
-        dock = self._docks[name] = _dock_of(name, panel)
+        dock = self._docks[name] = self._make_dock(name, panel)
         self._arranging = True
         if neighbour is None:
             self.addDockWidget(_AREA, dock)
@@ -217,6 +217,17 @@ class DockHost(QMainWindow):
         self._arranging = False
         self._apply_weights()
         self.layout_changed.emit()
+
+    def _make_dock(self, name: PanelName, panel: Panel) -> QDockWidget:
+        # With a parent from the first: else it is a window for a moment, and takes the activation from ours.
+        dock = QDockWidget(panel.title, self)
+        dock.setObjectName(f"dock_{name}")
+        dock.setFeatures(
+            QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable
+        )
+        dock.setTitleBarWidget(PanelTitleBar(panel))
+        dock.setWidget(panel)
+        return dock
 
     def close_panel(self, name: PanelName) -> None:
         """Hide the panel; ``show_panel`` brings it back where it was."""
@@ -331,15 +342,6 @@ class DockHost(QMainWindow):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         QTimer.singleShot(0, self, self._apply_weights)
-
-
-def _dock_of(name: PanelName, panel: Panel) -> QDockWidget:
-    dock = QDockWidget(panel.title)
-    dock.setObjectName(f"dock_{name}")
-    dock.setFeatures(QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable)
-    dock.setTitleBarWidget(PanelTitleBar(panel))
-    dock.setWidget(panel)
-    return dock
 
 
 def _representative(node: LayoutNode) -> PanelName:

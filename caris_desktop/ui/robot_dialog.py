@@ -5,11 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
-    QComboBox,
     QDialog,
     QGridLayout,
     QHBoxLayout,
@@ -31,6 +30,7 @@ from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
 
 if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
     from caris_desktop.robot.explore import Exploration, StreamCheck
@@ -218,13 +218,11 @@ class RobotDialog(QDialog):
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
         self._start_label, self._namespace_label = QLabel("Begin with"), QLabel("Robot on it")
-        self.start_from = QComboBox()
-        self.start_from.setObjectName("robot_start_from")
-        self.start_from.setAccessibleName("Begin with")
+        self.start_from = DropDown(self._theme, "robot_start_from", "Begin with")
+        self.start_from.setMinimumWidth(340)
         self.start_from.activated.connect(self._on_start_chosen)
-        self.namespace = QComboBox()
-        self.namespace.setObjectName("robot_namespace")
-        self.namespace.setAccessibleName("Which robot on this server")
+        self.namespace = DropDown(self._theme, "robot_namespace", "Which robot on this server")
+        self.namespace.setMinimumWidth(180)
         self.namespace.activated.connect(self._on_namespace_chosen)
         choices = QHBoxLayout()
         choices.setSpacing(8)
@@ -378,7 +376,8 @@ class RobotDialog(QDialog):
         offer = found.offer
         ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else "an unknown ROS"
         self._summary.setText(
-            f"{ros} · {len(offer.topics)} topics · {len(offer.services)} services · {len(offer.actions)} actions"
+            f"{ros} · {_count(len(offer.topics), 'topic')} · {_count(len(offer.services), 'service')} · "
+            f"{_count(len(offer.actions), 'action')}"
         )
         self.start_from.clear()
         self.start_from.addItem("What was found here", "")
@@ -581,12 +580,9 @@ class MappingRow(QWidget):
         self._verdict.setObjectName("mapping_verdict")
         self._verdict.setTextFormat(Qt.TextFormat.PlainText)
         self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.box = QComboBox()
-        self.box.setObjectName(f"mapping_{field}_box")
-        self.box.setAccessibleName(label)
+        self.box = DropDown(theme, f"mapping_{field}_box", label)
         self.box.setFixedWidth(300)
         self.box.setMaxVisibleItems(_SHORT_LIST)
-        self.box.installEventFilter(self)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 1, 0, 1)
         row.setSpacing(8)
@@ -656,12 +652,9 @@ class MappingRow(QWidget):
             rect.moveLeft(self._verdict.x() - 26)
             draw_icon(painter, rect, icon, self._theme.color(role))
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        # Who scrolls the list must not change what the wheel passes over.
-        if watched is self.box and event.type() == QEvent.Type.Wheel:
-            event.ignore()
-            return True
-        return False
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _icon_rect(top: float) -> QRectF:

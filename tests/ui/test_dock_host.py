@@ -6,7 +6,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
-from caris_desktop.ui.dock_host import Placed, panels_in, tree_from_rectangles, without
+from caris_desktop.ui.dock_host import Placed, panels_in, tree_from_rectangles, with_tab, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -110,3 +110,14 @@ def test_absent_panels_close_their_gap() -> None:
         ),
     )
     assert without(PanelLeaf("map"), frozenset({"map"})) is None
+
+
+def test_a_tab_is_put_beside_a_panel_wherever_that_is() -> None:
+    assert with_tab(PanelLeaf("map"), "map", "robot") == TabNode(("map", "robot"), "robot")
+    tree = with_tab(DEEP, "session", "diagnostics")
+    assert TabNode(("people", "session", "drive", "diagnostics"), "diagnostics") in _leaves(tree)
+    assert with_tab(DEEP, "robot", "diagnostics") == DEEP
+
+
+def _leaves(node: LayoutNode) -> list[LayoutNode]:
+    return [leaf for child in node.children for leaf in _leaves(child)] if isinstance(node, SplitNode) else [node]

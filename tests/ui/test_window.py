@@ -1,19 +1,27 @@
 """The window as a whole: scenarios, permissions, the start dialog, emergency stop, problems, finding things."""
 
+import dataclasses
 import math
+from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain import clock
+from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.events import Problem, TrafficMeasured
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import AssistantStatus, LinkStatus
+from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, MapStatus, RecordingStatus
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.model import LayoutNode, Permissions, Scenario, SplitNode, TabNode
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.connection_card import ConnectionCard
+from caris_desktop.ui.dock_host import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlays import Entry, matching
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
@@ -114,10 +122,6 @@ def test_switching_back_and_forth_leaves_nothing_behind(qtbot: QtBot, window: Ma
 
 
 def test_without_driving_there_is_no_way_to_drive(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
-    import dataclasses
-
-    from caris_desktop.scenario.model import Permissions
-
     permissions = Permissions(driving=False, assistant=False)
     console = FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions))
     window = open_window(qtbot, console, settings, theme)
@@ -287,3 +291,178 @@ def test_the_connection_can_be_looked_at(qtbot: QtBot, window: MainWindow, conso
     assert math.isnan(newest[-1])
     QTest.keyClick(card, Qt.Key.Key_Escape)
     assert not card.isVisible()
+
+
+def choose_from_window_menu(qtbot: QtBot, window: MainWindow, text: str) -> None:
+    click(qtbot, find(window, "window_menu_button"))
+    choose(window, "window_menu", text)
+
+
+def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_again(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    saved: list[object] = []
+    window.layout_save_requested.connect(saved.append)
+    choose_from_window_menu(qtbot, window, "Diagnostics")
+    qtbot.waitUntil(lambda: "diagnostics" in window.panels)
+    tree = window.current_layout()
+    assert tree is not None
+    tabs = next(node for node in nodes_of(tree) if isinstance(node, TabNode) and "diagnostics" in node.tabs)
+    assert tabs == TabNode(("assistant", "session", "diagnostics"), "diagnostics")
+    click(qtbot, find(window, "scenario_button"))
+    choose(window, "scenario_menu", "Save this panel layout")
+    assert "diagnostics" in panels_in(saved[0])  # type: ignore[arg-type]
+    choose_from_window_menu(qtbot, window, "Diagnostics")
+    qtbot.waitUntil(lambda: "diagnostics" not in window.panels)
+    tree = window.current_layout()
+    assert tree is not None
+    assert "diagnostics" not in panels_in(tree)
+    assert set(window.panels) == set(panels_in(samples.TOUR.layout))
+
+
+def nodes_of(node: LayoutNode) -> list[LayoutNode]:
+    return (
+        [node, *(inner for child in node.children for inner in nodes_of(child))]
+        if isinstance(node, SplitNode)
+        else [node]
+    )
+
+
+def test_an_added_panel_has_its_keys(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    window.close_panel("drive")
+    window.open_panel("drive")
+    console.scenario = samples.MENTAL
+    window.show_scenario(samples.MENTAL)
+    window.open_panel("map")
+    target = window.panels["map"].focus_target()
+    target.setFocus()
+    console.calls.clear()
+    QTest.keyClick(target, Qt.Key.Key_W)
+    assert [name for name, _ in console.calls] == ["drive", "release_drive"]
+    window.close_panel("map")
+    assert "map" not in window.panels
+
+
+def test_what_is_switched_off_cannot_be_added(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    permissions = Permissions(driving=False, assistant=False, robot_controls=False)
+    window = open_window(
+        qtbot, FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions)), settings, theme
+    )
+    assert not {"drive", "assistant", "robot"} & set(window.possible_panels())
+    window.open_panel("robot")
+    assert "robot" not in window.panels
+    assert not [entry.text for entry in window._entries() if entry.text.startswith(("Robot", "Drive", "Go to"))]
+
+
+def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    click(qtbot, find(window, "status_link"))
+    click(qtbot, find(window, "connection_robots"))
+    menu = window.findChild(QMenu, "robot_menu")
+    assert menu is not None
+    assert [(action.text(), action.isChecked()) for action in menu.actions()] == [
+        ("Simulated robot", True),
+        ("TIAGo", False),
+    ]
+    choose(window, "robot_menu", "TIAGo")
+    assert console.named("use_robot") == []
+    question = find(window, "question_band").accessibleName()
+    assert "is on its way to Robot arm and will stop" in question
+    assert "recording goes on" in question
+    click(qtbot, find(window, "question_no"))
+    assert not window.findChild(QWidget, "question_band").isVisible()  # type: ignore[union-attr]
+    choose(window, "robot_menu", "TIAGo")
+    click(qtbot, find(window, "question_yes"))
+    assert console.named("use_robot") == ["tiago"]
+
+
+def test_at_rest_another_robot_is_connected_at_once(window: MainWindow, console: FakeConsole) -> None:
+    console.state.goal.set(None)
+    console.state.recording.set(RecordingStatus())
+    console.state.drive.set(DriveStatus(allowed=True, reason=""))
+    window.choose_robot(console.robots()[1])
+    assert console.named("use_robot") == ["tiago"]
+
+
+def test_the_guard_that_is_off_is_there_to_be_switched_on(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.set_guard(on=False)
+    assert find(window, "guard_band").accessibleName().startswith("Obstacle guard is off.")
+    click(qtbot, find(window, "guard_on"))
+    assert console.calls[-1] == ("set_guard", True)
+    assert not window.findChild(QWidget, "guard_band").isVisible()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("words", ["go to the kitchen", "Drive to kitchen", "navigate to the kichen", "kitchen"])
+def test_a_place_is_driven_to_by_command(window: MainWindow, console: FakeConsole, words: str) -> None:
+    window.show_command_palette()
+    field = find(window, "palette_field")
+    QTest.keyClicks(field, words)
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("go_to_place", "Kitchen")]
+
+
+def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: FakeConsole) -> None:
+    call = CallService("/do", "std_srvs/Trigger", {})
+    console.state.controls.set(
+        (RobotControl("wave", "Wave", "button", call), RobotControl("dock", "Dock", "button", call, confirm=True))
+    )
+    console.state.mapping.set(MapStatus(can_save=True, can_switch=True, mapping=False))
+    entries = window._entries()
+    best = {query: matching(entries, query)[0] for query in ("robot wave", "tiago", "start mapping", "diagnostics")}
+    assert {query: entry.text for query, entry in best.items()} == {
+        "robot wave": "Robot: Wave", "tiago": "Connect to TIAGo", "start mapping": "Start mapping",
+        "diagnostics": "Diagnostics",
+    }  # fmt: skip
+    best["robot wave"].do()
+    best["start mapping"].do()
+    assert console.calls == [("use_control", ("wave", True)), ("set_mapping", True)]
+    matching(entries, "robot dock")[0].do()
+    assert len(console.named("use_control")) == 1
+    assert find(window, "question_band").accessibleName() == "Dock?"
+
+
+class TellingConsole(FakeConsole):
+    """Says when it opens a scenario by itself, as the running console does."""
+
+    class Voice(QObject):
+        scenario_changed = Signal(object)
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
+        self._voice = self.Voice()
+        self.scenario_changed = self._voice.scenario_changed
+
+    def open_scenario(self, path: Path) -> bool:
+        opened = super().open_scenario(path)
+        self.scenario_changed.emit(self.scenario)
+        return opened
+
+
+def test_a_scenario_that_the_program_opens_by_itself_is_shown(
+    qtbot: QtBot, settings: MemorySettings, theme: Theme
+) -> None:
+    console = TellingConsole(samples.TOUR)
+    window = open_window(qtbot, console, settings, theme)
+    assert samples.MENTAL.path is not None
+    console.open_scenario(samples.MENTAL.path)
+    assert set(window.panels) == set(panels_in(samples.MENTAL.layout))
+    assert window.windowTitle().startswith("Mental health check")
+
+
+def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindow, console: FakeConsole) -> None:
+    bar = window.status_bar
+    bar.refresh()
+    assert (bar.items["refused"].text, bar.items["pose"].text) == ("", "")
+    now_ns = clock.now_ns()
+    console.state.traffic.set({"control": TrafficMeasured(now_ns, "control", "cbor", 3, ())})
+    console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab", "", 12.0, -3.14, 0.4))
+    console.state.take(RobotPose(now_ns - 1_200_000_000, None, Pose2D(0, 0, 0)))
+    console.state.take(BatteryState(now_ns - 180_000_000_000, 0.6))
+    bar.refresh()
+    assert bar.items["refused"].text == "3 messages refused"
+    assert bar.items["pose"].text == "pose delayed 1.2 s"
+    assert bar.items["battery"].text == "battery 60 %, told 3 min ago"
+    assert "Robot clock 3.1 ± 0.4 ms behind." in bar.items["round_trip"].toolTip()

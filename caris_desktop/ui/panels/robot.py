@@ -3,12 +3,11 @@
 import time
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject, QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QBoxLayout,
-    QComboBox,
     QHBoxLayout,
     QLabel,
     QLineEdit,
@@ -27,6 +26,7 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 SEND_EVERY_MS = 100
@@ -55,12 +55,17 @@ def value_words(control: RobotControl, value: ControlValue) -> str:
         return "on" if value else "off"
     if isinstance(value, str):
         return value or "empty"
-    span = control.step or (control.highest - control.lowest if control.kind == "slider" else abs(value))
-    digits = 0 if span >= 10 or (float(value).is_integer() and control.step >= 1) else 1 if span >= 1 else 2
-    if control.kind == "slider" and control.step and control.step % 1:
-        digits = max(digits, 1 if round(control.step, 1) == control.step else 2)
-    number = f"{value:.{digits}f}"
+    number = f"{value:.{_decimals(control, value)}f}"
     return f"{number} {control.unit}" if control.unit else number
+
+
+def _decimals(control: RobotControl, value: float) -> int:
+    if control.step > 0:
+        return len(f"{control.step:.3f}".rstrip("0").partition(".")[2])
+    if control.kind != "slider" and float(value).is_integer():
+        return 0
+    size = control.highest - control.lowest if control.kind == "slider" else abs(value)
+    return 0 if size >= 100 else 1 if size >= 10 else 2
 
 
 class RobotPanel(Panel):
@@ -85,7 +90,8 @@ class RobotPanel(Panel):
         self._scroll.setWidgetResizable(True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._stack = QStackedLayout()
+        holder = QWidget()
+        self._stack = QStackedLayout(holder)
         centered = QWidget()
         column = QVBoxLayout(centered)
         column.setContentsMargins(24, 8, 24, 8)
@@ -96,7 +102,7 @@ class RobotPanel(Panel):
         layout.setContentsMargins(2, 0, 2, 2)
         layout.setSpacing(0)
         layout.addWidget(self._reason)
-        layout.addLayout(self._stack, 1)
+        layout.addWidget(holder, 1)
         self._reason.setContentsMargins(12, 8, 12, 0)
         self.state.controls.changed.connect(self._on_controls_changed)
         self.state.control_states.changed.connect(self._on_states_changed)
@@ -292,6 +298,9 @@ class ControlEntry(QWidget):
                 self.stop_asking()
             self._show()
 
+    def set_narrow(self, narrow: bool) -> None:
+        self._face.set_narrow(narrow)
+
     def stop_asking(self) -> None:
         if self._asking is not None:
             self._asking = None
@@ -408,8 +417,38 @@ class _Face(QWidget):
     def forget_choice(self) -> None:
         """The wizard thought better of it: show again what is."""
 
+    def set_narrow(self, narrow: bool) -> None:
+        """Whether there is only room for one thing beside another."""
+
 
 _STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warning"}
+
+
+class _TitledFace(_Face):
+    """The title, and beside it, or in a narrow dock below it, what is set."""
+
+    def __init__(self, theme: Theme, control: RobotControl) -> None:
+        super().__init__(theme, control)
+        self._title = QLabel(control.title)
+        self._title.setToolTip(control.title)
+        self.parts = QHBoxLayout()
+        self.parts.setSpacing(8)
+        self._row = QHBoxLayout(self)
+        self._row.setContentsMargins(0, 0, 0, 0)
+        self._row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
+        self._row.addLayout(self.parts, 1)
+        self.set_narrow(False)
+
+    def set_narrow(self, narrow: bool) -> None:
+        self._row.setDirection(_direction(narrow=narrow))
+        self._row.setSpacing(2 if narrow else 8)
+        # A long title is cut short rather than pushing the control out of the dock; its tooltip has it all.
+        self._title.setMinimumWidth(40 if narrow else _TITLE_PX)
+        self._title.setMinimumHeight(0 if narrow else tokens.CONTROL_HEIGHT_PX)
+
+
+def _direction(*, narrow: bool) -> QBoxLayout.Direction:
+    return QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
 
 
 class _ButtonFace(_Face):
@@ -561,7 +600,7 @@ class Switch(QAbstractButton):
         )  # fmt: skip
 
 
-class _SliderFace(_Face):
+class _SliderFace(_TitledFace):
     """Sends while it is dragged, ten times a second at most, and always the value that it is left at."""
 
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
@@ -574,7 +613,6 @@ class _SliderFace(_Face):
         self._set: float | None = None
         self._sent: float | None = None
         self._last_use_s = float("-inf")
-        self._title = QLabel(control.title)
         self._value = QLabel()
         self._value.setObjectName("control_value")
         self._slider = _CalmSlider(Qt.Orientation.Horizontal)
@@ -590,15 +628,10 @@ class _SliderFace(_Face):
         self._throttle.timeout.connect(self._send)
         self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
         self._settle.timeout.connect(self._follow)
-        self._title.setMinimumWidth(_TITLE_PX)
         self._value.setMinimumWidth(64)
         self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self._title)
-        row.addWidget(self._slider, 1)
-        row.addWidget(self._value)
+        self.parts.addWidget(self._slider, 1)
+        self.parts.addWidget(self._value)
         self._slider.setMaximumWidth(420)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         theme.changed.connect(self._style)
@@ -672,7 +705,7 @@ class _CalmSlider(QSlider):
         event.ignore()
 
 
-class _ChoiceFace(_Face):
+class _ChoiceFace(_TitledFace):
     """A few choices side by side, more of them in a list."""
 
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
@@ -680,15 +713,8 @@ class _ChoiceFace(_Face):
         self._use = use
         self._chosen: ControlValue | None = None
         self._told: ControlValue | None = None
-        self._title = QLabel(control.title)
         self._buttons: list[tuple[Choice, ActionButton]] = []
-        self._list: QComboBox | None = None
-        self._title.setMinimumWidth(_TITLE_PX)
-        self._title.setFixedHeight(tokens.CONTROL_HEIGHT_PX)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
+        self._list: DropDown | None = None
         if len(control.choices) <= _CHOICES_SIDE_BY_SIDE:
             flow = FlowRow(gap_px=6)
             for number, choice in enumerate(control.choices):
@@ -699,19 +725,13 @@ class _ChoiceFace(_Face):
                 button.clicked.connect(self._chooser(choice))
                 self._buttons.append((choice, button))
                 flow.add(button)
-            row.addWidget(flow, 1)
+            self.parts.addWidget(flow, 1)
         else:
-            box = self._list = QComboBox()
-            box.setObjectName(f"control_{control.id}_list")
-            box.setAccessibleName(control.title)
+            box = self._list = DropDown(theme, f"control_{control.id}_list", control.title)
             box.setPlaceholderText("Choose…")
-            box.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-            box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
             box.addItems([choice.title for choice in control.choices])
-            box.installEventFilter(_WheelPassesBy(box))
             box.activated.connect(lambda index: self._choose(control.choices[index]))
-            row.addWidget(box, 1)
+            self.parts.addWidget(box, 1)
         self._refresh()
 
     def _chooser(self, choice: Choice) -> Callable[[], None]:
@@ -747,19 +767,10 @@ class _ChoiceFace(_Face):
             self._list.setCurrentIndex(index)
 
 
-class _WheelPassesBy(QObject):
-    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Wheel:
-            event.ignore()
-            return True
-        return False
-
-
-class _TextFace(_Face):
+class _TextFace(_TitledFace):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._use = use
-        self._title = QLabel(control.title)
         self._now = QLabel()
         self._now.setTextFormat(Qt.TextFormat.PlainText)
         self._field = _SendField()
@@ -772,14 +783,9 @@ class _TextFace(_Face):
         send.setObjectName(f"control_{control.id}_send")
         send.setAccessibleName(f"{control.title}: send")
         send.clicked.connect(self._on_send)
-        self._title.setMinimumWidth(_TITLE_PX)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self._title)
-        row.addWidget(self._field, 1)
-        row.addWidget(send)
-        row.addWidget(self._now)
+        self.parts.addWidget(self._field, 1)
+        self.parts.addWidget(send)
+        self.parts.addWidget(self._now)
         theme.changed.connect(self._style)
         self._style()
 
@@ -808,6 +814,7 @@ class _ReadoutFace(_Face):
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__(theme, control)
         self._title = QLabel(control.title)
+        self._title.setMinimumWidth(40)
         self._value = QLabel()
         self._value.setObjectName("control_value")
         self._value.setTextFormat(Qt.TextFormat.PlainText)
@@ -866,6 +873,7 @@ class _Group(QWidget):
     def __init__(self, theme: Theme, name: str, *, heading_px: int) -> None:
         super().__init__()
         self._heading_px = heading_px
+        self._entries: list[ControlEntry] = []
         self._heading = _Heading(theme, name)
         self._column = QVBoxLayout()
         self._column.setSpacing(6)
@@ -877,6 +885,7 @@ class _Group(QWidget):
         self.set_narrow(False)
 
     def add(self, entry: "ControlEntry") -> None:
+        self._entries.append(entry)
         if entry.control.kind not in _COMPACT:
             self._flow = None
             self._column.addWidget(entry)
@@ -888,8 +897,9 @@ class _Group(QWidget):
         self._column.addWidget(entry.note)
 
     def set_narrow(self, narrow: bool) -> None:
-        direction = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
-        self._row.setDirection(direction)
+        self._row.setDirection(_direction(narrow=narrow))
+        for entry in self._entries:
+            entry.set_narrow(narrow)
         self._row.setSpacing(4 if narrow else 12)
         named = bool(self._heading.text())
         self._heading.setVisible(named or not narrow)

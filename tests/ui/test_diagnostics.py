@@ -1,0 +1,93 @@
+"""Diagnostics: topic by topic in words, sorted by figures, and as a report to copy."""
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.live.status import LinkStatus
+from caris_desktop.ui import words
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, state_words
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+
+
+def topic(
+    name: str, rate_hz: float, *, last_s: float | None = 0.05, refused: int = 0, size: float = 1000
+) -> TopicTraffic:
+    return TopicTraffic(name, "std_msgs/String", rate_hz, size, last_s, 4.2, refused)
+
+
+def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link: str = "control") -> None:
+    measured = TrafficMeasured(clock.now_ns(), link, "cbor", refused, topics)
+    console.state.traffic.set({**console.state.traffic.value, link: measured})
+
+
+@pytest.fixture
+def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
+    console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, 3.14, 0.4))
+    window.open_panel("diagnostics")
+    panel = window.panels["diagnostics"]
+    assert isinstance(panel, DiagnosticsPanel)
+    return panel
+
+
+def shown(panel: DiagnosticsPanel, column: int = 0) -> list[str]:
+    model = panel.view.model()
+    return [model.index(row, column).data() for row in range(model.rowCount())]
+
+
+def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_figure(
+    panel: DiagnosticsPanel, console: FakeConsole
+) -> None:
+    measure(console, topic("/b", 9.0), topic("/a", 30.0), topic("/c", 100.0))
+    assert shown(panel) == ["/a", "/b", "/c"]
+    header = panel.view.horizontalHeader()
+    QTest.mouseClick(header.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(header.sectionViewportPosition(2) + 9, 9))
+    rates = shown(panel, 2)
+    assert rates in (["9.0 Hz", "30.0 Hz", "100.0 Hz"], ["100.0 Hz", "30.0 Hz", "9.0 Hz"])
+
+
+def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPanel, console: FakeConsole) -> None:
+    measure(console, topic("/scan", 10.0), topic("/map", 0.0, last_s=40.0), topic("/path", 0.0, last_s=None))
+    assert shown(panel, 1) == ["rare", "nothing yet", "live"]
+    measure(console, topic("/scan", 0.0, last_s=2.0), topic("/map", 0.0, last_s=41.0), topic("/path", 0.0, last_s=None))
+    assert shown(panel, 1) == ["rare", "nothing yet", "stale"]
+    assert panel.fact == ("1 stale", "amber")
+
+
+def test_a_link_that_measures_nothing_any_more_says_so() -> None:
+    assert state_words(topic("/scan", 10.0), usual_hz=10.0, link_silent_s=5.0) == "link silent"
+
+
+def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole) -> None:
+    measure(console, topic("/scan", 10.0, refused=3), refused=3)
+    assert panel.fact == ("3 refused", "amber")
+    click(qtbot, find(panel.window(), "diagnostics_copy"))
+    text = QGuiApplication.clipboard().text()
+    assert "Lab robot at ws://lab:9090: connected" in text
+    assert "round trip 12.0 ms, robot clock 3.1 ± 0.4 ms ahead" in text
+    assert "control link: CBOR, 1 topics, 10 messages/s, 1.0 kB/s, 3 refused" in text
+    assert "/scan\tlive\t10.0 Hz\t50 ms\t4 ms\t1.0 kB/s\t3\tstd_msgs/String\tcontrol" in text
+
+
+def test_before_anything_came_it_says_that(panel: DiagnosticsPanel) -> None:
+    assert not panel.view.isVisible()
+
+
+def test_it_opens_from_the_connection_card(qtbot: QtBot, window: MainWindow) -> None:
+    assert "diagnostics" not in window.panels
+    click(qtbot, find(window, "status_link"))
+    click(qtbot, find(window, "connection_diagnostics"))
+    qtbot.waitUntil(lambda: find(window, "diagnostics_panel").isVisible())
+    assert not window.findChild(type(window._connection)).isVisible()
+
+
+def test_figures_are_words() -> None:
+    assert [bandwidth(value) for value in (0, 999, 34_500, 1_200_000)] == ["0 B/s", "999 B/s", "34.5 kB/s", "1.2 MB/s"]
+    assert words.clock_offset(-12_345.6, 20.0) == "12,346 ± 20 ms behind"
+    assert words.clock_offset(3.14, None) == "3.1 ms ahead"

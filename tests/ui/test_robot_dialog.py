@@ -1,0 +1,198 @@
+"""Connecting a robot without a profile: look, map, check, name, save; by real events, with an explorer in memory."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.intents import RobotChoice
+from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
+from caris_desktop.robot.profile import RobotProfile, SecuritySettings
+from caris_desktop.robot.proposal import Offer, propose
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.robot_dialog import RobotDialog
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+
+OFFER = Offer(
+    {
+        "/cmd_vel": "geometry_msgs/Twist", "/scan": "sensor_msgs/LaserScan", "/scan_rear": "sensor_msgs/LaserScan",
+        "/odom": "nav_msgs/Odometry", "/amcl_pose": "geometry_msgs/PoseWithCovarianceStamped",
+    },
+    {"/rosapi/topics": "rosapi/Topics"},
+    {"/move_base": "move_base_msgs/MoveBase"},
+    Dialect.ROS1,
+    "noetic",
+)  # fmt: skip
+ADDRESS = "ws://lab-robot:9090"
+
+
+class MemoryExplorer:
+    """Answers when the test says so."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, Any]] = []
+        self.done: Callable[[Any], None] = lambda _result: None
+        self.progress: Callable[[Any], None] = lambda _words: None
+        self.cancelled = 0
+
+    def explore(self, address: str, *, security: SecuritySettings, progress: Any, done: Any) -> None:
+        self.asked.append(("explore", (address, security)))
+        self.progress, self.done = progress, done
+
+    def check(self, profile: RobotProfile, *, progress: Any, done: Any) -> None:
+        self.asked.append(("check", profile))
+        self.progress, self.done = progress, done
+
+    def save(self, profile: RobotProfile, title: str, *, done: Any) -> None:
+        self.asked.append(("save", (profile, title)))
+        self.done = done
+
+    def cancel(self) -> None:
+        self.cancelled += 1
+
+
+@pytest.fixture
+def explorer() -> MemoryExplorer:
+    return MemoryExplorer()
+
+
+@pytest.fixture
+def dialog(qtbot: QtBot, window: MainWindow, console: FakeConsole, explorer: MemoryExplorer) -> Iterator[RobotDialog]:
+    console.state.recording.set(type(console.state.recording.value)())
+    console.state.goal.set(None)
+    console.state.drive.set(type(console.state.drive.value)(allowed=True, reason=""))
+    console.calls.clear()
+    window.use_explorer(explorer)
+    window.open_robot_dialog()
+    found = window.findChild(RobotDialog)
+    assert isinstance(found, RobotDialog)
+    qtbot.waitUntil(found.isVisible)
+    yield found
+    if window._robot_dialog is not None:
+        found.close()
+
+
+def type_into(dialog: QWidget, name: str, text: str) -> None:
+    field = find(dialog, name)
+    assert isinstance(field, QLineEdit)
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+
+
+def look(dialog: RobotDialog, explorer: MemoryExplorer, address: str = ADDRESS) -> None:
+    type_into(dialog, "robot_address", address)
+    QTest.keyClick(find(dialog, "robot_address"), Qt.Key.Key_Return)
+
+
+def find_it(dialog: RobotDialog, explorer: MemoryExplorer, offer: Offer = OFFER, *likes: Resemblance) -> None:
+    look(dialog, explorer)
+    explorer.done(Exploration(ADDRESS, offer, propose(offer), likes))
+
+
+def test_looking_shows_what_is_proposed_and_all_that_is_offered(
+    qtbot: QtBot, dialog: RobotDialog, explorer: MemoryExplorer
+) -> None:
+    look(dialog, explorer, "lab-robot:9090")
+    assert explorer.asked == [("explore", (ADDRESS, SecuritySettings()))]
+    explorer.progress("Asking what the robot has")
+    assert dialog.note_text == "Asking what the robot has…"
+    explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
+    scan = dialog.row("scan")
+    assert scan is not None
+    assert [scan.box.itemText(index) for index in range(scan.box.count())] == ["– not used –", "/scan", "/scan_rear"]
+    assert scan.value == "/scan"
+    click(qtbot, find(dialog, "robot_page_1"))
+    type_into(dialog, "robot_filter", "scan")
+    assert [dialog.offer_list.item(row).text() for row in range(dialog.offer_list.count())] == [
+        "topic   /scan   sensor_msgs/LaserScan",
+        "topic   /scan_rear   sensor_msgs/LaserScan",
+    ]
+
+
+def test_a_chosen_topic_is_checked_and_saved_and_then_the_robot_is_used(
+    qtbot: QtBot, dialog: RobotDialog, explorer: MemoryExplorer, console: FakeConsole
+) -> None:
+    find_it(dialog, explorer)
+    assert not find(dialog, "robot_save").isEnabled(), "it has no name yet"
+    scan = dialog.row("scan")
+    assert scan is not None
+    scan.box.setFocus()
+    QTest.keyClick(scan.box, Qt.Key.Key_Down)
+    assert scan.value == "/scan_rear"
+    click(qtbot, find(dialog, "robot_check"))
+    name, profile = explorer.asked[-1]
+    assert (name, profile.scan.topic, profile.address) == ("check", "/scan_rear", ADDRESS)
+    good = StreamCheck("scan", "LIDAR", "/scan_rear", "good", 10.0, 0.05, "720 beams.")
+    explorer.progress(good)
+    assert scan.verdict_text == "comes, 10.0 Hz, 50 ms old · 720 beams."
+    wrong = StreamCheck("odometry", "Odometry", "/odom", "nothing", None, None, "")
+    explorer.progress(wrong)
+    explorer.done((good, wrong))
+    assert dialog.note_text == "Not right yet: Odometry. Choose another topic, or leave it out."
+    type_into(dialog, "robot_name", "Lab robot")
+    click(qtbot, find(dialog, "robot_save"))
+    name, (profile, title) = explorer.asked[-1]
+    assert (name, profile.scan.topic, title) == (
+        "save",
+        "/scan_rear",
+        "Lab robot",
+    )
+    explorer.done(RobotChoice("lab-robot", "Lab robot", ADDRESS))
+    assert console.named("use_robot") == ["lab-robot"]
+    assert not dialog.isVisible()
+
+
+def test_a_known_robot_gives_its_whole_profile_for_this_address(
+    qtbot: QtBot, dialog: RobotDialog, explorer: MemoryExplorer
+) -> None:
+    find_it(dialog, explorer, OFFER, Resemblance("generic-ros1", "Generic ROS 1 base", 0.8))
+    dialog.start_from.setFocus()
+    QTest.keyClick(dialog.start_from, Qt.Key.Key_Down)
+    click(qtbot, find(dialog, "robot_check"))
+    profile = explorer.asked[-1][1]
+    assert (profile.address, profile.velocity.topic) == (ADDRESS, "/cmd_vel")
+    explorer.progress(StreamCheck("scan", "LIDAR", "/scan", "good", 10.0, 0.05, ""))
+    row = dialog.row("scan")
+    assert row is not None
+    assert row.verdict_text == "comes, 10.0 Hz, 50 ms old"
+
+
+def test_failures_are_words_and_nothing_is_lost(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
+    look(dialog, explorer, "http://lab")
+    assert explorer.asked == []
+    assert "is not a robot's address" in dialog.note_text
+    look(dialog, explorer)
+    explorer.done(ToldFailure("Nothing answers at ws://lab-robot:9090.", "The robot was not asked.", "Check it."))
+    assert dialog.note_text == "Nothing answers at ws://lab-robot:9090. The robot was not asked. Check it."
+    assert dialog.address_field.text() == ADDRESS
+    look(dialog, explorer)
+    explorer.done(ToldFailure("The certificate of lab-robot is not trusted.", "", "Name its file."))
+    assert find(dialog, "robot_certificates").isVisible(), "there it can be named"
+
+
+def test_another_address_forgets_what_was_found(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
+    find_it(dialog, explorer)
+    type_into(dialog, "robot_address", "ws://other:9090")
+    assert dialog.row("scan") is None
+    assert not find(dialog, "robot_check").isEnabled()
+
+
+def test_escape_closes_the_dialog_and_stops_the_robot(
+    qtbot: QtBot, window: MainWindow, dialog: RobotDialog, explorer: MemoryExplorer, console: FakeConsole
+) -> None:
+    dialog.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is dialog)
+    QTest.keyClick(find(dialog, "robot_address"), Qt.Key.Key_Escape)
+    assert console.named("stop") == [None]
+    assert not dialog.isVisible()
+    assert explorer.cancelled
+    window.open_robot_dialog()
+    assert [each for each in window.findChildren(RobotDialog) if each.isVisible()]
