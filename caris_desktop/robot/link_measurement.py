@@ -20,6 +20,7 @@ MEASURE_EVERY_S = 1.0
 _LOOK_EVERY_S = 0.1
 _ROUND_TRIPS = 10
 _UNKNOWN_DELAY_S = 0.1
+_SIMULATION_TIME_EVERY_NS = 50_000_000
 
 
 class LinkMeasurement:
@@ -48,6 +49,7 @@ class LinkMeasurement:
         self._link = link
         self._simulation_time = simulation_time
         self._clock = ClockOffset.of_simulation_time() if simulation_time else ClockOffset()
+        self._simulation_time_ns = 0
         self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
 
     def offset_at(self, session_ns: int) -> OffsetEstimate | None:
@@ -66,6 +68,10 @@ class LinkMeasurement:
     def take_simulation_time(self, robot_ns: int) -> None:
         """A message of ``/clock``. What the network took of it is not known better than by the pings."""
         arrival_ns = self._ros.arrival_ns
+        if arrival_ns - self._simulation_time_ns < _SIMULATION_TIME_EVERY_NS:
+            # Gazebo tells it a thousand times a second.
+            return
+        self._simulation_time_ns = arrival_ns
         delay_s = max(self._round_trips_s, default=_UNKNOWN_DELAY_S)
         self._clock.add_exchange(asked_ns=arrival_ns - int(delay_s * 1e9), answered_ns=arrival_ns, robot_ns=robot_ns)
 
