@@ -447,6 +447,10 @@ class FrameView(QWidget):
             self._image = self._pixels = self._frame = self._spot = None
         self.update()
 
+    @property
+    def chips(self) -> list[tuple[str, str]]:
+        return self._chips
+
     def show_lost_reason(self, reason: str) -> None:
         """What to add when the picture is lost."""
         self._lost_reason = reason

@@ -1,0 +1,155 @@
+"""The video: a click on the floor, and what keeps the robot from moving said in the picture."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import HeadState, RobotPose
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.video import VideoPanel, guard_chip
+from caris_desktop.ui.widgets.floor_spot import FARTHEST_M, FloorSpot, ring_px, spot_at
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+
+# Half the size that the frames have: the model is scaled to them.
+MODEL = dataclasses.replace(
+    CameraModel.from_field_of_view(width_px=320, height_px=240, horizontal_rad=1.2), x_m=0.1, z_m=1.0, tilt_rad=0.2
+)
+ROBOT = RobotProfile(
+    "simulated", "Simulated robot", navigation=NavigationServer("move_base", "/move_base"),
+    cameras=(CameraTopic("front", "/camera", model=MODEL),),
+)  # fmt: skip
+FRAME_MODEL = MODEL.scaled_to(640, 480)
+
+
+@pytest.fixture
+def panel(window: MainWindow, console: FakeConsole) -> VideoPanel:
+    found = window.panels["video"]
+    assert isinstance(found, VideoPanel)
+    console.state.robot.set(ROBOT)
+    console.state.goal.set(None)
+    show_frame(console)
+    return found
+
+
+def show_frame(console: FakeConsole, *, age_s: float = 0.0) -> None:
+    image = np.full((480, 640, 3), (90, 90, 90), np.uint8)
+    console.state.take(console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9)))
+    console.state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.5)))
+
+
+def pixel_of_floor(panel: VideoPanel, x_m: float, y_m: float, model: CameraModel = FRAME_MODEL) -> QPoint:
+    pixel = model.pixel_of(x_m, y_m, 0.0)
+    assert pixel is not None
+    return panel.view.to_view(*pixel).toPoint()
+
+
+def test_a_pixel_becomes_a_point_of_the_floor_or_a_reason() -> None:
+    pixel = FRAME_MODEL.pixel_of(3.0, -0.4, 0.0)
+    assert pixel is not None
+    spot = spot_at(FRAME_MODEL, *pixel)
+    assert isinstance(spot, FloorSpot)
+    assert (spot.x_m, spot.y_m) == pytest.approx((3.0, -0.4))
+    assert spot_at(FRAME_MODEL, 320.0, 0.0) == "That is not on the floor"
+    far = FRAME_MODEL.pixel_of(FARTHEST_M + 2.0, 0.0, 0.0)
+    assert far is not None
+    assert str(spot_at(FRAME_MODEL, *far)).startswith("Too far")
+    assert len(ring_px(FRAME_MODEL, spot)) == 32
+
+
+def test_a_click_on_the_floor_asks_and_then_goes(
+    qtbot: QtBot, panel: VideoPanel, window: MainWindow, console: FakeConsole
+) -> None:
+    where = pixel_of_floor(panel, 3.0, 0.4)
+    QTest.mouseMove(panel.view, where)
+    assert panel.view.spot is not None
+    assert panel.view.spot.distance_m == pytest.approx(3.03, abs=0.03)
+    QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
+    assert console.calls == []
+    click(qtbot, find(window, "video_go_there"))
+    (target,) = console.named("go_to")
+    expected = Pose2D(6.6, 3.4, 0.5) @ Pose2D(3.0, 0.4, 0.1326)
+    assert (target.x_m, target.y_m) == pytest.approx((expected.x_m, expected.y_m), abs=0.05)
+    assert target.heading_rad == pytest.approx(expected.heading_rad, abs=0.02), "the direction of travel"
+
+
+def test_the_ring_is_painted_on_the_floor(panel: VideoPanel) -> None:
+    before = panel.view.grab().toImage()
+    QTest.mouseMove(panel.view, pixel_of_floor(panel, 2.5, 0.0))
+    edge = pixel_of_floor(panel, 2.5, 0.25)
+    after = panel.view.grab().toImage()
+    square = [edge + QPoint(dx, dy) for dx in range(-2, 3) for dy in range(-2, 3)]
+    assert any(before.pixel(point) != after.pixel(point) for point in square)
+
+
+def test_the_point_asked_about_stays_on_the_floor(panel: VideoPanel, console: FakeConsole) -> None:
+    QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=pixel_of_floor(panel, 3.0, 0.0))
+    ahead = Pose2D(6.6, 3.4, 0.5) @ Pose2D(1.0, 0.0, 0.0)
+    console.state.take(RobotPose(clock.now_ns(), None, ahead))
+    image = np.full((480, 640, 3), (90, 90, 90), np.uint8)
+    console.state.take(console.frames.add(image))
+    assert panel.view.spot is not None
+    assert panel.view.spot.distance_m == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("share_y", "age_s", "words"),
+    [(0.02, 0.0, "That is not on the floor"), (0.9, 0.9, "The picture is too old to aim with")],
+)
+def test_what_cannot_be_aimed_at_is_refused_with_the_reason(
+    panel: VideoPanel, console: FakeConsole, share_y: float, age_s: float, words: str
+) -> None:
+    show_frame(console, age_s=age_s)
+    console.state.check_freshness()
+    picture = panel.view.picture_rect()
+    where = QPoint(round(picture.center().x()), round(picture.top() + share_y * picture.height()))
+    QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
+    assert (words, "warning") in panel.view.chips
+    assert [card for card in panel.findChildren(QWidget, "video_card") if card.isVisible()] == []
+    assert console.calls == []
+
+
+def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, console: FakeConsole) -> None:
+    on_head = dataclasses.replace(MODEL, on_head=True)
+    console.state.robot.set(dataclasses.replace(ROBOT, cameras=(CameraTopic("front", "/camera", model=on_head),)))
+    show_frame(console)
+    assert panel.view.model is None, "a head that may be turned anywhere points nowhere"
+    console.state.take(HeadState(clock.now_ns(), None, 0.3, 0.1))
+    show_frame(console)
+    model = FRAME_MODEL.scaled_to(640, 480)
+    turned = dataclasses.replace(model, on_head=True).with_head_at(pan_rad=0.3, tilt_rad=0.1)
+    QTest.mouseMove(panel.view, pixel_of_floor(panel, 2.5, 0.8, turned))
+    assert panel.view.spot is not None
+    assert (panel.view.spot.x_m, panel.view.spot.y_m) == pytest.approx((2.5, 0.8), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        (DriveStatus(True, "", guard="blocked", guard_distance_m=0.14), "Blocked"),
+        (DriveStatus(True, "", guard="slowing", guard_distance_m=0.52), "0.5 m left"),
+        (DriveStatus(True, "", guard="overridden"), "guard is off"),
+        (DriveStatus(True, "", 0.5, "the picture is late"), "the picture is late"),
+    ],
+)
+def test_what_limits_the_robot_is_said_in_the_video(
+    panel: VideoPanel, console: FakeConsole, drive: DriveStatus, words: str
+) -> None:
+    console.state.drive.set(drive)
+    assert any(words in text for text, _role in panel.view.chips)
+
+
+def test_each_state_of_the_guard_has_its_own_shape() -> None:
+    chips = [guard_chip(DriveStatus(True, "", guard=state)) for state in ("blocked", "slowing", "overridden")]
+    assert len({chip[1] for chip in chips if chip is not None}) == 3
+    assert guard_chip(DriveStatus(True, "", guard="clear")) is None
