@@ -275,7 +275,7 @@ def test_a_goal_with_heading_takes_the_tool(
     assert console.calls == [], "without the tool a drag moves the map"
     panel.view.fit()
     click(qtbot, find(window, "map_tool_goal"))
-    assert panel.view.hint.startswith("Press where the robot should go")
+    assert panel.view.hint.startswith("Press where to go")
     assert panel.view.cursor().shape() == Qt.CursorShape.CrossCursor
     start = at(panel, 8.0, 3.0)
     drag(panel.view, start, start + QPoint(0, -60))
@@ -316,7 +316,7 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
 def test_the_robot_is_told_where_it_is(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0))
     click(qtbot, find(window, "map_robot_here"))
-    assert panel.view.hint.startswith("Click where the robot should look")
+    assert panel.view.hint.startswith("Click where it should look")
     QTest.mouseMove(panel.view, at(panel, 5.0, 3.0) + QPoint(-50, 0))
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0) + QPoint(-50, 0))
     (pose,) = console.named("set_initial_pose")

@@ -29,9 +29,9 @@ _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little aft
 _GIVE_UP = "Esc gives up"
 _HINTS: dict[Tool, str] = {
     "look": "",
-    "goal": f"Press where the robot should go, drag to where it should look · {_GIVE_UP}",
-    "pose": f"Press where the robot really is, drag to where it looks · {_GIVE_UP}",
-    "place": f"Press where the new place is, drag to where the robot should look there · {_GIVE_UP}",
+    "goal": f"Press where to go, drag to where to look · {_GIVE_UP}",
+    "pose": f"Press where it stands, drag to where it looks · {_GIVE_UP}",
+    "place": f"Press where the place is, drag to where to look · {_GIVE_UP}",
 }
 _BUSY = {
     "save": "Saving the map…", "load": "Loading the map…", "start_mapping": "Switching to building the map…",
@@ -194,6 +194,7 @@ class MapPanel(Panel):
             size = button.sizeHint()
             button.setGeometry(left, top, size.width(), size.height())
             left, top = (left, top + 34) if upright else (left + size.width() + 4, top)
+        self.view.left_px = 44 if upright and self._tools else 0
 
     # ---- menus
 
@@ -279,9 +280,9 @@ class MapPanel(Panel):
         if tool == "look":
             self.view.show_hint("")
         elif self.view.aim is not None and self.view.aim.anchored:
-            self.view.show_hint(f"Click where the robot should look from there · {_GIVE_UP}")
+            self.view.show_hint(f"Click where it should look from there · {_GIVE_UP}")
         elif self._moving is not None:
-            self.view.show_hint(f"Press where {self._moving} is now, drag to where to look there · {_GIVE_UP}")
+            self.view.show_hint(f"Press where {self._moving} is now, drag to where to look · {_GIVE_UP}")
         else:
             self.view.show_hint(_HINTS[self.view.tool])
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QBrush, QColor, QPen
+from PySide6.QtGui import QBrush, QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain import clock
@@ -23,6 +23,7 @@ POINTS = 3000
 """Of each line; a hundred a second for half a minute. Older ones are forgotten."""
 
 _REDRAW_MS = 100
+_LOW_PX = 190
 _GAP_S = 0.5
 _COMMANDS_END_S = 0.6  # the link repeats a command, and then zero for half a second; silence means nothing is asked
 
@@ -107,7 +108,7 @@ class MotionPanel(Panel):
             commanded, measured = plot.plot(connect="finite"), plot.plot(connect="finite")
             self._plots.append(plot)
             self._lines.append((commanded, measured, hatch))
-        self._plots[0].hideAxis("bottom")
+        self._side_by_side = False
         layout = QVBoxLayout(self)
         card_margins(layout)
         layout.addWidget(self._widget, 1)
@@ -131,6 +132,20 @@ class MotionPanel(Panel):
 
     def minimumSizeHint(self) -> QSize:
         return QSize(240, 120)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        low = self.height() < _LOW_PX
+        self._odometry_line.setVisible(not low)
+        self._arrange(side_by_side=low and self.width() > self.height())
+
+    def _arrange(self, *, side_by_side: bool) -> None:
+        """One strip above the other, or beside it where the panel is low."""
+        if side_by_side != self._side_by_side:
+            self._side_by_side = side_by_side
+            turning = self._plots[1]
+            self._widget.ci.removeItem(turning)
+            self._widget.ci.addItem(turning, row=0 if side_by_side else 1, col=1 if side_by_side else 0)
 
     @property
     def points_kept(self) -> int:
@@ -162,6 +177,7 @@ class MotionPanel(Panel):
                 axis = plot.getAxis(side)
                 axis.setPen(line)
                 axis.setTextPen(dim)
+                axis.enableAutoSIPrefix(False)
                 axis.setTickFont(theme.font(tokens.KEY_CAP_PX))
             label = {"color": dim.name(), "font-size": f"{tokens.KEY_CAP_PX}px"}
             plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)

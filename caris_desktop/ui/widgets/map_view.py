@@ -130,7 +130,7 @@ class MapView(QWidget):
         self._hovered: str | None = None
         self._soon = QTimer(self, singleShot=True, interval=REPAINT_MS)
         self._soon.timeout.connect(self.update)
-        self.last_band_ms = 0.0
+        self.left_px = 0  # covered by tools; the whole map is fitted beside them
         self.slowest_band_ms = 0.0
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
@@ -286,12 +286,13 @@ class MapView(QWidget):
                 bounds = bounds.united(QPolygonF([turned(at.x_m, at.y_m) for at in corners]).boundingRect())
         if bounds.isEmpty() or self.width() < 20:
             return
-        middle = bounds.center()
-        self._center = QPointF(cos * middle.x() + sin * middle.y(), -sin * middle.x() + cos * middle.y())
         self._scale = min(
-            max(min((self.width() - 24) / bounds.width(), (self.height() - 24) / bounds.height()), _MIN_SCALE),
+            max(min((self.width() - self.left_px - 24) / bounds.width(), (self.height() - 24) / bounds.height()),
+                _MIN_SCALE),
             _MAX_SCALE,
-        )
+        )  # fmt: skip
+        middle = bounds.center() - QPointF(self.left_px / 2 / self._scale, 0.0)
+        self._center = QPointF(cos * middle.x() + sin * middle.y(), -sin * middle.x() + cos * middle.y())
         self._fitted, self._viewed_by_hand = True, False
         self.moved.emit()
         self.update()
@@ -355,8 +356,7 @@ class MapView(QWidget):
             return
         began_s = time.perf_counter()
         rendering.render_band()
-        self.last_band_ms = (time.perf_counter() - began_s) * 1e3
-        self.slowest_band_ms = max(self.slowest_band_ms, self.last_band_ms)
+        self.slowest_band_ms = max(self.slowest_band_ms, (time.perf_counter() - began_s) * 1e3)
         if not rendering.done:
             QTimer.singleShot(0, self, self._render_more)
             return
@@ -546,15 +546,16 @@ class MapView(QWidget):
             painter.setOpacity(0.45)
         for person, name, named in self._people:
             at = self.to_view(person.x_m, person.y_m)
-            color = self._theme.color("green" if named else "amber")
+            color = self._theme.color("green" if named else "text")
             ring = max(9.0, person.spread_m * self._scale)
             pen = QPen(color, 1.5)
             pen.setDashPattern([3, 3])
             painter.setPen(pen)
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(at, ring, ring)
-            painter.setPen(QPen(self._theme.color("panel"), 1.5))
-            painter.setBrush(color)
+            # As in the list of people: filled with a name, an outline without.
+            painter.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
+            painter.setBrush(color if named else self._theme.color("panel"))
             painter.drawEllipse(at, 6, 6)
             label = QRectF(at.x() + 10, at.y() - 10, metrics.horizontalAdvance(name) + 10, 20)
             ground = self._theme.color("panel")
@@ -627,12 +628,13 @@ class MapView(QWidget):
         )
         if self.rotate:
             north = self._turn_rad + math.pi / 2
-            at = QPointF(self.width() - 24.0, bottom - 44)
-            painter.drawEllipse(at, 11, 11)
-            painter.drawText(
-                QRectF(at.x() + 7 * math.cos(north) - 8, at.y() - 7 * math.sin(north) - 8, 16, 16),
-                Qt.AlignmentFlag.AlignCenter, "N",
-            )  # fmt: skip
+            at = QPointF(self.width() - 30.0, bottom - 50)
+            out = QPointF(math.cos(north), -math.sin(north))
+            side = QPointF(-out.y(), out.x())
+            painter.drawText(QRectF(at.x() - 9, at.y() - 9, 18, 18), Qt.AlignmentFlag.AlignCenter, "N")
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("dim"))
+            painter.drawPolygon(QPolygonF([at + out * 19, at + out * 11 + side * 5, at + out * 11 - side * 5]))
 
     def _paint_chips(self, painter: QPainter) -> None:
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
