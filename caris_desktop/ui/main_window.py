@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
@@ -579,8 +579,24 @@ class MainWindow(QWidget):
             self._on_scenario_changed(self._console.scenario)
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
-        if scenario is not self._shown_scenario:
-            self.show_scenario(scenario)
+        shown = self._shown_scenario
+        if scenario is shown:
+            return
+        if shown is not None and self._only_saves_the_layout(shown, scenario):
+            # Nothing is rebuilt, so that what is typed and not yet said stays.
+            self._shown_scenario = scenario
+            self._top_bar.show_scenario()
+            return
+        self.show_scenario(scenario)
+
+    def _only_saves_the_layout(self, before: Scenario, after: Scenario) -> bool:
+        tree = self.current_layout()
+        return (
+            tree is not None
+            and set(panels_in(after.layout)) == set(panels_in(tree))
+            and replace(after, layout=before.layout, path=before.path, sha256=before.sha256, places=before.places)
+            == before
+        )
 
     def _on_save_layout(self) -> None:
         tree = self.current_layout()

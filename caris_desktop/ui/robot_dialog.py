@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QPainter, QPaintEvent
+from PySide6.QtGui import QCloseEvent, QColor, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
     QDialog,
@@ -81,6 +81,8 @@ class RobotExplorer(Protocol):
 
 def rate_words(check: "StreamCheck") -> str:
     """comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees."""
+    if check.detail and check.age_s is None:
+        return check.detail  # nothing was counted, so the sentence says it all
     parts = [_CHECK_LOOKS[check.state][2]]
     if check.rate_hz is not None:
         parts.append(f"{check.rate_hz:.1f} Hz")
@@ -574,14 +576,15 @@ class MappingRow(QWidget):
         self.proposal = proposal
         self._check: StreamCheck | None = None
         self._topic = topic
+        self._words = ""
         name = QLabel(label)
-        name.setFixedWidth(170)
+        name.setFixedWidth(150)
         self._verdict = QLabel()
         self._verdict.setObjectName("mapping_verdict")
         self._verdict.setTextFormat(Qt.TextFormat.PlainText)
         self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.box = DropDown(theme, f"mapping_{field}_box", label)
-        self.box.setFixedWidth(300)
+        self.box.setFixedWidth(270)
         self.box.setMaxVisibleItems(_SHORT_LIST)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 1, 0, 1)
@@ -589,7 +592,7 @@ class MappingRow(QWidget):
         row.addWidget(name)
         if proposal is None:
             fixed = QLabel(topic)
-            fixed.setFixedWidth(300)
+            fixed.setFixedWidth(270)
             fixed.setToolTip(topic)
             row.addWidget(fixed)
             self.box.hide()
@@ -617,7 +620,15 @@ class MappingRow(QWidget):
 
     @property
     def verdict_text(self) -> str:
-        return self._verdict.text()
+        return self._words
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._elide()
+
+    def _elide(self) -> None:
+        room = self._verdict.width()
+        self._verdict.setText(self._verdict.fontMetrics().elidedText(self._words, Qt.TextElideMode.ElideRight, room))
 
     def show_check(self, check: "StreamCheck | None") -> None:
         self._check = check
@@ -638,7 +649,8 @@ class MappingRow(QWidget):
         else:
             chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
             text = chosen.why if chosen is not None else self.proposal.why if not self.proposal.value else "left out"
-        self._verdict.setText(text)
+        self._words = text
+        self._elide()
         self._verdict.setToolTip(text)
         _color(self._verdict, self._theme.color("text" if self._check is not None else "dim"))
         self.update()

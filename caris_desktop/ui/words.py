@@ -60,14 +60,30 @@ def size(count_bytes: float) -> str:
     return f"{count_bytes:.1f} GB" if count_bytes < 100 else f"{count_bytes:.0f} GB"
 
 
+_ANOTHER_TIME_MS = 1e9
+
+
+def session_clock_ms() -> float:
+    """What this computer's time of day is ahead of the session clock: the offset of a robot with the right time."""
+    return (_ANCHOR.utc_ns - _ANCHOR.monotonic_ns) / 1e6
+
+
 def clock_offset(offset_ms: float, uncertainty_ms: float | None) -> str:
-    """How another clock goes beside ours: 3.1 ± 0.4 ms ahead."""
+    """How the robot's clock goes beside this computer's: 3.1 ± 0.4 ms ahead.
 
-    def number(milliseconds: float) -> str:
-        return f"{milliseconds:.1f}" if milliseconds < 10 else f"{milliseconds:,.0f}"
+    ``offset_ms`` is robot clock minus session clock.
+    """
+    ahead_ms = offset_ms - session_clock_ms()
+    spread = "" if uncertainty_ms is None else f" ± {_milliseconds(uncertainty_ms)}"
+    if abs(ahead_ms) > _ANOTHER_TIME_MS:
+        # A simulation begins at zero; how far that is from today says nothing.
+        known = "" if uncertainty_ms is None else f", known to{spread} ms"
+        return f"set to a time of its own{known}"
+    return f"{_milliseconds(abs(ahead_ms))}{spread} ms {'ahead' if ahead_ms >= 0 else 'behind'}"
 
-    spread = "" if uncertainty_ms is None else f" ± {number(uncertainty_ms)}"
-    return f"{number(abs(offset_ms))}{spread} ms {'ahead' if offset_ms >= 0 else 'behind'}"
+
+def _milliseconds(milliseconds: float) -> str:
+    return f"{milliseconds:.1f}" if milliseconds < 10 else f"{milliseconds:,.0f}"
 
 
 def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured]) -> str:

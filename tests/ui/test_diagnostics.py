@@ -29,7 +29,9 @@ def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link:
 
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
-    console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, 3.14, 0.4))
+    console.state.link.set(
+        LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, words.session_clock_ms() + 3.14, 0.4)
+    )
     window.open_panel("diagnostics")
     panel = window.panels["diagnostics"]
     assert isinstance(panel, DiagnosticsPanel)
@@ -89,5 +91,7 @@ def test_it_opens_from_the_connection_card(qtbot: QtBot, window: MainWindow) -> 
 
 def test_figures_are_words() -> None:
     assert [bandwidth(value) for value in (0, 999, 34_500, 1_200_000)] == ["0 B/s", "999 B/s", "34.5 kB/s", "1.2 MB/s"]
-    assert words.clock_offset(-12_345.6, 20.0) == "12,346 ± 20 ms behind"
-    assert words.clock_offset(3.14, None) == "3.1 ms ahead"
+    now_ms = words.session_clock_ms()
+    assert words.clock_offset(now_ms - 12_345.6, 20.0) == "12,346 ± 20 ms behind"
+    assert words.clock_offset(now_ms + 3.14, None) == "3.1 ms ahead"
+    assert words.clock_offset(-5000.0, 1.0) == "set to a time of its own, known to ± 1.0 ms", "a simulation"

@@ -20,6 +20,7 @@ from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, 
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, Permissions, Scenario, SplitNode, TabNode
 from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui import words
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import panels_in
 from caris_desktop.ui.main_window import MainWindow
@@ -395,11 +396,11 @@ def test_the_guard_that_is_off_is_there_to_be_switched_on(
     assert not window.findChild(QWidget, "guard_band").isVisible()  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("words", ["go to the kitchen", "Drive to kitchen", "navigate to the kichen", "kitchen"])
-def test_a_place_is_driven_to_by_command(window: MainWindow, console: FakeConsole, words: str) -> None:
+@pytest.mark.parametrize("command", ["go to the kitchen", "Drive to kitchen", "navigate to the kichen", "kitchen"])
+def test_a_place_is_driven_to_by_command(window: MainWindow, console: FakeConsole, command: str) -> None:
     window.show_command_palette()
     field = find(window, "palette_field")
-    QTest.keyClicks(field, words)
+    QTest.keyClicks(field, command)
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert console.calls == [("go_to_place", "Kitchen")]
 
@@ -452,13 +453,32 @@ def test_a_scenario_that_the_program_opens_by_itself_is_shown(
     assert window.windowTitle().startswith("Mental health check")
 
 
+def test_saving_the_layout_keeps_what_is_typed(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    console = TellingConsole(samples.TOUR)
+    window = open_window(qtbot, console, settings, theme)
+    window.open_panel("diagnostics")
+    tree = window.current_layout()
+    assert tree is not None
+    copy = dataclasses.replace(samples.TOUR, layout=tree, path=Path("/own/tour_guide.yaml"), sha256="other")
+    console._others[Path("/own/tour_guide.yaml")] = copy
+    QTest.keyClicks(find(window, "speak_field"), "half a sent")
+    console.open_scenario(Path("/own/tour_guide.yaml"))
+    assert find(window, "speak_field").property("text") == "half a sent"
+    assert "diagnostics" in window.panels
+    window.close_panel("diagnostics")
+    assert "diagnostics" in window.panels, "it belongs to the scenario now, and is closed like the others"
+    assert not window.dock_host.is_open("diagnostics")
+
+
 def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindow, console: FakeConsole) -> None:
     bar = window.status_bar
     bar.refresh()
     assert (bar.items["refused"].text, bar.items["pose"].text) == ("", "")
     now_ns = clock.now_ns()
     console.state.traffic.set({"control": TrafficMeasured(now_ns, "control", "cbor", 3, ())})
-    console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab", "", 12.0, -3.14, 0.4))
+    console.state.link.set(
+        LinkStatus("connected", "Lab robot", "ws://lab", "", 12.0, words.session_clock_ms() - 3.14, 0.4)
+    )
     console.state.take(RobotPose(now_ns - 1_200_000_000, None, Pose2D(0, 0, 0)))
     console.state.take(BatteryState(now_ns - 180_000_000_000, 0.6))
     bar.refresh()
