@@ -1,6 +1,7 @@
 """``console_child`` for a virtual screen: real keys come from outside, and the gamepad is SDL's virtual one.
 
-More lines: ``plug``, ``pad AXIS VALUE``, ``unplug``. Prints ``TEXT`` and the Speak field's text whenever it changes.
+More lines: ``plug``, ``pad AXIS VALUE``, ``unplug``. Prints ``TEXT`` and the Speak field's text whenever it changes,
+``KEYS`` and who has them, ``GAMEPAD`` and its name.
 """
 
 import sys
@@ -23,6 +24,7 @@ class DesktopDriver(Driver):
         if field is None:
             raise RuntimeError("the scenario has no Speak panel")
         field.textChanged.connect(lambda text: print("TEXT", text, flush=True))
+        run.console.state.gamepad.changed.connect(lambda status: print("GAMEPAD", status.name, flush=True))
         run.window.hold.key_owner_changed.connect(lambda owner: print("KEYS", owner, flush=True))
 
     def _on_line(self, line: str) -> None:

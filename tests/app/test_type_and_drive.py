@@ -67,6 +67,7 @@ class Tour:
                 return True
             if self.standing() and time.monotonic() - pressed_s > 0.8:
                 hold(False)
+                time.sleep(0.05)  # a gamepad has to be seen at rest
                 hold(True)
                 pressed_s = time.monotonic()
             return False
@@ -181,6 +182,7 @@ def test_by_keypad(tour: Tour) -> None:
 
 def test_by_gamepad(tour: Tour) -> None:
     tour.desktop.say("plug")
+    tour.desktop.wait_for("GAMEPAD Virtual Controller")
     tour.desktop.say("pad 5 1.0")  # the right trigger: full speed
     tour.desktop.do("key", "ctrl+l")
     tour.desktop.wait_for("KEYS typing")
