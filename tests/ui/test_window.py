@@ -461,6 +461,7 @@ def test_saving_the_layout_keeps_what_is_typed(qtbot: QtBot, settings: MemorySet
     assert tree is not None
     copy = dataclasses.replace(samples.TOUR, layout=tree, path=Path("/own/tour_guide.yaml"), sha256="other")
     console._others[Path("/own/tour_guide.yaml")] = copy
+    find(window, "speak_field").setFocus()
     QTest.keyClicks(find(window, "speak_field"), "half a sent")
     console.open_scenario(Path("/own/tour_guide.yaml"))
     assert find(window, "speak_field").property("text") == "half a sent"
