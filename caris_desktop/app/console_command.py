@@ -16,6 +16,7 @@ from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.console import Console
+from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.scenario.library import list_scenarios
@@ -49,6 +50,7 @@ class ConsoleRun:
         self.application.setApplicationName("CARIS Desktop")
         self.application.setApplicationVersion(__version__)
         self.demo_robot: DemoRobot | None = None
+        self._garbage: GarbageCollector | None = None
         parts = composition.parts(scenario, study=study, camera=arguments.camera, address_of=self._address_of)
         self.console = Console(parts, scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
@@ -76,6 +78,8 @@ class ConsoleRun:
     def close(self) -> None:
         self.window.close()
         self.console.shutdown()
+        if self._garbage is not None:
+            self._garbage.stop()
         if self.demo_robot is not None:
             self.demo_robot.stop()
 
@@ -83,6 +87,7 @@ class ConsoleRun:
         # What exists now stays for the whole run: a full collection need not walk it again, which stalls the GUI.
         gc.collect()
         gc.freeze()
+        self._garbage = GarbageCollector(self.console)
         self.console.start()
         if self._refused_scenario:
             self.console.problem(

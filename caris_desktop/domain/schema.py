@@ -1,13 +1,17 @@
 """JSON form of the domain dataclasses, and the JSON Schema that describes it.
 
-Arrays become lists; values that JSON cannot hold (``inf``, ``nan``) become null, which for scans reads
-"nothing returned". Reading null back into a float array gives ``inf``.
+Arrays of numbers become lists, and grids (arrays of whole numbers) an object with their deflated bytes: a map of a
+building would be tens of megabytes of digits. Values that JSON cannot hold (``inf``, ``nan``) become null, which for
+scans reads "nothing returned". Reading null back into a float array gives ``inf``.
 """
 
+import base64
+import binascii
 import dataclasses
 import math
 import types
 import typing
+import zlib
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -21,6 +25,8 @@ def to_jsonable(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
+        if value.dtype.kind in "iu":
+            return _deflated(value)
         if value.dtype.kind != "f" or bool(np.isfinite(value).all()):
             return value.tolist()
         flat = [item if math.isfinite(item) else None for item in value.ravel().tolist()]
@@ -86,6 +92,8 @@ def _build(kind: Any, data: Any) -> Any:
         return {key: _build(get_args(kind)[1], item) for key, item in data.items()}
     if origin is np.ndarray:
         dtype = np.dtype(get_args(get_args(kind)[1])[0])
+        if isinstance(data, dict):
+            return _inflated(data, dtype)
         if dtype.kind == "f":
             return np.array(
                 [math.inf if item is None else item for item in data] if None in data else data, dtype=dtype
@@ -103,6 +111,45 @@ def _build(kind: Any, data: Any) -> Any:
     return data
 
 
+def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
+    content = np.ascontiguousarray(grid)
+    return {
+        "encoding": "zlib+base64",
+        "dtype": content.dtype.name,
+        "shape": list(content.shape),
+        "data": base64.b64encode(zlib.compress(content.data, 1)).decode("ascii"),
+    }
+
+
+def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any]:
+    """Raises ValueError for content that is not what ``shape`` and ``dtype`` say, however far it would unfold."""
+    shape = tuple(int(size) for size in data["shape"])
+    if data.get("encoding") != "zlib+base64" or data.get("dtype") != dtype.name or min(shape, default=0) < 0:
+        raise ValueError(f"expected a grid of {dtype.name} as zlib+base64")
+    size_bytes = math.prod(shape) * dtype.itemsize
+    if size_bytes > _LARGEST_GRID_BYTES:
+        raise ValueError(f"a grid of {size_bytes} bytes is too large")
+    try:
+        content = zlib.decompressobj().decompress(base64.b64decode(data["data"], validate=True), size_bytes + 1)
+    except (binascii.Error, zlib.error) as error:
+        raise ValueError(f"a grid that cannot be inflated: {error}") from error
+    if len(content) != size_bytes:
+        raise ValueError(f"a grid of {len(content)} bytes where its shape says {size_bytes}")
+    return np.frombuffer(content, dtype=dtype).reshape(shape)
+
+
+_LARGEST_GRID_BYTES = 2**30
+_GRID_SCHEMA = {
+    "type": "object",
+    "description": "A grid: rows of whole numbers as little-endian bytes, deflated by zlib, in base64.",
+    "properties": {
+        "encoding": {"const": "zlib+base64"},
+        "dtype": {"type": "string"},
+        "shape": {"type": "array", "items": {"type": "integer"}},
+        "data": {"type": "string", "contentEncoding": "base64"},
+    },
+    "required": ["encoding", "dtype", "shape", "data"],
+}
 _PRIMITIVES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
@@ -121,8 +168,8 @@ def _schema(kind: Any) -> dict[str, Any]:
     if origin is dict:
         return {"type": "object", "additionalProperties": _schema(get_args(kind)[1])}
     if origin is np.ndarray:
-        number = "number" if np.dtype(get_args(get_args(kind)[1])[0]).kind == "f" else "integer"
-        return {"type": "array", "items": {"type": [number, "null"] if number == "number" else number}}
+        dtype = np.dtype(get_args(get_args(kind)[1])[0])
+        return {"type": "array", "items": {"type": ["number", "null"]}} if dtype.kind == "f" else _GRID_SCHEMA
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         fields = dataclasses.fields(kind)

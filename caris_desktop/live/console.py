@@ -37,7 +37,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, RobotPose
+from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
 from caris_desktop.live.asyncio_thread import AsyncioThread
@@ -267,6 +267,8 @@ class Console(QObject):
                 self._perception.offer(value)
             elif isinstance(value, (LaserScan, RobotPose, HeadState)):
                 self._perception.offer_evidence(value)
+            elif isinstance(value, CameraLens):
+                self._perception.use_lens(value)
         self._mailbox.put(value)
 
     def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:

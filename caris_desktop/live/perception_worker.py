@@ -17,7 +17,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, People, RobotPose
+from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.location import PeopleLocator
@@ -72,6 +72,10 @@ class PerceptionWorker(QObject):
     def use_cameras(self, models: dict[str, CameraModel]) -> None:
         """Where the robot's cameras look, by name; people before others get no place in the map."""
         self._cameras = models
+
+    def use_lens(self, lens: CameraLens) -> None:
+        """What a camera itself tells of its lens counts more than the profile."""
+        self._cameras = {**self._cameras, lens.camera: lens.model}
 
     def rename(self, person_id: str, name: str) -> None:
         self._inputs.put(_Rename(person_id, name))

@@ -198,7 +198,7 @@ class RobotDirector(QObject):
             "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
             "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
         )
-        QTimer.singleShot(_RESTART_AFTER_MS, self, lambda: self._restart_link(name))
+        QTimer.singleShot(_RESTART_AFTER_MS, lambda: self._restart_link(name))
         return True
 
     def _start_link(self, name: str) -> None:
@@ -237,7 +237,15 @@ class RobotDirector(QObject):
         elif isinstance(event, TrafficMeasured):
             self._state.traffic.set({**self._state.traffic.value, event.link: event})
         elif isinstance(event, MappingChanged):
-            self._state.mapping.set(replace(self._state.mapping.value, mapping=event.mapping))
+            self._state.mapping.set(
+                replace(
+                    self._state.mapping.value,
+                    mapping=event.mapping,
+                    can_save=event.can_save,
+                    can_load=event.can_load,
+                    can_switch=event.can_switch,
+                )
+            )
         elif isinstance(event, MapRequestChanged):
             self._on_map_request_changed(event)
         elif isinstance(event, ControlUsed):

@@ -28,7 +28,7 @@ def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot
     and the nearest where the feet are not to be seen. ``camera`` is the camera as it looked when the picture was taken.
     """
     camera = camera.scaled_to(people.frame_width_px, people.frame_height_px)
-    points = _points_in_robot(scan)
+    points = _points_in_robot(scan, map_from_robot)
     if not len(points):
         return ()
     seen_from_camera = points - (camera.x_m, camera.y_m)
@@ -79,15 +79,19 @@ def _things(distances: NDArray[np.float64]) -> list[float]:
     return [float(np.median(group[group <= group[0] + WIDEST_PERSON_M / 2.0])) for group in groups if len(group) >= 2]
 
 
-def _points_in_robot(scan: LaserScan) -> NDArray[np.float64]:
+def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
+    """Where the beams ended, seen from where the robot was when the picture was taken."""
+    laser = scan.robot_from_laser
+    if scan.map_from_laser is not None:
+        laser = map_from_robot.inverse() @ scan.map_from_laser
     ranges = scan.ranges_m
     valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + scan.robot_from_laser.heading_rad
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
     distances = ranges[valid].astype(np.float64)
     return np.column_stack(
         (
-            scan.robot_from_laser.x_m + distances * np.cos(angles),
-            scan.robot_from_laser.y_m + distances * np.sin(angles),
+            laser.x_m + distances * np.cos(angles),
+            laser.y_m + distances * np.sin(angles),
         )
     )
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import shiboken6
+from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import commands
@@ -51,7 +53,8 @@ class Child:
 
 class Bench:
     def __init__(self) -> None:
-        self.state = LiveState()
+        self.owner = QObject()
+        self.state = LiveState(self.owner)
         self.ring = FrameRing.create()
         self.children: list[Child] = []
         self.published: list[Any] = []
@@ -67,6 +70,7 @@ class Bench:
             before_goal=self._before_goal,
             own_camera=False,
             asyncio_thread=self.asyncio,
+            parent=self.owner,
         )
 
     def _new_child(self, body: ProcessBody) -> Child:
@@ -98,6 +102,8 @@ def bench(qtbot: QtBot) -> Iterator[Bench]:
     bench.robot.shutdown()
     bench.asyncio.stop()
     bench.ring.close()
+    # Not left to the garbage collector, which may run in another thread.
+    shiboken6.delete(bench.owner)
 
 
 def test_a_place_and_a_point_are_driven_to(bench: Bench) -> None:
@@ -136,8 +142,9 @@ def test_maps_and_the_initial_pose_are_asked_for(bench: Bench) -> None:
     bench.robot.on_event(MapRequestChanged(1, request.request_id, "save", "lab", "failed", "the disk is full"))
     assert bench.state.mapping.value.busy == ""
     assert "the disk is full" in bench.problems[0]
-    bench.robot.on_event(MappingChanged(1, mapping=True))
-    assert bench.state.mapping.value.mapping is True
+    bench.robot.on_event(MappingChanged(1, mapping=True, can_save=True))
+    assert (bench.state.mapping.value.mapping, bench.state.mapping.value.can_save) == (True, True)
+    assert not bench.state.mapping.value.can_load
 
 
 def test_without_a_link_nothing_is_asked_and_that_is_told(bench: Bench) -> None:

@@ -1,6 +1,7 @@
 """People's places from a picture and a scan, against a scene whose truth is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,3 +98,11 @@ def test_without_a_scan_of_that_moment_nothing_is_said() -> None:
 
 def _fields(camera: CameraModel) -> dict[str, float]:
     return {name: getattr(camera, name) for name in CameraModel.__slots__}
+
+
+def test_a_scan_that_was_taken_before_the_robot_turned_still_shows_the_person() -> None:
+    before, now = Pose2D(1.0, 1.0, 0.0), Pose2D(1.0, 1.0, 0.5)
+    scan = replace(scan_of((2.0, 0.0)), map_from_laser=before)
+    cos, sin = math.cos(-0.5), math.sin(-0.5)
+    (found,) = located(seen((2.0 * cos, 2.0 * sin)), scan, CAMERA, now)
+    assert math.dist((found.x_m, found.y_m), (3.0, 1.0)) < 0.2
