@@ -12,6 +12,7 @@ import roslibpy
 from caris_desktop.robot.link import check_robot
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError, topic_of_publish
+from caris_desktop.robot.wire import Timings
 from tests.robot.link_bench import BridgeDouble
 
 
@@ -190,6 +191,52 @@ def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
         bridge.kill()
 
     connected(bridge, use)
+
+
+def test_a_service_that_we_offer_is_offered_again_after_a_reconnect_and_answers() -> None:
+    bridge = BridgeDouble()
+
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        def answer(request: Any, response: Any) -> bool:
+            response["sum"] = request["a"] + 1
+            return True
+
+        roslibpy.Service(ros, "/ours", "test/Sum").advertise(answer)
+        await until(lambda: bridge.operations("advertise_service"), "offered")
+        bridge.kill()
+        await until(lambda: "lost" in observer.told, "lost")
+        bridge.lines.clear()
+        bridge.start()
+        [offered] = await until(lambda: bridge.operations("advertise_service"), "offered again")
+        assert offered["service"] == "/ours"
+        bridge.tell(text=json.dumps({"op": "call_service", "service": "/ours", "id": "c1", "args": {"a": 4}}))
+        [response] = await until(lambda: bridge.operations("service_response"), "the answer")
+        assert (response["id"], response["values"], response["result"]) == ("c1", {"sum": 5}, True)
+        bridge.kill()
+
+    connected(bridge, use)
+
+
+def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> None:
+    async def run() -> None:
+        accepted = 0
+
+        async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            nonlocal accepted
+            accepted += 1
+            await reader.read()
+            writer.close()
+
+        async with await asyncio.start_server(silent, "127.0.0.1", 0) as server:
+            observer = Observer()
+            timings = Timings(handshake_s=0.2, first_retry_s=0.05, longest_retry_s=0.1)
+            ros = SafeRos(f"ws://127.0.0.1:{server.sockets[0].getsockname()[1]}", observer, timings=timings)
+            ros.connect()
+            await until(lambda: accepted >= 3, "three attempts")
+            assert observer.told[:2] == ["unreachable", "unreachable"]
+            await ros.aclose(0.2)
+
+    asyncio.run(run())
 
 
 def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) -> None:
