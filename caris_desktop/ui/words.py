@@ -137,15 +137,13 @@ def head_angles(pan_rad: float, tilt_rad: float) -> str:
 
 
 def guard_line(drive: DriveStatus) -> str:
-    """What the obstacle guard does now; empty while nothing is in the way."""
+    """What the obstacle guard does now; empty while it does nothing."""
     ahead = "" if drive.guard_distance_m is None else f" {max(0.0, drive.guard_distance_m):.1f} m ahead"
     match drive.guard:
         case "slowing":
             return f"Obstacle{ahead} · slowing"
         case "blocked":
             return f"Blocked · obstacle{ahead}"
-        case "overridden":
-            return "Guard off · nothing slows the robot before obstacles"
         case _:
             return ""
 

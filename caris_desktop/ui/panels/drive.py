@@ -259,12 +259,10 @@ class DrivePanel(Panel):
             return "Release it in the red bar above to drive again.", "red"
         if not drive.allowed:
             return drive.reason, "amber"
-        if guard and drive.guard != "overridden":
+        if guard:
             return guard, "amber"
         if drive.cap_reason:
             return f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
-        if guard:
-            return guard, "amber"
         if self.hold.held or self.hold.wish.moving:
             return "Let go to stop.", "dim"
         if going_to:
@@ -439,7 +437,7 @@ class DrivePad(QWidget):
         self.show_rows()
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(3 * _ARROW_WIDTH_PX + 12, 84)
+        return QSize(3 * _ARROW_WIDTH_PX + 12, 62)
 
     def show_rows(self) -> None:
         """The sideways arrows are there only where the robot can do that."""
@@ -458,7 +456,7 @@ class HoldArrow(QWidget):
         self._actions = actions
         self._hold = hold
         self._action_id = action_id
-        self.setMinimumSize(_ARROW_WIDTH_PX, 36)
+        self.setMinimumSize(_ARROW_WIDTH_PX, 28)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName(_NAMES[action_id])
         self.setToolTip(f"{_NAMES[action_id]}: hold")

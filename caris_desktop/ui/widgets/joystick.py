@@ -83,7 +83,7 @@ class Joystick(QWidget):
         return QSize(128, 128)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(92, 84)
+        return QSize(92, 62)
 
     def changeEvent(self, event: QEvent) -> None:
         # A disabled widget is not told that the mouse button went up.
