@@ -195,6 +195,14 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
             if state not in words:
                 return None
             return ("Problems" if state == "failed" else "Moved"), _with_detail(words[state], detail)
+        case events.GuardChanged() | events.InitialPoseSet() | events.MapRequestChanged() | events.MappingChanged():
+            return _navigation_sentence(event)
+        case events.PlacesChanged(name=name, pose_in_map=pose):
+            return "Session", f"Place {name} {'removed' if pose is None else 'saved'}"
+        case events.ControlUsed():
+            return _control_sentence(event)
+        case events.GamepadChanged(name=name, connected=connected):
+            return "Session", f"{name or 'The gamepad'} was {'plugged in' if connected else 'unplugged'}"
         case events.UtteranceChanged(speaker="robot", state="started", text=text):
             return "Said", f"Robot: “{shortened(text, 120)}”"
         case events.UtteranceChanged(speaker="robot", state="interrupted", text=text):
@@ -233,6 +241,40 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
             return "Session", f"Recording ended ({folder})"
         case _:
             return None
+
+
+def _navigation_sentence(
+    event: events.GuardChanged | events.InitialPoseSet | events.MapRequestChanged | events.MappingChanged,
+) -> tuple[Category, str] | None:
+    match event:
+        case events.GuardChanged(state="overridden"):
+            return "Moved", "Obstacle guard switched off"
+        case events.GuardChanged(state="blind"):
+            return "Problems", "The obstacle guard sees nothing: no fresh LIDAR scan"
+        case events.InitialPoseSet():
+            return "Moved", "The robot was told where it is"
+        case events.MapRequestChanged(operation="save" | "load" as operation, name=name, state=state, detail=detail):
+            done = "saved" if operation == "save" else "loaded"
+            if state == "failed":
+                return "Problems", _with_detail(f"The map {name} was not {done}", detail)
+            return ("Session", f"The map {name} was {done}") if state == "succeeded" else None
+        case events.MapRequestChanged(state="failed", detail=detail):
+            return "Problems", _with_detail("Mapping was not switched", detail)
+        case events.MappingChanged(mapping=mapping) if mapping is not None:
+            return "Session", "The robot builds the map" if mapping else "The robot keeps the map as it is"
+        case _:
+            return None
+
+
+def _control_sentence(event: events.ControlUsed) -> tuple[Category, str] | None:
+    """What a control did; of a slider, which is dragged, only what went wrong."""
+    title = event.control.replace("_", " ")
+    if event.state == "failed":
+        return "Problems", _with_detail(f"Robot: {title} did not work", event.detail)
+    if event.state != "succeeded" or (isinstance(event.value, float) and not isinstance(event.value, bool)):
+        return None
+    value = "" if event.value is True else " off" if event.value is False else f" “{shortened(str(event.value))}”"
+    return "Session", f"Robot: {title}{value}"
 
 
 def _with_detail(sentence: str, detail: str) -> str:

@@ -4,11 +4,17 @@ import pytest
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import (
+    ControlUsed,
     EmergencyStopChanged,
+    GamepadChanged,
     Gap,
     GoalChanged,
+    GuardChanged,
     LinkQuality,
+    MappingChanged,
+    MapRequestChanged,
     PersonRenamed,
+    PlacesChanged,
     Problem,
     UtteranceChanged,
 )
@@ -54,6 +60,23 @@ def name_of(person_id: str) -> str:
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "requested"), None),
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "interrupted"), ("Said", "Cut short: “Hi”")),
         (PersonRenamed(1, "p1"), ("People", "Named Luis")),
+        (GuardChanged(1, "overridden"), ("Moved", "Obstacle guard switched off")),
+        (GuardChanged(1, "slowing", 0.5), None),
+        (MapRequestChanged(1, "r", "save", "lab", "succeeded"), ("Session", "The map lab was saved")),
+        (
+            MapRequestChanged(1, "r", "start_mapping", "", "failed", "it refused"),
+            ("Problems", "Mapping was not switched: it refused"),
+        ),
+        (MappingChanged(1, mapping=True), ("Session", "The robot builds the map")),
+        (PlacesChanged(1, "Kitchen", None), ("Session", "Place Kitchen removed")),
+        (ControlUsed(1, "r", "wave", True, "requested"), None),
+        (
+            ControlUsed(1, "r", "wave", True, "failed", "it refused"),
+            ("Problems", "Robot: wave did not work: it refused"),
+        ),
+        (ControlUsed(1, "r", "screen", "Hi", "succeeded"), ("Session", "Robot: screen “Hi”")),
+        (ControlUsed(1, "r", "volume", 35.0, "succeeded"), None),
+        (GamepadChanged(1, "id", "Pad", connected=False), ("Session", "Pad was unplugged")),
         (
             Gap(1, "frame", 3, "the disk was slow"),
             ("Problems", "3 values of frame were not recorded: the disk was slow"),
