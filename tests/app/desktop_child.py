@@ -19,7 +19,6 @@ class DesktopDriver(Driver):
     def __init__(self, run: ConsoleRun) -> None:
         super().__init__(run)
         self._pad: VirtualGamepad | None = None
-        run.window.use_gamepads(run.console.gamepads)
         field = run.window.findChild(QLineEdit, "speak_field")
         if field is None:
             raise RuntimeError("the scenario has no Speak panel")
