@@ -44,6 +44,8 @@ def test_both_lines_are_drawn_over_the_last_half_minute(panel: MotionPanel, cons
     seconds, commanded = panel.shown(0, "commanded")
     assert seconds[0] == pytest.approx(-5.0, abs=0.3)
     assert set(commanded.tolist()) == {0.4}
+    axis = panel._plots[0].getAxis("left")
+    assert axis.tickStrings([0.4], axis.autoSIPrefixScale * axis.scale, 0.1) == ["0.4"], "not in thousandths"
     _, turning = panel.shown(1, "measured")
     assert turning[-1] == pytest.approx(22.9, abs=0.1)
 

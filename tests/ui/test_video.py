@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import HeadState, RobotPose
 from caris_desktop.live.status import DriveStatus
@@ -117,6 +118,21 @@ def test_what_cannot_be_aimed_at_is_refused_with_the_reason(
     assert (words, "warning") in panel.view.chips
     assert [card for card in panel.findChildren(QWidget, "video_card") if card.isVisible()] == []
     assert console.calls == []
+
+
+def test_a_picture_that_was_long_under_way_is_not_live(panel: VideoPanel, console: FakeConsole) -> None:
+    console.state.frame.robot_clock = LinkQuality(
+        clock.now_ns(), 40.0, clock_offset_ms=5000.0, clock_uncertainty_ms=8.0
+    )
+    arrived = console.frames.add(np.full((480, 640, 3), 255, np.uint8))
+    # The robot's clock is five seconds ahead; the picture was taken 0.9 s before it arrived.
+    console.state.take(dataclasses.replace(arrived, robot_stamp_ns=arrived.stamp_ns + 5_000_000_000 - 900_000_000))
+    assert console.state.frame.freshness == "stale"
+    panel._refresh()
+    assert panel.fact == ("delayed · 0.9 s old", "amber")
+    picture = panel.view.picture_rect()
+    image = panel.view.grab().toImage()
+    assert image.pixelColor(round(picture.center().x()), round(picture.top() + 20)).lightness() < 140
 
 
 def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, console: FakeConsole) -> None:

@@ -62,6 +62,7 @@ class MapPanel(Panel):
         self._make_title_widgets()
         self._tools = self._make_tools() if self._may_go else {}
         self._card = ChoiceCard(self.theme, self.view, name="map_card")
+        self._card.closed.connect(self._on_card_closed)
         self._undo = ChoiceCard(self.theme, self.view, name="map_undo")
         self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
         self._undo_ends.timeout.connect(self._undo.hide)
@@ -333,6 +334,10 @@ class MapPanel(Panel):
             if self._can_set_pose():
                 choices.append(("map_robot_here", "Robot is here", "map-pin", lambda: self._take_tool("pose", at=at)))
         self._card.offer(where, line, choices, per_row=2 if self._can_navigate() else 1)
+        self.view.show_mark(at)
+
+    def _on_card_closed(self) -> None:
+        self.view.show_mark(None)
 
     def _on_aimed(self, tool: str, pose: Pose2D, headed: bool) -> None:
         moving, self._moving = self._moving, None

@@ -98,6 +98,8 @@ class MotionPanel(Panel):
         self._lines: list[tuple[Any, Any, Any]] = []
         for row in range(2):
             plot = self._widget.addPlot(row=row, col=0)
+            for side in ("left", "bottom"):
+                plot.getAxis(side).enableAutoSIPrefix(False)
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.setMouseEnabled(False, False)
@@ -177,10 +179,10 @@ class MotionPanel(Panel):
                 axis = plot.getAxis(side)
                 axis.setPen(line)
                 axis.setTextPen(dim)
-                axis.enableAutoSIPrefix(False)
                 axis.setTickFont(theme.font(tokens.KEY_CAP_PX))
             label = {"color": dim.name(), "font-size": f"{tokens.KEY_CAP_PX}px"}
             plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)
+            plot.getAxis("left").setScale(1.0)
         self._odometry_line.setFont(theme.font(tokens.STATUS_PX))
         palette = self._odometry_line.palette()
         palette.setColor(self._odometry_line.foregroundRole(), dim)

@@ -6,7 +6,7 @@ A popup window would end driving and take the keys; these are children of what t
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QHideEvent, QKeyEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.ui import tokens
@@ -16,6 +16,8 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 
 class FloatingCard(QWidget):
     """A rounded card that opens beside a point and stays inside its parent."""
+
+    closed = Signal()
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
@@ -36,6 +38,10 @@ class FloatingCard(QWidget):
         self.move(max(0, left), max(6, top))
         self.show()
         self.raise_()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self.closed.emit()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

@@ -109,6 +109,7 @@ class MapView(QWidget):
         self._goal: GoalChanged | None = None
         self._chips: list[tuple[str, str]] = []
         self._hint = ""
+        self._mark: QPointF | None = None
         self._waiting = "Waiting for the map"
         self.trail = Trail()
         self.show_trail = True
@@ -197,6 +198,12 @@ class MapView(QWidget):
     @property
     def chips(self) -> list[tuple[str, str]]:
         return self._chips
+
+    def show_mark(self, at: QPointF | None) -> None:
+        """A ring around the point of the map that a card asks about."""
+        if at != self._mark:
+            self._mark = at
+            self.update()
 
     def show_hint(self, hint: str) -> None:
         if hint != self._hint:
@@ -596,6 +603,10 @@ class MapView(QWidget):
     def _paint_aim(self, painter: QPainter) -> None:
         aim = self._aim
         if self._tool == "look":
+            if self._mark is not None:
+                painter.setPen(QPen(self._theme.color("amber" if self.refusal_at(self._mark) else "green"), 2.5))
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                painter.drawEllipse(self.to_view(self._mark.x(), self._mark.y()), 9, 9)
             return
         at = aim.at if aim is not None else (self.to_map(self._pointer) if self._pointer is not None else None)
         if at is None:
