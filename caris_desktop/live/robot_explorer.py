@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # imported when it is first needed
 
 logger = logging.getLogger(__name__)
 
+_READ_PROFILES_AFTER_MS = 1500  # the window comes first
+
 
 class LiveRobotExplorer(QObject):
     """Implements the dialog's RobotExplorer. GUI thread only; one thing at a time, a new one replaces the old."""
@@ -41,6 +43,15 @@ class LiveRobotExplorer(QObject):
         self._running: Future[None] | None = None
         # Emitted in the asyncio thread; queued, so that every callback runs in the thread of this object.
         self._answered.connect(self._on_answered, Qt.ConnectionType.QueuedConnection)
+        QTimer.singleShot(_READ_PROFILES_AFTER_MS, self, self._read_profiles)
+
+    def _read_profiles(self) -> None:
+        """Once, away from the GUI thread: the list of robots is at hand when a menu asks for it."""
+        work = asyncio.to_thread(list_profiles)
+        try:
+            self._asyncio.submit(work)
+        except RuntimeError:  # the console has been closed already
+            work.close()
 
     def explore(
         self,

@@ -459,7 +459,7 @@ class MainWindow(QWidget):
                 also="use switch another",
             )
             for choice in self._console.robots()
-            if not self._is_current(choice)
+            if not self._is_current(choice) and not choice.problem
         ]
         if self._explorer is not None:
             entries.append(Entry("Connect another robot…", "Robot", "plus", "", self.open_robot_dialog, also="new add"))
@@ -711,13 +711,15 @@ class MainWindow(QWidget):
 
     def _fill_robot_menu(self, menu: QMenu) -> None:
         menu.clear()
+        menu.setToolTipsVisible(True)
         group = QActionGroup(menu)
         for choice in self._console.robots():
-            action = menu.addAction(choice.title)
+            action = menu.addAction(f"{choice.title} · cannot be used" if choice.problem else choice.title)
             action.setCheckable(True)
             action.setChecked(self._is_current(choice))
             action.setActionGroup(group)
-            action.setToolTip(choice.address)
+            action.setEnabled(not choice.problem)
+            action.setToolTip(choice.problem or choice.address)
             action.triggered.connect(self._robot_chooser(choice))
         if self._explorer is not None:
             menu.addSeparator()

@@ -16,6 +16,7 @@ from caris_desktop.domain.events import Problem, TrafficMeasured
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, MapStatus, RecordingStatus
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, Permissions, Scenario, SplitNode, TabNode
@@ -376,6 +377,19 @@ def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end
     choose(window, "robot_menu", "TIAGo")
     click(qtbot, find(window, "question_yes"))
     assert console.named("use_robot") == ["tiago"]
+
+
+def test_a_robot_whose_profile_is_broken_is_listed_with_the_reason(
+    window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = RobotChoice("mine", "mine", "", "line 3: 'speed' is not known")
+    monkeypatch.setattr(console, "robots", lambda: [broken])
+    window._open_robot_menu()
+    menu = window.findChild(QMenu, "robot_menu")
+    assert menu is not None
+    action = menu.actions()[0]
+    assert (action.text(), action.isEnabled(), action.toolTip()) == ("mine · cannot be used", False, broken.problem)
+    menu.close()
 
 
 def test_at_rest_another_robot_is_connected_at_once(window: MainWindow, console: FakeConsole) -> None:
