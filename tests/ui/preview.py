@@ -4,20 +4,25 @@ Run it under a display (a virtual one with a window manager will do) or with QT_
 """
 
 import argparse
+import dataclasses
 import sys
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QEventLoop, QTimer
+from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.theme import ThemeChoice
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
@@ -42,6 +47,10 @@ class Scene:
         self.index = 20
         self.flowing = True
         samples.fill_console(self.console)
+        profile = load_profile("simulated")
+        camera = dataclasses.replace(profile.cameras[0], name="front")
+        self.console.state.robot.set(dataclasses.replace(profile, cameras=(camera,)))
+        samples.drive_along(self.console)
         self.timer = QTimer(interval=66)
         self.timer.timeout.connect(self.step)
         self.timer.start()
@@ -52,6 +61,7 @@ class Scene:
         image, boxes = self.frames[self.index % len(self.frames)]
         samples.show_frame(self.console, image, boxes)
         samples.refresh_streams(self.console, Pose2D(6.6, 3.4, 0.55))
+        samples.refresh_people_in_map(self.console)
 
     def save(self, path: Path) -> None:
         self.window.grab().save(str(path))
@@ -115,6 +125,12 @@ def states(scene: Scene, out: Path) -> None:
     dialog = window.findChild(type(window._dialog))
     dialog.grab().save(str(out / "dialog.png"))
     dialog.reject()
+    map_panel = window.panels["map"]
+    video = window.panels["video"]
+    if isinstance(map_panel, MapPanel) and isinstance(video, VideoPanel):
+        map_on_show(map_panel, video)
+        scene.save(out / "aiming.png")
+        window.hold.escape_pressed.emit()
     console.state.take(
         Problem(1, "warning", "The camera sends pictures late", "Driving is slowed down.", "Move closer to the router.")
     )
@@ -133,6 +149,18 @@ def states(scene: Scene, out: Path) -> None:
     spin(300)
     scene.save(out / "lost.png")
     scene.flowing = True
+
+
+def map_on_show(map_panel: MapPanel, video: VideoPanel) -> None:
+    """A goal with heading half said on the map, and a point of the floor in the video."""
+    view, picture = map_panel.view, video.view.picture_rect()
+    map_panel.view.set_tool("goal")
+    start = view.to_view(9.0, 3.0).toPoint()
+    QTest.mousePress(view, Qt.MouseButton.LeftButton, pos=start)
+    QTest.mouseMove(view, start + QPoint(40, -30))
+    below = QPoint(round(picture.center().x()), round(picture.top() + 0.85 * picture.height()))
+    QTest.mouseClick(video.view, Qt.MouseButton.LeftButton, pos=below)
+    spin(300)
 
 
 if __name__ == "__main__":

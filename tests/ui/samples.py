@@ -23,11 +23,15 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import (
     BatteryState,
+    HeadState,
     LaserScan,
     OccupancyGrid,
     Odometry,
     People,
+    PeopleInMap,
     PersonBox,
+    PersonPlace,
+    PlannedPath,
     RobotPose,
 )
 from caris_desktop.live.status import (
@@ -252,3 +256,21 @@ def refresh_streams(console: FakeConsole, pose: Pose2D) -> None:
     state.take(RobotPose(clock.now_ns(), None, pose))
     state.take(dataclasses.replace(scan_at(pose), stamp_ns=clock.now_ns()))
     state.take(Odometry(clock.now_ns(), None, pose, Twist2D(0.35, 0.0, 0.07)))
+
+
+def drive_along(console: FakeConsole) -> None:
+    """A trail behind the robot and a path before it."""
+    state = console.state
+    for share in np.linspace(0.0, 1.0, 120):
+        state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0 + 4.6 * share, 2.0 + 1.4 * math.sin(1.57 * share), 0.4)))
+    goal = state.goal.value
+    if goal is not None:
+        target, share = goal.target_in_map, np.linspace(0.0, 1.0, 100)
+        points = np.column_stack((6.6 + (target.x_m - 6.6) * share, 3.4 + (target.y_m - 3.4) * share**2))
+        state.take(PlannedPath(clock.now_ns(), None, points.astype(np.float32)))
+
+
+def refresh_people_in_map(console: FakeConsole) -> None:
+    places = (PersonPlace("p1", 8.4, 5.0, 0.15, "lidar"), PersonPlace("p3", 5.0, 2.0, 0.4, "depth"))
+    console.state.take(PeopleInMap(clock.now_ns(), places))
+    console.state.take(HeadState(clock.now_ns(), None, 0.0, 0.0))
