@@ -1,5 +1,7 @@
 """An occupancy grid as pictures for painting: made some rows at a time, changed only where the grid changed."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
@@ -146,13 +148,16 @@ def _halve(finer: NDArray[np.uint8], coarser: NDArray[np.uint8]) -> None:
 
 
 def _color_table(theme: Theme) -> list[int]:
-    free, wall, unknown = theme.color("map_free"), theme.color("map_wall"), theme.color("map_unknown")
-    table = [unknown.rgb()]
+    free, wall = theme.color("map_free"), theme.color("map_wall")
+    table = [_packed(theme.color("map_unknown").getRgb()[:3])]
     for value in range(255):
         share = min(1.0, max(0.0, (value - 25) / 40))
-        red, green, blue = (
-            round(one + (other - one) * share)
-            for one, other in ((free.red(), wall.red()), (free.green(), wall.green()), (free.blue(), wall.blue()))
-        )
-        table.append(0xFF000000 | red << 16 | green << 8 | blue)
+        pairs = zip(free.getRgb()[:3], wall.getRgb()[:3], strict=True)
+        table.append(_packed(tuple(round(one + (other - one) * share) for one, other in pairs)))
     return table
+
+
+def _packed(channels: Sequence[int]) -> int:
+    """An opaque colour as Qt packs it, of red, green and blue."""
+    red, green, blue = channels
+    return 0xFF000000 | red << 16 | green << 8 | blue
