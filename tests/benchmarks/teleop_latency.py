@@ -7,10 +7,12 @@ people recognition, recording, and a language model that streams one answer afte
 
 import argparse
 import json
+import os
 import random
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -37,8 +39,16 @@ def moving(message: dict[str, dict[str, float]]) -> bool:
     return any(message["linear"].values()) or any(message["angular"].values())
 
 
-def measure(presses: int, *, language_model: bool) -> dict[str, object]:
+def _run_only_when_idle(pid: int) -> None:
+    """Give every thread of a process the lowest class that the system has."""
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        os.sched_setscheduler(int(thread.name), os.SCHED_IDLE, os.sched_param(0))
+
+
+def measure(presses: int, *, language_model: bool, idle_perception: bool) -> dict[str, object]:
     load = ConsoleUnderLoad(language_model=language_model)
+    if idle_perception:
+        _run_only_when_idle(load.console.child_pids["inference"])
     chance = random.Random(2)  # noqa: S311 (intervals, not secrets)
     listener = start_program(
         "tests.benchmarks.rosbridge_listener",
@@ -127,6 +137,15 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presses", type=int, default=500)
     parser.add_argument("--no-language-model", action="store_true")
+    parser.add_argument("--idle-perception", action="store_true", help="try what a still lower priority of it gives")
     arguments = parser.parse_args()
     on_a_screen()
-    print(json.dumps(measure(arguments.presses, language_model=not arguments.no_language_model)))
+    print(
+        json.dumps(
+            measure(
+                arguments.presses,
+                language_model=not arguments.no_language_model,
+                idle_perception=arguments.idle_perception,
+            )
+        )
+    )
