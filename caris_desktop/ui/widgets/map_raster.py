@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QColor, QImage
 
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.ui.theme import Theme
@@ -149,12 +149,16 @@ def _halve(finer: NDArray[np.uint8], coarser: NDArray[np.uint8]) -> None:
 
 def _color_table(theme: Theme) -> list[int]:
     free, wall = theme.color("map_free"), theme.color("map_wall")
-    table = [_packed(theme.color("map_unknown").getRgb()[:3])]
+    table = [_packed(_channels(theme.color("map_unknown")))]
     for value in range(255):
         share = min(1.0, max(0.0, (value - 25) / 40))
-        pairs = zip(free.getRgb()[:3], wall.getRgb()[:3], strict=True)
+        pairs = zip(_channels(free), _channels(wall), strict=True)
         table.append(_packed(tuple(round(one + (other - one) * share) for one, other in pairs)))
     return table
+
+
+def _channels(color: QColor) -> tuple[int, int, int]:
+    return color.red(), color.green(), color.blue()
 
 
 def _packed(channels: Sequence[int]) -> int:
