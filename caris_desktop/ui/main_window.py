@@ -504,7 +504,12 @@ class MainWindow(QWidget):
                 continue
             entries += [
                 Entry(
-                    f"Robot: {words}", "Control", "sliders", "", self._control_user(control, value), also=control.group
+                    f"Robot: {words}",
+                    control.group or "Control",
+                    "sliders",
+                    "",
+                    self._control_user(control, value),
+                    also="control",
                 )
                 for words, value in uses
             ]

@@ -55,7 +55,10 @@ def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_figure(
 
 
 def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPanel, console: FakeConsole) -> None:
-    measure(console, topic("/scan", 10.0), topic("/map", 0.0, last_s=40.0), topic("/path", 0.0, last_s=None))
+    latched = topic("/map", 0.0, last_s=40.0)
+    measure(console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))
+    for _second in range(3):
+        measure(console, topic("/scan", 10.0), latched, topic("/path", 0.0, last_s=None))
     assert shown(panel, 1) == ["rare", "nothing yet", "live"]
     measure(console, topic("/scan", 0.0, last_s=2.0), topic("/map", 0.0, last_s=41.0), topic("/path", 0.0, last_s=None))
     assert shown(panel, 1) == ["rare", "nothing yet", "stale"]

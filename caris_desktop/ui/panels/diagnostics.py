@@ -1,6 +1,7 @@
 """Diagnostics: what comes from the robot, topic by topic, and what the links cost. The one panel with ROS names."""
 
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,7 @@ _TIPS = (
 )
 _LINK_WORDS = {"control": "control", "media": "media"}
 _ROOM_FOR_TOTALS_PX = 230
+_SECONDS_TO_BE_USUAL = 3
 _OLD_MEASUREMENT_S = 3.0
 _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
@@ -46,7 +48,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 @dataclass(frozen=True, slots=True)
 class TopicRow:
-    """One topic of one link. ``usual_hz`` is the highest rate that was seen; ``state`` says in words how it comes."""
+    """One topic of one link: ``usual_hz`` is the best rate that it kept for a while, ``state`` how it comes, in words."""
 
     link: str
     traffic: TopicTraffic
@@ -106,6 +108,7 @@ class TrafficModel(QAbstractTableModel):
         self._theme = theme
         self._rows: list[TopicRow] = []
         self._usual_hz: dict[tuple[str, str], float] = {}
+        self._lately: dict[tuple[str, str], tuple[int, deque[float]]] = {}
 
     @property
     def rows(self) -> tuple[TopicRow, ...]:
@@ -114,6 +117,7 @@ class TrafficModel(QAbstractTableModel):
     def forget(self) -> None:
         """Another robot: what was usual before says nothing any more."""
         self._usual_hz.clear()
+        self._lately.clear()
 
     def show_traffic(self, traffic: dict[str, TrafficMeasured], *, now_ns: int) -> None:
         rows = []
@@ -121,7 +125,7 @@ class TrafficModel(QAbstractTableModel):
             silent_s = (now_ns - measured.stamp_ns) / 1e9
             for topic in measured.topics:
                 key = link, topic.topic
-                usual_hz = self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), topic.rate_hz)
+                usual_hz = self._usual(key, topic.rate_hz, measured.stamp_ns)
                 rows.append(
                     TopicRow(link, topic, usual_hz, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s))
                 )
@@ -134,6 +138,16 @@ class TrafficModel(QAbstractTableModel):
             self.beginResetModel()
             self._rows = rows
             self.endResetModel()
+
+    def _usual(self, key: tuple[str, str], rate_hz: float, stamp_ns: int) -> float:
+        """The best rate that was kept for some seconds: what is latched comes once, and is not stale afterwards."""
+        newest_ns, rates = self._lately.setdefault(key, (0, deque(maxlen=_SECONDS_TO_BE_USUAL)))
+        if stamp_ns != newest_ns:
+            rates.append(rate_hz)
+            self._lately[key] = stamp_ns, rates
+            if len(rates) == _SECONDS_TO_BE_USUAL:
+                self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), min(rates))
+        return self._usual_hz.get(key, 0.0)
 
     def rowCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
         return len(self._rows)
