@@ -48,7 +48,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 @dataclass(frozen=True, slots=True)
 class TopicRow:
-    """One topic of one link: ``usual_hz`` is the best rate that it kept for a while, ``state`` how it comes, in words."""
+    """A topic of a link: ``usual_hz`` is the best rate that it kept for a while, ``state`` words for how it comes."""
 
     link: str
     traffic: TopicTraffic
