@@ -62,7 +62,10 @@ class KeyOwnerChip(QWidget):
 
     def show_owner(self, owner: KeyOwner) -> None:
         self._owner = owner
-        self.setVisible(bool(self.text))
+        if not self.text:
+            self.hide()
+        elif self.parentWidget() is not None:  # without one it would be a window of its own
+            self.show()
         self.setAccessibleName(self.text)
         self.updateGeometry()
         self.update()
