@@ -164,6 +164,16 @@ class _ElidedLabel(QWidget):
         painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), text)
 
 
+def show_part(part: QWidget, shown: bool) -> None:
+    """Show or hide a part that may have no parent yet: shown then, it would be a window of its own for a moment, and
+    take the keys from driving. It appears with its parent.
+    """
+    if not shown:
+        part.hide()
+    elif part.parentWidget() is not None:
+        part.show()
+
+
 def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, active: bool) -> None:
     """Half a card: rounded above (``top``) or below, with a line all round that is blue where the focus is."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)

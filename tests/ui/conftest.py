@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt, QtMsgType
+import shiboken6
+from PySide6.QtCore import QEvent, QObject, Qt, QtMsgType
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -29,6 +30,31 @@ class MemorySettings:
 
     def setValue(self, key: str, value: object) -> None:
         self.values[key] = value
+
+
+class _WindowsShown(QObject):
+    """Keeps each widget that was shown as a window of its own while it had no parent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[QWidget] = []
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        shown = event.type() == QEvent.Type.Show and isinstance(watched, QWidget)
+        if shown and watched.isWindow() and watched.parent() is None:
+            self.seen.append(watched)
+        return False
+
+
+@pytest.fixture(autouse=True)
+def no_part_is_shown_before_it_has_a_parent(qapp: QApplication) -> Iterator[None]:
+    """For a moment it is a window of its own then, which takes the keys from driving."""
+    shown = _WindowsShown()
+    qapp.installEventFilter(shown)
+    yield
+    qapp.removeEventFilter(shown)
+    parts = [widget for widget in shown.seen if shiboken6.isValid(widget) and widget.parent() is not None]
+    assert [f"{type(widget).__name__} {widget.objectName()!r}" for widget in parts] == []
 
 
 @pytest.fixture(autouse=True)

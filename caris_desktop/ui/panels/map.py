@@ -15,7 +15,7 @@ from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import words
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
 from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
@@ -462,8 +462,8 @@ class MapPanel(Panel):
             self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
         self.view.show_goal(goal if going else None)
         self._on_path_changed()
-        self._cancel.setVisible(going)
-        self._go.setVisible(not going and bool(self.state.places.value) and self._can_navigate())
+        show_part(self._cancel, going)
+        show_part(self._go, not going and bool(self.state.places.value) and self._can_navigate())
         self._refresh()
 
     def _on_event(self, event: object) -> None:
