@@ -35,7 +35,21 @@ if [[ $(uname -s) == Linux ]]; then
   source packaging/virtual_screen.sh
   start_virtual_screen
 fi
-check "tests (pytest)" .venv/bin/python -m pytest "$@"
+
+# Tests wait more than they compute, so two files run at a time. Whatever fails that way must pass alone: tests of real
+# processes share the processor with others.
+two_at_a_time() {
+  .venv/bin/python -m pytest -n 2 --dist loadfile -m "not alone" && return
+  printf '\n== what failed, again and alone\n'
+  .venv/bin/python -m pytest -m "not alone" --last-failed --last-failed-no-failures none
+}
+
+if (($# == 0)); then
+  check "tests, two at a time" two_at_a_time
+  check "tests of real time" .venv/bin/python -m pytest -m alone
+else
+  check "tests (pytest)" .venv/bin/python -m pytest "$@"
+fi
 
 printf '\n== summary\n'
 printf '%s\n' "${summary[@]}"

@@ -15,6 +15,8 @@ from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 from tests.support.twist_listener import TwistListener
 
+pytestmark = pytest.mark.alone
+
 S = 1_000_000_000
 
 

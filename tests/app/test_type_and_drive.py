@@ -16,7 +16,10 @@ from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 from tests.support.virtual_desktop import MISSING_TOOLS, VirtualDesktop
 
-pytestmark = pytest.mark.skipif(bool(MISSING_TOOLS), reason=f"needs {', '.join(MISSING_TOOLS)}")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(bool(MISSING_TOOLS), reason=f"needs {', '.join(MISSING_TOOLS)}"),
+]
 
 # Every letter that drives is in it many times, and it has capitals, digits and signs: 200 characters.
 TEXT = (

@@ -27,6 +27,8 @@ from caris_desktop.domain.sensing import BatteryState, LaserScan, Odometry
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.support.polling import wait_for
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def own_bridge() -> Iterator[BridgeDouble]:

@@ -305,6 +305,7 @@ def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
                 "the age of pictures",
             )
             assert -50.0 < told[-1].age_ms < 1000.0  # type: ignore[operator]
+            wait_for(lambda: control.of(TrafficMeasured), "the traffic of the control link")
             assert {control.of(TrafficMeasured)[-1].encoding, media.of(TrafficMeasured)[-1].encoding} == {"cbor"}
             for process in (control.process, media.process):
                 assert SECRET not in " ".join(psutil.Process(process.pid).cmdline())

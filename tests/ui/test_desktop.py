@@ -7,7 +7,10 @@ import pytest
 
 from tests.support.virtual_desktop import MISSING_TOOLS, VirtualDesktop
 
-pytestmark = pytest.mark.skipif(bool(MISSING_TOOLS), reason=f"needs {', '.join(MISSING_TOOLS)}")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(bool(MISSING_TOOLS), reason=f"needs {', '.join(MISSING_TOOLS)}"),
+]
 
 FORWARD = "drive (1.0, 0.0, 0.0, 'keyboard')"
 LEFT = "drive (0.0, 0.0, 1.0, 'keyboard')"

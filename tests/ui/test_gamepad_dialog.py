@@ -109,10 +109,12 @@ def test_a_stick_is_learned_the_way_it_is_pushed(
     qtbot.waitUntil(lambda: dialog.learned_action == "")
     assert gamepads.mapping.bound("turn") == "a2~"
     pad.push(2, 0.0)
+    qtbot.waitUntil(lambda: abs(gamepads.sample.raw.axes[2]) < 0.1)
     click(qtbot, row(dialog, "left").change)
     pad.press(0)
     qtbot.waitUntil(lambda: "other way" in text_of(dialog, "gamepad_hint"))
     pad.let_go(0)
+    qtbot.waitUntil(lambda: not any(gamepads.sample.raw.buttons))
     pad.press(1)
     qtbot.waitUntil(lambda: dialog.learned_action == "")
     assert gamepads.mapping.bound("left") == "b0|b1"
