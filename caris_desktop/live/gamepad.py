@@ -383,8 +383,11 @@ class _Reader:
             event.type in (pygame.JOYBUTTONDOWN, pygame.JOYBUTTONUP, pygame.JOYHATMOTION)
             and event.instance_id == self._instance
         ):
-            # Two changes of a button may lie in one batch: each is passed on by itself.
-            self._inbox.put(GamepadSample(clock.now_ns(), self._after(event)))
+            # Two changes of a button may lie in one batch: each is passed on by itself. It is the newest position too:
+            # what a button holds ends at once when it goes up.
+            sample = GamepadSample(clock.now_ns(), self._after(event))
+            self._inbox.put(sample)
+            self._inbox.put_newest(sample)
 
     def _open_first(self) -> None:
         for index in range(self._pygame.joystick.get_count()):

@@ -253,6 +253,16 @@ def test_a_stick_drives_and_a_button_stops(
     assert heard.lost == []
 
 
+def test_a_button_that_drives_lets_go_by_itself(qtbot: QtBot, gamepads: Gamepads, heard: Heard, plug: Plug) -> None:
+    pad = plug()
+    gamepads.set_mapping(gamepads.mapping.with_binding("turn", "b2|b3"))
+    pad.press(3)
+    qtbot.waitUntil(lambda: heard.moved[-1:] != [] and heard.moved[-1].turn != 0.0)
+    pad.let_go(3)
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [AT_REST])
+    assert heard.lost == [], "let go, not given up for silent"
+
+
 def test_no_button_is_lost_while_the_console_is_busy(qtbot: QtBot, heard: Heard, plug: Plug) -> None:
     pad = plug()
     for _ in range(20):

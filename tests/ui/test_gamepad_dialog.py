@@ -114,7 +114,7 @@ def test_a_stick_is_learned_the_way_it_is_pushed(
     pad.press(0)
     qtbot.waitUntil(lambda: "other way" in text_of(dialog, "gamepad_hint"))
     pad.let_go(0)
-    qtbot.waitUntil(lambda: not any(gamepads.sample.raw.buttons))
+    qtbot.waitUntil(lambda: not gamepads.sample.raw.buttons[0])
     pad.press(1)
     qtbot.waitUntil(lambda: dialog.learned_action == "")
     assert gamepads.mapping.bound("left") == "b0|b1"
