@@ -19,6 +19,7 @@ from caris_desktop.domain.commands import (
     OfferControls,
     RequestMap,
     RobotCommand,
+    SetEmergencyStop,
     SetInitialPose,
     UseControl,
 )
@@ -104,6 +105,7 @@ class RobotDirector(QObject):
         self._connection: RobotConnection | None = None
         self._links: dict[str, ChildProcess] = {}
         self._scenario_controls: tuple[RobotControl, ...] = ()
+        self._control_is_new = False
         self._closed = False
 
     @property
@@ -121,10 +123,11 @@ class RobotDirector(QObject):
         """Connect, or connect to another robot instead of the present one, which is left stopped."""
         if self._closed:
             return
-        for name in ("control", "media"):
-            child = self._links.pop(name, None)
-            if child is not None:
-                child.stop(grace_s=1.0)
+        ending = [self._links.pop(name) for name in ("control", "media") if name in self._links]
+        for child in ending:
+            child.ask_to_end()  # side by side: the window waits for the slower one only
+        for child in ending:
+            child.stop(grace_s=1.0)
         if self._settling is not None:
             self._settling.cancel()
             self._settling = None
@@ -212,6 +215,8 @@ class RobotDirector(QObject):
         else:
             return
         self._links[name] = self._new_child(body)
+        if name == "control":
+            self._control_is_new = True
 
     def _restart_link(self, name: str) -> None:
         if not self._closed and name not in self._links:
@@ -275,6 +280,10 @@ class RobotDirector(QObject):
             self._state.control_states.set({})
             self._state.mapping.set(MapStatus())
         elif not was_connected:
+            if self._control_is_new and self._state.drive.value.emergency_stop:
+                # Before anything else: a new process and a new robot know nothing of the latch.
+                self.send(SetEmergencyStop(clock.now_ns(), latched=True))
+            self._control_is_new = False
             self.send(OfferControls(clock.now_ns(), self._scenario_controls))
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:

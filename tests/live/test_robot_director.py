@@ -42,12 +42,19 @@ class Child:
         self.body = body
         self.sent: list[Any] = []
         self.stopped = False
+        self.asked_to_end = False
+        self.others: list[Child] = []
+        self.others_asked: list[bool] = []
 
     def send(self, command: Any) -> bool:
         self.sent.append(command)
         return True
 
+    def ask_to_end(self) -> None:
+        self.asked_to_end = True
+
     def stop(self, *, grace_s: float) -> None:
+        self.others_asked = [child.asked_to_end for child in self.others]
         self.stopped = True
 
 
@@ -74,8 +81,12 @@ class Bench:
         )
 
     def _new_child(self, body: ProcessBody) -> Child:
-        self.children.append(Child(body))
-        return self.children[-1]
+        child = Child(body)
+        child.others = list(self.children)
+        self.children.append(child)
+        for other in child.others:
+            other.others.append(child)
+        return child
 
     def _before_goal(self) -> None:
         self.goals_begun += 1
@@ -174,6 +185,34 @@ def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) ->
     bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
     bench.robot.on_event(LinkChanged(2, "control", "connected", "ws://r:9090"))
     assert [command.controls for command in bench.asked(commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]
+
+
+def test_the_emergency_stop_outlives_the_link_process_and_the_robot(bench: Bench, qtbot: QtBot) -> None:
+    bench.connect()
+    assert not bench.asked(commands.SetEmergencyStop)
+    bench.state.drive.set(replace(bench.state.drive.value, emergency_stop=True))
+    bench.connect()
+    assert isinstance(bench.control.sent[0], commands.SetEmergencyStop)
+    assert [command.latched for command in bench.asked(commands.SetEmergencyStop)] == [True]
+    assert bench.robot.on_child_ended(bench.control)  # type: ignore[arg-type]
+    bench.robot.on_event(LinkChanged(3, "control", "lost", "ws://r:9090"))
+    children = len(bench.children)
+    qtbot.waitUntil(lambda: len(bench.children) > children)
+    bench.robot.on_event(LinkChanged(4, "control", "connected", "ws://r:9090"))
+    assert [command.latched for command in bench.asked(commands.SetEmergencyStop)] == [True]
+    # The same process remembers by itself whose latch it is.
+    bench.robot.on_event(LinkChanged(5, "control", "lost", "ws://r:9090"))
+    bench.robot.on_event(LinkChanged(6, "control", "connected", "ws://r:9090"))
+    assert len(bench.asked(commands.SetEmergencyStop)) == 1
+
+
+def test_both_links_of_the_robot_before_end_side_by_side(bench: Bench) -> None:
+    bench.connect()
+    control, media = bench.children
+    bench.connect()
+    assert control.stopped
+    assert media.stopped
+    assert control.others_asked == [True]
 
 
 def test_the_use_of_a_control_and_its_outcome_are_shown(bench: Bench) -> None:
