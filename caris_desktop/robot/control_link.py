@@ -252,12 +252,17 @@ class ControlLink:
             return refusal
         if command.stamp_ns < self._drives_count_from_ns:
             return "The link was lost meanwhile; press the key again"
-        if age_s > EXPIRY_S or (now_ns() - command.stamp_ns) / 1e9 > OLDEST_DRIVE_S:
+        if age_s > EXPIRY_S or self._came_too_late(command):
             return "The command came too late; press the key again"
         return ""
 
+    def _came_too_late(self, command: commands.Drive | commands.GoTo) -> bool:
+        return command.stamp_ns < self._drives_count_from_ns or (now_ns() - command.stamp_ns) / 1e9 > OLDEST_DRIVE_S
+
     def _go_to(self, command: commands.GoTo) -> None:
         refusal = self._motion_refusal()
+        if not refusal and self._came_too_late(command):
+            refusal = "The command came too late; give it again"
         if refusal:
             self._navigator.refuse(command.goal_id, command.target_in_map, command.place, refusal)
             return

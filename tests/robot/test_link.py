@@ -317,6 +317,13 @@ def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble
     assert (last.goal_id, last.place, last.detail) == ("g1", "kitchen", "the wizard drives")
 
 
+def test_a_goal_that_waited_too_long_is_refused(bridge: BridgeDouble, link: LinkProcess) -> None:
+    link.send(GoTo(now_ns() - 1_000_000_000, "old", Pose2D(3.0, 4.0, 0.0)))
+    [refused] = wait_for(lambda: [c for c in link.of(GoalChanged) if c.goal_id == "old"], "the refusal")
+    assert (refused.state, refused.detail) == ("failed", "The command came too late; give it again")
+    assert not bridge.operations("publish", "/move_base/goal")
+
+
 def test_a_goal_does_not_outlive_the_link(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
     own_link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0)))
     wait_for(lambda: own_bridge.operations("publish", "/move_base/goal"), "the goal")
