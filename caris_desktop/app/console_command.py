@@ -68,8 +68,7 @@ class ConsoleRun:
             self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
         self.console.gamepads.use_mappings_text(str(self.settings.value("gamepads", "")))
         self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
-        self.console.scenario_changed.connect(self._on_scenario_changed)
-        self.console.places_saved.connect(self._on_scenario_changed)
+        self.console.state.scenario.changed.connect(self._on_scenario_changed)
 
     def show(self) -> None:
         self.window.show()

@@ -95,8 +95,6 @@ class Parts:
 class Console(QObject):
     """Implements WizardIntents. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
 
-    scenario_changed = Signal(object)
-    places_saved = Signal(object)
     session_exported = Signal(object)
     _woken = Signal()
     _child_spoke = Signal(object)
@@ -107,6 +105,7 @@ class Console(QObject):
         self._parts = parts
         self._scenario = scenario
         self._state = LiveState(self)
+        self._state.scenario.set(scenario)
         self._embedded_url: str | None = None
         self._children: dict[str, ChildProcess] = {}
         self._restarts: Counter[str] = Counter()
@@ -466,39 +465,50 @@ class Console(QObject):
         self.publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
 
     def set_guard(self, *, on: bool) -> None:
-        self._drive.set_guard(on=on)
+        if on or self._may_move():
+            self._drive.set_guard(on=on)
 
     def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
-        self._head.look_at(pan_rad=pan_rad, tilt_rad=tilt_rad)
+        if self._may_move():
+            self._head.look_at(pan_rad=pan_rad, tilt_rad=tilt_rad)
 
     def turn_head(self, *, pan: float, tilt: float) -> None:
-        self._head.turn_head(pan=pan, tilt=tilt)
+        # Letting go always counts; a stick that is refused says so often that nobody is told.
+        if self._scenario.permissions.driving or not (pan or tilt):
+            self._head.turn_head(pan=pan, tilt=tilt)
 
     # Where to
 
     def go_to_place(self, name: str) -> None:
-        self._robot.go_to_place(name)
+        if self._may_move():
+            self._robot.go_to_place(name)
 
     def go_to(self, target_in_map: Pose2D) -> None:
-        self._robot.go_to(target_in_map)
+        if self._may_move():
+            self._robot.go_to(target_in_map)
 
     def cancel_goal(self) -> None:
         self._robot.cancel_goal()
 
     def set_initial_pose(self, pose_in_map: Pose2D) -> None:
-        if self._scenario.permissions.driving:
+        if self._may_move():
             self._robot.set_initial_pose(pose_in_map)
 
     def save_map(self, name: str) -> None:
-        self._robot.request_map("save", name)
+        if self._may_move():
+            self._robot.request_map("save", name)
 
     def load_map(self, name: str) -> None:
-        self._robot.request_map("load", name)
+        if self._may_move():
+            self._robot.request_map("load", name)
 
     def set_mapping(self, *, mapping: bool) -> None:
-        self._robot.request_map("start_mapping" if mapping else "start_localization")
+        if self._may_move():
+            self._robot.request_map("start_mapping" if mapping else "start_localization")
 
     def save_place(self, name: str, pose_in_map: Pose2D) -> None:
+        if not self._may_move():
+            return
         name = " ".join(name.split())
         places = list(self._scenario.places)
         at = next((index for index, place in enumerate(places) if place.name == name), len(places))
@@ -506,9 +516,20 @@ class Console(QObject):
         self._keep_places(tuple(places), PlacesChanged(clock.now_ns(), name, pose_in_map))
 
     def remove_place(self, name: str) -> None:
+        if not self._may_move():
+            return
         places = tuple(place for place in self._scenario.places if place.name != name)
         if len(places) < len(self._scenario.places):
             self._keep_places(places, PlacesChanged(clock.now_ns(), name, None))
+
+    def _may_move(self) -> bool:
+        """Whether the scenario lets the wizard move the robot and what it finds its way by; tells her if not."""
+        if self._scenario.permissions.driving:
+            return True
+        self.problem(
+            "warning", "This scenario does not drive.", "Nothing was sent to the robot.", "Open one that does."
+        )
+        return False
 
     def _keep_places(self, places: tuple[Place, ...], event: PlacesChanged) -> None:
         try:
@@ -519,7 +540,7 @@ class Console(QObject):
         self._state.places.set(places)
         self.publish(event)
         self.publish(self._scenario_event())
-        self.places_saved.emit(self._scenario)
+        self._state.scenario.set(self._scenario)
 
     # The robot
 
@@ -619,11 +640,14 @@ class Console(QObject):
         self._recording.use_scenario(scenario)
         self._apply_scenario()
         self._start_language_model()
-        self.scenario_changed.emit(scenario)
+        self._state.scenario.set(scenario)
         return True
 
     def _apply_scenario(self) -> None:
         self._drive.use_scenario(self._scenario)
+        if not self._scenario.permissions.driving:
+            self._head.release()
+            self._robot.cancel_goal()
         self._state.places.set(self._scenario.places)
         self._robot.offer_controls(self._scenario.controls)
         self._speech.use_voice(self._scenario.voice)

@@ -108,9 +108,10 @@ class LiveState(QObject):
     ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
     ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
     ``assistant``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
-    (RobotProfile or None), ``places`` (tuple of Place), ``look`` (HeadStatus), ``mapping`` (MapStatus), ``controls``
-    (tuple of RobotControl), ``control_states`` (dict of control id to ControlStatus), ``traffic`` (dict of link name
-    to TrafficMeasured) and ``gamepad`` (GamepadStatus). ``event_happened(event)`` carries each discrete event once.
+    (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
+    (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
+    id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
+    ``event_happened(event)`` carries each discrete event once.
     """
 
     event_happened = Signal(object)
@@ -138,6 +139,7 @@ class LiveState(QObject):
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)
         self.robot = LiveValue(None, self)
+        self.scenario = LiveValue(None, self)
         self.places = LiveValue((), self)
         self.look = LiveValue(HeadStatus(), self)
         self.mapping = LiveValue(MapStatus(), self)

@@ -214,10 +214,7 @@ class MainWindow(QWidget):
         console.state.places.changed.connect(self._on_places_changed)
         self._on_robot_changed(console.state.robot.value)
         self._on_places_changed(console.state.places.value)
-        # The running console tells of scenarios that somebody else opens; a replayed one never changes.
-        scenario_changed = getattr(console, "scenario_changed", None)
-        if scenario_changed is not None:
-            scenario_changed.connect(self._on_scenario_changed)
+        console.state.scenario.changed.connect(self._on_scenario_changed)
         console.state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         self._on_video_freshness_changed(console.state.frame.freshness)
         app.focusChanged.connect(self._on_focus_changed)
@@ -587,7 +584,7 @@ class MainWindow(QWidget):
         shown = self._shown_scenario
         if scenario is shown:
             return
-        if shown is not None and self._only_saves_the_layout(shown, scenario):
+        if shown is not None and (_only_other_places(shown, scenario) or self._only_saves_the_layout(shown, scenario)):
             # Nothing is rebuilt, so that what is typed and not yet said stays.
             self._shown_scenario = scenario
             self._top_bar.show_scenario()
@@ -791,3 +788,9 @@ class MainWindow(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self.theme.color("window"))
+
+
+def _only_other_places(before: Scenario, after: Scenario) -> bool:
+    """Whether a place was saved or removed: panels follow ``state.places``, and none of them is built anew."""
+    moved = replace(after, places=before.places, path=before.path, sha256=before.sha256)
+    return before.places != after.places and moved == before

@@ -7,7 +7,8 @@ from pathlib import Path
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
-from caris_desktop.domain.events import ChatMessage, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, Problem, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.trial import TrialDetails
@@ -39,3 +40,32 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
         console.shutdown()
     assert told[0] and set(told[0]) == {"You told me that you sleep badly."}
     assert told[1] == []
+
+
+def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    scenario = replace(scenario, permissions=replace(scenario.permissions, driving=False))
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    console = Console(replace(parts, save_places=lambda changed: changed), scenario)
+    here = Pose2D(1.0, 2.0, 0.0)
+    try:
+        told: list[str] = []
+        console.state.event_happened.connect(
+            lambda event: told.append(event.what) if isinstance(event, Problem) else None
+        )
+        console.go_to(here)
+        console.go_to_place(scenario.places[0].name)
+        console.set_initial_pose(here)
+        console.save_place("Here", here)
+        console.remove_place(scenario.places[0].name)
+        console.save_map("lab")
+        console.load_map("lab")
+        console.set_mapping(mapping=True)
+        console.look_at(pan_rad=0.1, tilt_rad=0.0)
+        console.set_guard(on=False)
+        qtbot.waitUntil(lambda: len(told) >= 10)
+        assert set(told) == {"This scenario does not drive."}
+        assert console.state.places.value == scenario.places
+        assert console.state.scenario.value == console.scenario == scenario
+    finally:
+        console.shutdown()

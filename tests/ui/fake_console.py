@@ -61,6 +61,7 @@ class FakeConsole:
         self.state.places.set(scenario.places)
         self.state.controls.set(scenario.controls)
         self.scenario = scenario
+        self.state.scenario.set(scenario)
         self.frames = FakeFrames()
         self.suggested = TrialDetails()
         self.calls: list[tuple[str, Any]] = []
@@ -215,6 +216,7 @@ class FakeConsole:
         self.scenario = self._others[path]
         self.state.places.set(self.scenario.places)
         self.state.controls.set(self.scenario.controls)
+        self.state.scenario.set(self.scenario)
         return True
 
     def _set_drive(self, **changes: Any) -> None:

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
@@ -19,7 +19,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, MapStatus, RecordingStatus
 from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import LayoutNode, Permissions, Scenario, SplitNode, TabNode
+from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import words
 from caris_desktop.ui.connection_card import ConnectionCard
@@ -439,27 +439,10 @@ def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: Fak
     assert find(window, "question_band").accessibleName() == "Dock?"
 
 
-class TellingConsole(FakeConsole):
-    """Says when it opens a scenario by itself, as the running console does."""
-
-    class Voice(QObject):
-        scenario_changed = Signal(object)
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
-        self._voice = self.Voice()
-        self.scenario_changed = self._voice.scenario_changed
-
-    def open_scenario(self, path: Path) -> bool:
-        opened = super().open_scenario(path)
-        self.scenario_changed.emit(self.scenario)
-        return opened
-
-
 def test_a_scenario_that_the_program_opens_by_itself_is_shown(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
-    console = TellingConsole(samples.TOUR)
+    console = FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
     window = open_window(qtbot, console, settings, theme)
     assert samples.MENTAL.path is not None
     console.open_scenario(samples.MENTAL.path)
@@ -467,8 +450,18 @@ def test_a_scenario_that_the_program_opens_by_itself_is_shown(
     assert window.windowTitle().startswith("Mental health check")
 
 
+def test_saving_a_place_keeps_what_is_typed_and_the_panels(window: MainWindow, console: FakeConsole) -> None:
+    window.open_panel("diagnostics")
+    find(window, "speak_field").setFocus()
+    QTest.keyClicks(find(window, "speak_field"), "half a sent")
+    console.scenario = dataclasses.replace(samples.TOUR, places=(), path=Path("/own/tour_guide.yaml"), sha256="other")
+    console.state.scenario.set(console.scenario)
+    assert find(window, "speak_field").property("text") == "half a sent"
+    assert "diagnostics" in window.panels
+
+
 def test_saving_the_layout_keeps_what_is_typed(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
-    console = TellingConsole(samples.TOUR)
+    console = FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
     window = open_window(qtbot, console, settings, theme)
     window.open_panel("diagnostics")
     tree = window.current_layout()
