@@ -1,6 +1,7 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -27,6 +28,7 @@ from caris_desktop.recording.messages import (
 )
 from caris_desktop.scenario.model import Scenario
 
+_log = logging.getLogger(__name__)
 RESTARTS_AT_MOST = 3
 
 
@@ -202,6 +204,16 @@ class RecordingDirector(QObject):
             out = await asyncio.to_thread(self._export_session, folder)
         except ToldFailure as refusal:
             self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+            return
+        except Exception:
+            # Nobody waits for this task, so nobody else would hear of it.
+            _log.exception("the export of %s failed", folder)
+            self._problem(
+                "error",
+                "The session was not exported.",
+                "Its recorded files are as they were.",
+                "The program's log tells why; export it again.",
+            )
             return
         self.session_exported.emit(out)
         self._problem("info", "The session was exported.", f"The tables are in {out}.", "Open the folder to see them.")
