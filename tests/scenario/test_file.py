@@ -125,7 +125,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
             "current: people",
             "current: map",
             "current",
-            "'map' is not one of these tabs. Allowed: people, drive, session.",
+            "'map' is not one of these tabs. Allowed: people, drive, robot, session.",
         ),
         ("- panel: speak", "- {}", "- {}", "a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with"),
         ("voice: robot", "voice: robot\nvoice: computer", "voice: computer", "'voice' is given twice (first in line "),
