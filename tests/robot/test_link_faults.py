@@ -29,8 +29,6 @@ from tests.support.simulated_robot import SimulatedRobot
 from tests.support.tcp_proxy import TcpProxy
 from tests.support.twist_listener import TwistListener
 
-pytestmark = pytest.mark.alone
-
 REPOSITORY = Path(__file__).parents[2]
 SHOWN_WITHIN_S = 2.0
 RESTORED_WITHIN_S = 4.0
