@@ -1,5 +1,7 @@
 """What all tests share."""
 
+import gc
+import itertools
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +11,18 @@ import pytest
 # Without a screen of its own a test run uses Qt's offscreen platform; tests that need a window manager start a
 # virtual screen themselves.
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+
+_TESTS_BETWEEN_COLLECTIONS = 25
+_tests = itertools.count(1)
+
+# As in the console: Qt objects that are garbage must not be destroyed in whichever thread allocates next.
+gc.disable()
+
+
+def pytest_runtest_teardown() -> None:
+    if next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
+        gc.collect()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -20,6 +20,8 @@ class _Cycle(QObject):
 
 
 def test_a_cycle_goes_in_the_gui_thread_however_much_another_allocates(qtbot: QtBot) -> None:
+    was_enabled = gc.isenabled()
+    gc.enable()
     owner = QObject()
     collector = GarbageCollector(owner)
     died_in: list[threading.Thread] = []
@@ -44,3 +46,5 @@ def test_a_cycle_goes_in_the_gui_thread_however_much_another_allocates(qtbot: Qt
         collector.stop()
         shiboken6.delete(owner)
     assert gc.isenabled()
+    if not was_enabled:
+        gc.disable()
