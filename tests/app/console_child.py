@@ -2,7 +2,8 @@
 
 ``python -m tests.app.console_child ADDRESS STUDY_DIR``. Lines: ``press KEY``, ``release KEY``, ``record``,
 ``end_recording``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``, ``place X_M Y_M NAME``,
-``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``quit``.
+``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``, ``unplug``
+(the virtual gamepad), ``quit``.
 Prints a JSON line whenever something that a wizard would see has changed.
 """
 
@@ -23,6 +24,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.live.state import LiveState
 from caris_desktop.study.trial import TrialDetails
+from tests.support.virtual_gamepad import VirtualGamepad
 
 
 class Driver(QObject):
@@ -35,6 +37,7 @@ class Driver(QObject):
         self._run = run
         self._shown: dict[str, object] = {}
         self._problems: list[str] = []
+        self._pad: VirtualGamepad | None = None
         self._drive_ended: list[str] = []
         self._exports: list[str] = []
         run.console.state.event_happened.connect(self._on_event)
@@ -81,6 +84,13 @@ class Driver(QObject):
             self._run.console.use_control(control, json.loads(value))
         elif word == "save_map":
             self._run.console.save_map(rest)
+        elif word == "plug":
+            self._pad = VirtualGamepad()
+        elif word == "pad" and self._pad is not None:
+            axis, value = rest.split()
+            self._pad.push(int(axis), float(value))
+        elif word == "unplug" and self._pad is not None:
+            self._pad.unplug()
         elif word == "quit":
             QApplication.closeAllWindows()
 
@@ -126,14 +136,15 @@ def _people_in_map(state: LiveState) -> tuple[PersonPlace, ...]:
     return state.people_in_map.value.people if state.people_in_map.freshness == "fresh" else ()
 
 
-def main(address: str, study: Path) -> int:
+def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
+    """Run until the window is closed; ``driver_type`` understands the lines."""
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
     run = ConsoleRun(
         default_arguments(scenario="tour-guide", robot=address, study=study, camera=camera), settings=settings
     )
     run.show()
-    driver = Driver(run)
+    driver = driver_type(run)
     try:
         return run.application.exec()
     finally:
