@@ -249,8 +249,8 @@ def _navigation_sentence(
     match event:
         case events.GuardChanged(state="overridden"):
             return "Moved", "Obstacle guard switched off"
-        case events.GuardChanged(state="blind"):
-            return "Problems", "The obstacle guard sees nothing: no fresh LIDAR scan"
+        case events.GuardChanged(state="blind", detail=detail):
+            return "Problems", _with_detail("The obstacle guard lets the robot crawl only", detail)
         case events.InitialPoseSet():
             return "Moved", "The robot was told where it is"
         case events.MapRequestChanged(operation="save" | "load" as operation, name=name, state=state, detail=detail):

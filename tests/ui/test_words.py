@@ -62,6 +62,10 @@ def name_of(person_id: str) -> str:
         (PersonRenamed(1, "p1"), ("People", "Named Luis")),
         (GuardChanged(1, "overridden"), ("Moved", "Obstacle guard switched off")),
         (GuardChanged(1, "slowing", 0.5), None),
+        (
+            GuardChanged(1, "blind", None, "the LIDAR does not see there"),
+            ("Problems", "The obstacle guard lets the robot crawl only: the LIDAR does not see there"),
+        ),
         (MapRequestChanged(1, "r", "save", "lab", "succeeded"), ("Session", "The map lab was saved")),
         (
             MapRequestChanged(1, "r", "start_mapping", "", "failed", "it refused"),
