@@ -18,6 +18,8 @@ UtteranceState = Literal["requested", "started", "finished", "interrupted", "fai
 LlmOutcome = Literal["answered", "cancelled", "failed"]
 Severity = Literal["info", "warning", "error"]
 GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
+MarkKind = Literal["mark", "wizard_error", "note"]
+MarkState = Literal["done", "open", "withdrawn"]
 MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
 RequestState = Literal["requested", "succeeded", "failed"]
 
@@ -242,6 +244,7 @@ class LlmExchange:
     first_token_ns: int | None
     parameters: dict[str, float | int | str]
     detail: str = ""
+    model_version: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,21 +295,59 @@ class PhotoTaken:
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """The wizard marked this moment."""
+    """The wizard marked a moment, or a stretch of the session.
+
+    The same ``mark_id`` returns whenever the mark changes: a stretch ends, the moment was a little earlier, a note is
+    added. The newest one counts. ``start_ns`` is the moment meant (None: ``stamp_ns``), ``end_ns`` where a stretch
+    ends. ``state`` is open while a stretch goes on, and withdrawn for a mark that was a slip itself.
+    """
 
     stamp_ns: int
     label: str
-    kind: Literal["mark", "wizard_error"] = "mark"
+    kind: MarkKind = "mark"
+    mark_id: str = ""
+    start_ns: int | None = None
+    end_ns: int | None = None
+    state: MarkState = "done"
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingPaused:
+    """The wizard paused the recording, or went on with it. In between nothing is recorded."""
+
+    stamp_ns: int
+    paused: bool
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioOpened:
-    """A scenario became the current one."""
+    """A scenario became the current one. ``content`` is the text of its file."""
 
     stamp_ns: int
     file_name: str
     title: str
     sha256: str
+    content: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotChosen:
+    """The console connects to this robot from now on. ``profile`` is its profile as the text of a profile file."""
+
+    stamp_ns: int
+    name: str
+    title: str
+    address: str
+    profile: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutChanged:
+    """The wizard arranged the panels. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
+
+    stamp_ns: int
+    layout: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,7 +413,10 @@ Event = (
     | PersonRenamed
     | PhotoTaken
     | Marked
+    | RecordingPaused
     | ScenarioOpened
+    | RobotChosen
+    | LayoutChanged
     | Gap
     | Problem
     | SessionStarted

@@ -138,6 +138,47 @@ class FrameRef:
     height_px: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AudioChunk:
+    """Sound of one source, on its way to the recorder, which writes it to a file and notes an :class:`AudioBlock`.
+
+    ``samples`` is int16, shape (samples, channels); ``stamp_ns`` is the moment of the first. ``source`` is a plain
+    name such as microphone or robot voice.
+    """
+
+    stamp_ns: int
+    source: str
+    sample_rate_hz: int
+    samples: NDArray[np.int16]
+
+
+@dataclass(frozen=True, slots=True)
+class AudioBlock:
+    """Sound that was recorded: ``sample_count`` samples of ``file_name`` from ``first_sample`` on.
+
+    ``stamp_ns`` is the moment of the first of them on the session clock.
+    """
+
+    stamp_ns: int
+    source: str
+    file_name: str
+    first_sample: int
+    sample_count: int
+    sample_rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class StatusShown:
+    """What the console told of itself in its panels from this moment on, so that a replay shows the same.
+
+    ``name`` is that of the value in LiveState, ``content`` its plain JSON form.
+    """
+
+    stamp_ns: int
+    name: str
+    content: Any
+
+
 @dataclass(frozen=True, slots=True)
 class CameraLens:
     """What a camera itself tells of its lens. ``model`` has that in place of what the robot profile says of it."""

@@ -22,17 +22,27 @@ class Delivery(Enum):
 
 @dataclass(frozen=True, slots=True)
 class StreamSpec:
-    """One stream. ``expected_period_s`` is None where silence means nothing (latched values, events)."""
+    """One stream. ``expected_period_s`` is None where silence means nothing (latched values, events).
+
+    ``keyed_by`` names the field that parts the stream into values that stand beside one another: the newest of each
+    counts. ``record_every_s`` keeps large values out of the recording that are replaced sooner than that.
+    """
 
     name: str
     value_type: type[Any]
     delivery: Delivery
     expected_period_s: float | None = None
+    keyed_by: str = ""
+    record_every_s: float = 0.0
+
+    def topic_of(self, value: Any) -> str:
+        """The topic of the recording's channel for ``value``: one for each key."""
+        return f"/{self.name}/{getattr(value, self.keyed_by)}" if self.keyed_by else f"/{self.name}"
 
     @property
-    def topic(self) -> str:
-        """The channel's topic in the recording."""
-        return f"/{self.name}"
+    def latched(self) -> bool:
+        """Whether the newest value holds until the next one comes, however long that takes."""
+        return self.delivery is Delivery.LATEST and self.expected_period_s is None
 
     @property
     def stale_after_s(self) -> float | None:
@@ -50,7 +60,7 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("scan", sensing.LaserScan, Delivery.LATEST, 0.1),
     StreamSpec("odometry", sensing.Odometry, Delivery.LATEST, 0.1),
     StreamSpec("pose", sensing.RobotPose, Delivery.LATEST, 0.2),
-    StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST),
+    StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST, record_every_s=1.0),
     StreamSpec("battery", sensing.BatteryState, Delivery.LATEST),
     StreamSpec("people", sensing.People, Delivery.LATEST, 0.3),
     StreamSpec("people_in_map", sensing.PeopleInMap, Delivery.LATEST, 0.3),
@@ -58,13 +68,27 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("head", sensing.HeadState, Delivery.LATEST, 0.2),
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
     StreamSpec("lens", sensing.CameraLens, Delivery.LATEST),
+    StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
+    StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1),
 )
+
+# On their way to a file of their own, never in the log itself.
+CARRIER_STREAMS: tuple[StreamSpec, ...] = (StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),)
 
 EVENT_STREAMS: tuple[StreamSpec, ...] = tuple(
     StreamSpec(_event_name(value_type), value_type, Delivery.LOSSLESS) for value_type in get_args(events.Event)
 )
 
 STREAMS: tuple[StreamSpec, ...] = STATE_STREAMS + EVENT_STREAMS
-BY_TYPE: dict[type[Any], StreamSpec] = {spec.value_type: spec for spec in STREAMS}
+BY_TYPE: dict[type[Any], StreamSpec] = {spec.value_type: spec for spec in STREAMS + CARRIER_STREAMS}
 BY_NAME: dict[str, StreamSpec] = {spec.name: spec for spec in STREAMS}
+
+
+def spec_of_topic(topic: str) -> StreamSpec | None:
+    """The stream of a recorded channel; None for one that this program does not know."""
+    name = topic.removeprefix("/")
+    if name in BY_NAME:
+        return BY_NAME[name]
+    parent = BY_NAME.get(name.partition("/")[0])
+    return parent if parent is not None and parent.keyed_by else None

@@ -38,14 +38,13 @@ class RecorderFeed:
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """``raw`` is ``value`` pickled, where the caller has it already."""
         spec = BY_TYPE[type(value)]
-        latched = spec.delivery is Delivery.LATEST and spec.expected_period_s is None
-        if not (self._recording or latched):
+        if not (self._recording or spec.latched):
             return
         if raw is None:
             raw = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
         with self._changed:
-            if latched:
-                self._latched[spec.name] = raw
+            if spec.latched:
+                self._latched[spec.topic_of(value)] = raw
             if not self._recording:
                 return
             if spec.delivery is not Delivery.LOSSLESS and self._queued_bytes + len(raw) > self._max_bytes:

@@ -1,10 +1,13 @@
 """LiveState: the current value of every stream and its age. Lives in the GUI thread; panels read only this."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
@@ -15,6 +18,7 @@ from caris_desktop.live.status import (
     HeadStatus,
     LinkStatus,
     MapStatus,
+    MarksStatus,
     PerceptionStatus,
     RecordingStatus,
     SpeechStatus,
@@ -26,15 +30,24 @@ _PLAUSIBLE_DELAY_S = 10.0
 _FRESHNESS_CHECK_MS = 100
 
 
+@dataclass(frozen=True, slots=True)
+class PresentClock:
+    """What time it is for the panels: now, or in a replay the moment on show. ``anchor`` maps it to UTC."""
+
+    now_ns: Callable[[], int] = clock.now_ns
+    anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
+
+
 class LiveStream(QObject):
     """One stream: ``changed(value)`` for each value that the GUI thread took, ``freshness_changed(str)`` as it ages."""
 
     changed = Signal(object)
     freshness_changed = Signal(str)
 
-    def __init__(self, spec: StreamSpec, parent: QObject | None = None) -> None:
+    def __init__(self, spec: StreamSpec, present: PresentClock, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.spec = spec
+        self._present = present
         self.value: Any = None
         self.freshness: Freshness = "none"
         self.arrivals = 0
@@ -48,7 +61,7 @@ class LiveStream(QObject):
         """
         if self.value is None:
             return None
-        arrived_ago_s: float = ((clock.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
+        arrived_ago_s: float = ((self._present.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
         return arrived_ago_s + self._delay_s()
 
     def _delay_s(self) -> float:
@@ -111,14 +124,18 @@ class LiveState(QObject):
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``event_happened(event)`` carries each discrete event once.
+    ``marks`` is a MarksStatus. ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)``
+    says that a replay went to another moment: what was gathered over time is void, and these are the newest events
+    before that moment, oldest first.
     """
 
     event_happened = Signal(object)
+    time_jumped = Signal(object)
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, parent: QObject | None = None, *, present: PresentClock | None = None) -> None:
         super().__init__(parent)
-        self._streams = {spec.name: LiveStream(spec, self) for spec in STATE_STREAMS}
+        self.present = PresentClock() if present is None else present
+        self._streams = {spec.name: LiveStream(spec, self.present, self) for spec in STATE_STREAMS}
         self.scan = self._streams["scan"]
         self.odometry = self._streams["odometry"]
         self.pose = self._streams["pose"]
@@ -130,6 +147,7 @@ class LiveState(QObject):
         self.head = self._streams["head"]
         self.readings = self._streams["readings"]
         self.frame = self._streams["frame"]
+        self.audio = self._streams["audio"]
         self.link = LiveValue(LinkStatus(), self)
         self.drive = LiveValue(DriveStatus(), self)
         self.recording = LiveValue(RecordingStatus(), self)
@@ -147,6 +165,7 @@ class LiveState(QObject):
         self.control_states = LiveValue({}, self)
         self.traffic = LiveValue({}, self)
         self.gamepad = LiveValue(GamepadStatus(), self)
+        self.marks = LiveValue(MarksStatus(), self)
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)

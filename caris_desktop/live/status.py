@@ -1,11 +1,12 @@
 """What the console knows of itself, as panels read it from LiveState. Plain frozen values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.controls import ControlValue
-from caris_desktop.domain.events import GuardState, LinkState, RequestState, UtteranceChanged
+from caris_desktop.domain.events import GuardState, LinkState, Marked, RequestState, UtteranceChanged
+from caris_desktop.recording.study_index import SearchHit, SessionEntry, SessionQuery
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
 
@@ -87,11 +88,37 @@ class GamepadStatus:
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    state: Literal["idle", "starting", "recording", "stopping", "failed"] = "idle"
+    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream."""
+
+    state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
     folder: Path | None = None
     started_ns: int = 0
     written_bytes: int = 0
     free_bytes: int | None = None
+    detail: str = ""
+    bytes_per_s: float = 0.0
+    room_s: float | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class MarksStatus:
+    """The wizard's marks of this session: ``last`` can still be changed, ``open`` are stretches that go on."""
+
+    last: Marked | None = None
+    open: tuple[Marked, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackStatus:
+    """How a replay stands. ``position_ns`` is the moment on show, on the session's own clock."""
+
+    session: str = ""
+    start_ns: int = 0
+    end_ns: int = 0
+    position_ns: int = 0
+    playing: bool = False
+    rate: float = 1.0
     detail: str = ""
 
 
@@ -124,3 +151,29 @@ class PerceptionStatus:
     model: str = ""
     detail: str = ""
     inference_ms: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ExportStatus:
+    """How exporting stands. ``what`` is being written now, ``written`` is where the finished ones are."""
+
+    state: Literal["idle", "running", "done", "failed", "cancelled"] = "idle"
+    fraction: float = 0.0
+    what: str = ""
+    written: tuple[Path, ...] = ()
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryStatus:
+    """The sessions of the study that match ``query``, newest first, and where its text was found.
+
+    ``updating`` while the index is brought up to date.
+    """
+
+    query: SessionQuery = SessionQuery()
+    sessions: tuple[SessionEntry, ...] = ()
+    hits: tuple[SearchHit, ...] = ()
+    total: int = 0
+    updating: bool = False
+    detail: str = ""

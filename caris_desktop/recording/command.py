@@ -4,12 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from caris_desktop.recording.export import EXPORTERS, ExportError, export_session
+from caris_desktop.recording.export import BY_FORMAT, ExportError, export_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, help="folder of the session")
-    parser.add_argument("--to", choices=sorted(EXPORTERS), default="csv", help="format (default: %(default)s)")
+    parser.add_argument("--to", choices=tuple(BY_FORMAT), default="csv", help="format (default: %(default)s)")
     parser.add_argument("out", type=Path, help="folder to make; must not hold files")
 
 

@@ -27,9 +27,10 @@ class EventLog:
     def write(self, spec: StreamSpec, value: Any) -> None:
         """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
         data = json.dumps(to_jsonable(value), separators=(",", ":"), allow_nan=False).encode()
-        channel = self._channels.get(spec.name)
+        topic = spec.topic_of(value)
+        channel = self._channels.get(topic)
         if channel is None:
-            channel = self._register(spec)
+            channel = self._channels[topic] = self._register(spec, topic)
         utc_ns = self._anchor.utc_ns_at(value.stamp_ns)
         self.counts[spec.name] += 1
         self._writer.add_message(
@@ -56,12 +57,11 @@ class EventLog:
         finally:
             self._file.close()
 
-    def _register(self, spec: StreamSpec) -> int:
+    def _register(self, spec: StreamSpec, topic: str) -> int:
         schema = self._writer.register_schema(
             name=f"caris.{spec.value_type.__name__}",
             encoding="jsonschema",
             data=json.dumps(json_schema(spec.value_type)).encode(),
         )
-        channel: int = self._writer.register_channel(topic=spec.topic, message_encoding="json", schema_id=schema)
-        self._channels[spec.name] = channel
+        channel: int = self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema)
         return channel

@@ -12,12 +12,16 @@ from typing import Literal
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
 
-RecorderState = Literal["idle", "recording", "failed"]
+RecorderState = Literal["idle", "recording", "paused", "failed"]
 
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """What heads ``session.json``. ``trial`` holds the answers of the start dialog, each under its field's name."""
+    """What heads ``session.json``. ``trial`` holds the answers of the start dialog, each under its field's name.
+
+    ``software`` maps the names of programs and libraries to their versions; ``settings`` holds what was set in this
+    run, in words. Neither holds keys or paths.
+    """
 
     anchor: ClockAnchor
     program_version: str
@@ -27,6 +31,8 @@ class SessionHeader:
     robot_profile: str = ""
     robot_address: str = ""
     trial: dict[str, str] = field(default_factory=dict)
+    software: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +43,8 @@ class StartRecording:
     header: SessionHeader
     video: bool = True
     photos: bool = True
+    audio: bool = True
+    lsl: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,14 @@ class SetRecordingPermissions:
 
     video: bool
     photos: bool
+    audio: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PauseRecording:
+    """Record nothing until it is sent again with ``paused`` False; the pause itself is recorded."""
+
+    paused: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +81,8 @@ class StopRecording:
 class RecorderReport:
     """How the recording stands: at each change and about once per second while recording.
 
-    ``dropped`` counts what is missing for each stream. ``detail`` says in words what is wrong, if anything.
+    ``dropped`` counts what is missing for each stream. ``bytes_per_s`` is how fast the session grew lately and
+    ``room_s`` how long the disk lasts at that rate. ``detail`` says in words what is wrong, if anything.
     """
 
     stamp_ns: int
@@ -76,3 +93,5 @@ class RecorderReport:
     free_bytes: int | None = None
     dropped: dict[str, int] = field(default_factory=dict)
     detail: str = ""
+    bytes_per_s: float = 0.0
+    room_s: float | None = None

@@ -10,7 +10,7 @@ from typing import Any
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.schema import from_jsonable
-from caris_desktop.domain.streams import BY_NAME, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_recorder import FORMAT, FORMAT_VERSION
 
@@ -127,10 +127,10 @@ def _values(path: Path, wanted: set[str]) -> Iterator[tuple[StreamSpec, Any]]:
         if isinstance(record, Channel):
             topics[record.id] = record.topic
         elif isinstance(record, Message):
-            name = topics.get(record.channel_id, "").removeprefix("/")
+            spec = spec_of_topic(topics.get(record.channel_id, ""))
+            name = spec.name if spec is not None else topics.get(record.channel_id, "")
             if wanted and name not in wanted:
                 continue
-            spec = BY_NAME.get(name)
             try:
                 if spec is None:
                     raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream

@@ -94,8 +94,8 @@ class SessionRecorder:
             self._miss(type(value).__name__, "this kind is not in the stream table")
         elif spec.delivery is Delivery.MEDIA:
             self._write_frame(spec, value)
-        elif spec.delivery is Delivery.LATEST and spec.expected_period_s is None:
-            # Latched values such as maps are large and stand until replaced: the newest one per second is kept.
+        elif spec.record_every_s:
+            # Large, and stands until replaced: the newest one per second is kept.
             last_ns, _ = self._latched.get(spec.name, (0, None))
             if time.monotonic_ns() - last_ns >= _LATCHED_EVERY_NS:
                 self._latched[spec.name] = (time.monotonic_ns(), None)

@@ -377,6 +377,19 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
         raise ProfileError(f"The profile was not written to {path}: {error.strerror or error}.") from error
 
 
+def profile_text(profile: RobotProfile) -> str:
+    """The profile as the text of a profile file, without certificates and without credentials in its address."""
+    from caris_desktop.robot.profile_content import profile_data
+    from caris_desktop.robot.profile_file import profile_yaml
+
+    public = replace(
+        profile,
+        address=without_credentials(profile.address),
+        security=replace(profile.security, ca_file=None),
+    )
+    return profile_yaml(profile_data(public, Path()))
+
+
 def profile_file_name(title: str) -> str:
     """A file name for a robot of this title: ``My Robot 2`` becomes ``my-robot-2.yaml``."""
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()

@@ -24,6 +24,7 @@ from caris_desktop.scenario.model import (
     PanelLeaf,
     Permissions,
     Place,
+    RecordingSettings,
     Scenario,
     SplitNode,
     TabNode,
@@ -163,6 +164,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         "places": [_place_data(place) for place in scenario.places],
         **({"controls": [control_data(control) for control in scenario.controls]} if scenario.controls else {}),
         "permissions": asdict(scenario.permissions),
+        **({"recording": recording} if (recording := _recording_data(scenario.recording)) else {}),
         "driving": asdict(scenario.driving),
         "assistant": asdict(scenario.assistant),
         "layout": _layout_data(scenario.layout),
@@ -345,12 +347,20 @@ def _scenario(data: dict[str, Any], *, path: Path, sha256: str) -> Scenario:
         ),
         controls=tuple(control_from_data(control) for control in data.get("controls", ())),
         permissions=Permissions(**data.get("permissions", {})),
+        recording=RecordingSettings(
+            labels=tuple(data.get("recording", {}).get("labels", ())), lsl=data.get("recording", {}).get("lsl", False)
+        ),
         assistant=AssistantSettings(**data.get("assistant", {})),
         driving=DrivingLimits(**{key: float(value) for key, value in data.get("driving", {}).items()}),
         path=path,
         sha256=sha256,
         **defaults,
     )
+
+
+def _recording_data(recording: RecordingSettings) -> dict[str, Any]:
+    data: dict[str, Any] = {"labels": list(recording.labels)} if recording.labels else {}
+    return data | ({"lsl": True} if recording.lsl else {})
 
 
 def _layout(node: dict[str, Any]) -> LayoutNode:

@@ -47,6 +47,7 @@ class Permissions:
 
     photos: bool = True
     video_recording: bool = True
+    audio_recording: bool = False
     driving: bool = True
     assistant: bool = True
     naming_people: bool = True
@@ -80,6 +81,14 @@ class DrivingLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingSettings:
+    """``labels`` are those of the mark keys, in this order. With ``lsl`` marks go to Lab Streaming Layer too."""
+
+    labels: tuple[str, ...] = ()
+    lsl: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One scenario file. ``phrases`` sit on F1..F8 in order, ``filler`` on F9, ``controls`` come after the robot's."""
 
@@ -94,6 +103,7 @@ class Scenario:
     permissions: Permissions = field(default_factory=Permissions)
     assistant: AssistantSettings = field(default_factory=AssistantSettings)
     driving: DrivingLimits = field(default_factory=DrivingLimits)
+    recording: RecordingSettings = field(default_factory=RecordingSettings)
     voice: Literal["robot", "computer"] = "robot"
     path: Path | None = None
     sha256: str = ""

@@ -12,6 +12,8 @@ class TrialDetails:
     condition: str = ""
     trial: str = ""
     wizard: str = ""
+    recording: str = ""
+    purpose: str = ""
 
 
 def following(details: TrialDetails) -> TrialDetails:

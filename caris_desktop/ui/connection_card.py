@@ -152,7 +152,9 @@ class ConnectionCard(Overlay):
 
     def refresh(self) -> None:
         """Draw what was sampled until now."""
-        self._facts.setText(words.link_facts(self._state.link.value, self._state.traffic.value))
+        self._facts.setText(
+            words.link_facts(self._state.link.value, self._state.traffic.value, self._state.present.anchor)
+        )
         if self._plot is None or not self._history.times_s:
             return
         now_s = self._history.times_s[-1]

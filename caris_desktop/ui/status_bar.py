@@ -4,6 +4,7 @@ from PySide6.QtCore import QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import LinkStatus, PerceptionStatus, RecordingStatus
@@ -125,7 +126,7 @@ class StatusBar(QWidget):
         link: LinkStatus = state.link.value
         role, word = _LINK_WORDS[link.state]
         robot = link.robot or "Robot"
-        facts = words.link_facts(link, state.traffic.value).replace(" · ", "\n")
+        facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         items["link"].say(
             f"{robot} {word}".strip(), role, icon=_LINK_ICONS[link.state],
             tip=f"{facts}\nClick for the last minute.".strip(),
@@ -134,7 +135,7 @@ class StatusBar(QWidget):
         round_trip = link.round_trip_ms if connected else None
         items["round_trip"].say(
             f"link {round_trip:.0f} ms" if round_trip is not None else "",
-            tip=_round_trip_tip(link),
+            tip=_round_trip_tip(link, state.present.anchor),
         )
         items["video"].say(*_stream_words("video", state.frame), tip="Age of the newest picture")
         items["lidar"].say(*_stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")
@@ -213,11 +214,12 @@ class StatusBar(QWidget):
         painter.drawLine(0, 0, self.width(), 0)
 
 
-def _round_trip_tip(link: LinkStatus) -> str:
+def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
     """Round trip, and how the robot's clock goes beside ours."""
     lines = ["Time to the robot and back."]
     if link.clock_offset_ms is not None:
-        lines.append(f"Robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}.")
+        offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
+        lines.append(f"Robot clock {offset}.")
     return "\n".join([*lines, "Click for the last minute."])
 
 

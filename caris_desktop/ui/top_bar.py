@@ -4,7 +4,6 @@ from PySide6.QtCore import QPoint, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
-from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import DriveStatus, RecordingStatus
@@ -152,7 +151,7 @@ class TopBar(QWidget):
         permissions = self._console.scenario.permissions
         match status.state:
             case "recording":
-                seconds = (clock.now_ns() - status.started_ns) / 1e9
+                seconds = (self._console.state.present.now_ns() - status.started_ns) / 1e9
                 limits = [] if permissions.video_recording else ["no video"]
                 limits += [] if permissions.photos else ["no photos"]
                 roomy = bool(limits) and self.width() >= 1500

@@ -9,8 +9,6 @@ from caris_desktop.domain import clock, events
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
 
-_ANCHOR = clock.ClockAnchor.take()
-
 Category = str  # one of CATEGORIES
 UNDER_WAY = ("requested", "active")
 """States of a goal that the robot drives to."""
@@ -18,9 +16,9 @@ UNDER_WAY = ("requested", "active")
 CATEGORIES = ("Said", "Moved", "People", "Session", "Problems")
 
 
-def clock_time(stamp_ns: int) -> str:
+def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
     """Time of day, as 14:02:11, of a session clock stamp."""
-    return datetime.fromtimestamp(_ANCHOR.utc_ns_at(stamp_ns) / 1e9).strftime("%H:%M:%S")
+    return datetime.fromtimestamp(anchor.utc_ns_at(stamp_ns) / 1e9).strftime("%H:%M:%S")
 
 
 def elapsed(seconds: float) -> str:
@@ -63,17 +61,17 @@ def size(count_bytes: float) -> str:
 _ANOTHER_TIME_MS = 1e9
 
 
-def session_clock_ms() -> float:
+def session_clock_ms(anchor: clock.ClockAnchor) -> float:
     """What this computer's time of day is ahead of the session clock: the offset of a robot with the right time."""
-    return (_ANCHOR.utc_ns - _ANCHOR.monotonic_ns) / 1e6
+    return (anchor.utc_ns - anchor.monotonic_ns) / 1e6
 
 
-def clock_offset(offset_ms: float, uncertainty_ms: float | None) -> str:
+def clock_offset(offset_ms: float, uncertainty_ms: float | None, anchor: clock.ClockAnchor) -> str:
     """How the robot's clock goes beside this computer's: 3.1 ± 0.4 ms ahead.
 
     ``offset_ms`` is robot clock minus session clock.
     """
-    ahead_ms = offset_ms - session_clock_ms()
+    ahead_ms = offset_ms - session_clock_ms(anchor)
     spread = "" if uncertainty_ms is None else f" ± {_milliseconds(uncertainty_ms)}"
     if abs(ahead_ms) > _ANOTHER_TIME_MS:
         # A simulation begins at zero; how far that is from today says nothing.
@@ -86,14 +84,15 @@ def _milliseconds(milliseconds: float) -> str:
     return f"{milliseconds:.1f}" if milliseconds < 10 else f"{milliseconds:,.0f}"
 
 
-def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured]) -> str:
+def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], anchor: clock.ClockAnchor) -> str:
     """Address, clock and load of the link in one line; its detail where it is in trouble."""
     parts = [link.address, link.detail]
     if link.state in ("connected", "trouble"):
         if link.round_trip_ms is not None:
             parts.append(f"{link.round_trip_ms:.0f} ms to the robot and back")
         if link.clock_offset_ms is not None:
-            parts.append(f"robot clock {clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}")
+            offset = clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
+            parts.append(f"robot clock {offset}")
         load = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
         if traffic:
             parts.append(f"{size(load)}/s")

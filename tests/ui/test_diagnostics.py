@@ -7,6 +7,7 @@ from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import words
@@ -14,6 +15,8 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, state_words
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
+
+ANCHOR = ClockAnchor.take()
 
 
 def topic(
@@ -30,7 +33,7 @@ def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link:
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
     console.state.link.set(
-        LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, words.session_clock_ms() + 3.14, 0.4)
+        LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, words.session_clock_ms(ANCHOR) + 3.14, 0.4)
     )
     window.open_panel("diagnostics")
     panel = window.panels["diagnostics"]
@@ -94,7 +97,7 @@ def test_it_opens_from_the_connection_card(qtbot: QtBot, window: MainWindow) -> 
 
 def test_figures_are_words() -> None:
     assert [bandwidth(value) for value in (0, 999, 34_500, 1_200_000)] == ["0 B/s", "999 B/s", "34.5 kB/s", "1.2 MB/s"]
-    now_ms = words.session_clock_ms()
-    assert words.clock_offset(now_ms - 12_345.6, 20.0) == "12,346 ± 20 ms behind"
-    assert words.clock_offset(now_ms + 3.14, None) == "3.1 ms ahead"
-    assert words.clock_offset(-5000.0, 1.0) == "set to a time of its own, known to ± 1.0 ms", "a simulation"
+    now_ms = words.session_clock_ms(ANCHOR)
+    assert words.clock_offset(now_ms - 12_345.6, 20.0, ANCHOR) == "12,346 ± 20 ms behind"
+    assert words.clock_offset(now_ms + 3.14, None, ANCHOR) == "3.1 ms ahead"
+    assert words.clock_offset(-5000.0, 1.0, ANCHOR) == "set to a time of its own, known to ± 1.0 ms", "a simulation"

@@ -485,7 +485,15 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
     now_ns = clock.now_ns()
     console.state.traffic.set({"control": TrafficMeasured(now_ns, "control", "cbor", 3, ())})
     console.state.link.set(
-        LinkStatus("connected", "Lab robot", "ws://lab", "", 12.0, words.session_clock_ms() - 3.14, 0.4)
+        LinkStatus(
+            "connected",
+            "Lab robot",
+            "ws://lab",
+            "",
+            12.0,
+            words.session_clock_ms(console.state.present.anchor) - 3.14,
+            0.4,
+        )
     )
     console.state.take(RobotPose(now_ns - 1_200_000_000, None, Pose2D(0, 0, 0)))
     console.state.take(BatteryState(now_ns - 180_000_000_000, 0.6))

@@ -3,6 +3,7 @@
 import pytest
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     ControlUsed,
     EmergencyStopChanged,
@@ -94,4 +95,4 @@ def test_events_become_sentences(event: object, entry: tuple[str, str] | None) -
 
 
 def test_time_of_day_has_seconds() -> None:
-    assert len(words.clock_time(clock.now_ns()).split(":")) == 3
+    assert len(words.clock_time(clock.now_ns(), ClockAnchor.take()).split(":")) == 3

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 
 from caris_desktop.domain.streams import STREAMS, StreamSpec
+from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_reader import Session
 
@@ -61,7 +62,7 @@ _TIME_COLUMNS = (
 )
 
 
-def write_csv(session: Session, out: Path) -> list[Path]:
+def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError."""
     tables = {spec.name: tables_of(spec) for spec in STREAMS}
     paths = [_write_session(session, out / "session.csv"), _write_dictionary(tables, out / "data_dictionary.csv")]

@@ -17,7 +17,7 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QVBoxLayout, QWidget
 
-from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import tokens, words
@@ -82,11 +82,11 @@ def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float)
     return "live"
 
 
-def clock_words(link: LinkStatus) -> str:
+def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
     """The robot's clock is 3.1 ± 0.4 ms ahead."""
     if link.clock_offset_ms is None:
         return "robot clock not measured"
-    return f"robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms)}"
+    return f"robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)}"
 
 
 def link_words(measured: TrafficMeasured) -> str:
@@ -228,12 +228,14 @@ def _sort_key(row: TopicRow, column: int) -> float | str:
     return numbers[column] if column in numbers else cell_text(row, column).casefold()
 
 
-def report(link: LinkStatus, traffic: dict[str, TrafficMeasured], rows: tuple[TopicRow, ...]) -> str:
+def report(
+    link: LinkStatus, traffic: dict[str, TrafficMeasured], rows: tuple[TopicRow, ...], anchor: ClockAnchor
+) -> str:
     """Everything that the panel shows, as text to send to whoever looks after the robot."""
     round_trip = "not measured" if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
     lines = [
         f"{link.robot or 'Robot'} at {link.address or 'no address'}: {link.state} {link.detail}".rstrip(),
-        f"round trip {round_trip}, {clock_words(link)}",
+        f"round trip {round_trip}, {clock_words(link, anchor)}",
         *(link_words(measured) for measured in traffic.values()),
         "",
         "\t".join(_COLUMNS),
@@ -321,7 +323,9 @@ class DiagnosticsPanel(Panel):
             self.model.rows[self._sorted.mapToSource(self._sorted.index(at, 0)).row()]
             for at in range(self._sorted.rowCount())
         )
-        QGuiApplication.clipboard().setText(report(self.state.link.value, self.state.traffic.value, rows))
+        QGuiApplication.clipboard().setText(
+            report(self.state.link.value, self.state.traffic.value, rows, self.state.present.anchor)
+        )
         self._copied_at_s = time.monotonic()
         self._copy.set_label("Copied", icon="check")
 
@@ -338,14 +342,15 @@ class DiagnosticsPanel(Panel):
         traffic: dict[str, TrafficMeasured] = self.state.traffic.value
         connected = link.state in ("connected", "trouble")
         round_trip = f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else "not measured"
-        lines = [f"Round trip {round_trip} · {clock_words(link) if connected else 'robot clock not measured'}"]
+        robot_clock = clock_words(link, self.state.present.anchor) if connected else "robot clock not measured"
+        lines = [f"Round trip {round_trip} · {robot_clock}"]
         if not connected:
             lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
         lines += [link_words(measured) for measured in traffic.values()]
         self._summary.setToolTip("\n".join(lines))
         # A low dock has room for rows or for the totals of each link, and the rows say more.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))
-        self.model.show_traffic(traffic, now_ns=clock.now_ns())
+        self.model.show_traffic(traffic, now_ns=self.state.present.now_ns())
         self.view.setVisible(bool(self.model.rows))
         self._empty.setVisible(not self.model.rows)
         refused = sum(measured.refused for measured in traffic.values())

@@ -10,7 +10,6 @@ from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QBrush, QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from caris_desktop.domain import clock
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.status import DriveStatus
@@ -204,18 +203,18 @@ class MotionPanel(Panel):
 
     def _on_pause_toggled(self, paused: bool) -> None:
         """Hold the picture still; what happens meanwhile is kept and shown afterwards."""
-        self._paused_at_ns = clock.now_ns() if paused else None
+        self._paused_at_ns = self.state.present.now_ns() if paused else None
         self._pause.set_label("Go on" if paused else "Pause", icon="play" if paused else "pause")
         self._draw()
 
     def _draw(self) -> None:
         state = self.state
         self._say()
-        self._limited.add(clock.now_ns(), 1.0 if limited_why(state.drive.value) else 0.0)
+        self._limited.add(self.state.present.now_ns(), 1.0 if limited_why(state.drive.value) else 0.0)
         still = self._paused_at_ns is not None and self._drawn_ns == self._paused_at_ns
         if not self.isVisible() or still:
             return
-        now_s = (self._paused_at_ns or clock.now_ns()) / 1e9
+        now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
         commanded = self._commanded.window(now_s, gap_s=_COMMANDS_END_S)
         measured = self._measured.window(now_s, gap_s=_GAP_S)
         limited = self._limited.window(now_s, gap_s=math.inf)
@@ -243,7 +242,7 @@ class MotionPanel(Panel):
         self._odometry_line.setToolTip(self._odometry_line.text())
         why = limited_why(state.drive.value)
         if self._paused_at_ns is not None:
-            paused_s = (clock.now_ns() - self._paused_at_ns) / 1e9
+            paused_s = (self.state.present.now_ns() - self._paused_at_ns) / 1e9
             self.set_fact(f"paused for {words.age(paused_s)}", "amber")
         elif state.odometry.freshness != "fresh":
             self.set_fact(f"odometry silent for {words.age(state.odometry.age_s() or 0.0)}", "amber")

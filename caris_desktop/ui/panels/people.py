@@ -4,7 +4,6 @@ from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QStackedLayout, QVBoxLayout, QWidget
 
-from caris_desktop.domain import clock
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
@@ -169,7 +168,7 @@ class PersonEntry(QWidget):
         self.refresh_age()
 
     def refresh_age(self) -> None:
-        person, now_ns = self._person, clock.now_ns()
+        person, now_ns = self._person, self._console.state.present.now_ns()
         if person.here:
             text = f"here {words.since((now_ns - person.since_ns) / 1e9)}"
         else:

@@ -29,7 +29,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain import clock
+from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
@@ -79,7 +79,7 @@ class SessionPanel(Panel):
             action = self._filter_menu.addAction(category or "Everything")
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
         self._filter.clicked.connect(self._open_filter_menu)
-        self._model = EventLogModel(self)
+        self._model = EventLogModel(self.state.present, self)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
         self._log.setAccessibleName("What happened")
@@ -140,7 +140,7 @@ class SessionPanel(Panel):
         entry = words.event_sentence(event, self._name_of)
         if entry is None:
             return
-        stamp_ns: int = getattr(event, "stamp_ns", clock.now_ns())
+        stamp_ns: int = getattr(event, "stamp_ns", self.state.present.now_ns())
         self._model.append(stamp_ns, *entry)
 
     def show_category(self, category: str) -> None:
@@ -179,7 +179,9 @@ class SessionPanel(Panel):
             case "recording" | "starting":
                 self._toggle.set_label("Stop recording", icon="stop", look="plain")
                 text = f"{words.size(status.written_bytes)} so far: {kept}"
-                self.set_fact(f"recording {words.elapsed((clock.now_ns() - status.started_ns) / 1e9)}", "green")
+                self.set_fact(
+                    f"recording {words.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)}", "green"
+                )
             case "stopping":
                 self._toggle.set_label("Saving…", icon="stop", look="plain")
                 text = "Finishing the files"
@@ -202,8 +204,9 @@ class SessionPanel(Panel):
 class EventLogModel(QAbstractListModel):
     """The last sentences, bounded, optionally of one category."""
 
-    def __init__(self, parent: QWidget) -> None:
+    def __init__(self, present: PresentClock, parent: QWidget) -> None:
         super().__init__(parent)
+        self._present = present
         self._all: deque[tuple[int, str, str]] = deque(maxlen=LOG_ROWS)
         self._shown: list[tuple[int, str, str]] = []
         self._category = ""
@@ -244,9 +247,9 @@ class EventLogModel(QAbstractListModel):
         if role == _CATEGORY_ROLE:
             return category
         if role == _TIME_ROLE:
-            return words.clock_time(stamp_ns)
+            return words.clock_time(stamp_ns, self._present.anchor)
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{words.clock_time(stamp_ns)} {sentence}"
+            return f"{words.clock_time(stamp_ns, self._present.anchor)} {sentence}"
         return None
 
 

@@ -1,0 +1,1 @@
+"""Annotations: tiers, vocabularies, editing, agreement, import."""

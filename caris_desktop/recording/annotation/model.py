@@ -1,0 +1,56 @@
+"""Annotations of a session: tiers of labelled stretches of time, as in ELAN. Plain values; editing gives new ones."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class VocabularyEntry:
+    """One permitted value, with what it means."""
+
+    value: str
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """A controlled vocabulary: tiers that use it hold these values only."""
+
+    name: str
+    entries: tuple[VocabularyEntry, ...]
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Tier:
+    """One row of the timeline. ``coder`` is empty for tiers made from the record, which nobody edits.
+
+    ``vocabulary`` names a vocabulary of the document; free text without one. Annotations of a tier do not overlap.
+    """
+
+    tier_id: str
+    name: str
+    coder: str = ""
+    vocabulary: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Annotation:
+    """A labelled stretch, in whole milliseconds since the session began; ``end_ms`` is after ``start_ms``."""
+
+    annotation_id: str
+    tier_id: str
+    start_ms: int
+    end_ms: int
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotationDocument:
+    """Tiers in the order of the timeline; ``annotations`` sorted by tier, then start."""
+
+    tiers: tuple[Tier, ...] = ()
+    vocabularies: tuple[Vocabulary, ...] = ()
+    annotations: tuple[Annotation, ...] = ()
+
+    def of_tier(self, tier_id: str) -> tuple[Annotation, ...]:
+        return tuple(annotation for annotation in self.annotations if annotation.tier_id == tier_id)

@@ -1,0 +1,41 @@
+"""What the timeline of a session shows beside the coders' own tiers."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.recording.annotation.model import AnnotationDocument
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Something to jump to."""
+
+    kind: Literal["mark", "utterance"]
+    at_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveform:
+    """One sound file. ``peaks`` is float32, shape (buckets, 2), smallest and largest, -1..1, from ``first_ns`` on."""
+
+    source: str
+    first_ns: int
+    bucket_ns: int
+    peaks: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionOverview:
+    """``tiers`` are those made from the record. ``speed`` is float32, shape (n, 3): session seconds, metres per
+    second, radians per second. ``cameras`` are those with video.
+    """
+
+    tiers: AnnotationDocument
+    moments: tuple[Moment, ...]
+    waveforms: tuple[Waveform, ...] = ()
+    speed: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    cameras: tuple[str, ...] = ()
