@@ -123,7 +123,7 @@ install_system_packages() {
     needed+=(xvfb xauth openbox)
   fi
   if [[ $with_tests == yes ]]; then
-    wanted+=(xdotool pulseaudio pulseaudio-utils iptables iproute2)
+    wanted+=(xdotool pulseaudio pulseaudio-utils iptables iproute2 strace)
   fi
 
   local -a missing_needed missing_wanted

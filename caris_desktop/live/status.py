@@ -171,7 +171,7 @@ class LibraryStatus:
     ``updating`` while the index is brought up to date.
     """
 
-    query: SessionQuery = SessionQuery()
+    query: SessionQuery = field(default_factory=SessionQuery)
     sessions: tuple[SessionEntry, ...] = ()
     hits: tuple[SearchHit, ...] = ()
     total: int = 0
