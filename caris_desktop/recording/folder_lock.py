@@ -1,0 +1,119 @@
+"""The lock on a session folder that is being written: nobody repairs a session that still grows."""
+
+import errno
+import logging
+import os
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_log = logging.getLogger(__name__)
+LOCK_NAME = ".recording"
+# Somebody who only looks whether the folder is held has it for a moment.
+_TRIES, _BETWEEN_TRIES_S = 20, 0.025
+
+
+class FolderHeldError(OSError):
+    """Another process, or another part of this one, writes into the folder."""
+
+
+class FolderLock:
+    """Held until :meth:`release`, or until the process ends in whatever way: then the file remains, unheld."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path = path
+        self._descriptor: int | None = descriptor
+
+    def release(self) -> None:
+        """Let go, and leave no file behind."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None:
+            return
+        if sys.platform == "win32":
+            # An open file cannot be removed there.
+            os.close(descriptor)
+            self._remove()
+        else:
+            self._remove()
+            os.close(descriptor)
+
+    def _remove(self) -> None:
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError:
+            _log.exception("%s stays behind; it holds nothing", self._path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+
+def hold(folder: Path) -> FolderLock:
+    """Keep ``folder`` for this process: to record into it, or to repair it.
+
+    Raises
+    ------
+    FolderHeldError
+        If somebody else has it.
+    OSError
+        If the lock's file cannot be made, for example on a disk that cannot be written.
+    """
+    path = folder / LOCK_NAME
+    for _ in range(_TRIES):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        # Whoever held it may have removed the file between our opening and our locking it.
+        if _locked(descriptor) and _is_file_at(path, descriptor):
+            return FolderLock(path, descriptor)
+        os.close(descriptor)
+        time.sleep(_BETWEEN_TRIES_S)
+    raise FolderHeldError(errno.EBUSY, "the folder is being recorded into", str(folder))
+
+
+def is_held(folder: Path) -> bool:
+    """Whether somebody records into ``folder``, or repairs it, at this moment."""
+    try:
+        descriptor = os.open(folder / LOCK_NAME, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        # The system refuses even to open it while another process has it (Windows).
+        return sys.platform == "win32"
+    try:
+        return not _locked(descriptor, shared=True)
+    finally:
+        os.close(descriptor)
+
+
+def _is_file_at(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except OSError:
+        return False
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _locked(descriptor: int, *, shared: bool = False) -> bool:
+        """The lock goes with the descriptor when that is closed."""
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+else:
+    import fcntl
+
+    def _locked(descriptor: int, *, shared: bool = False) -> bool:
+        """The lock goes with the descriptor when that is closed."""
+        try:
+            fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
