@@ -1,8 +1,9 @@
 """A console without robot, threads or files: takes down every intent and moves a real LiveState accordingly."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from caris_desktop.domain.events import (
     EmergencyStopChanged,
     GoalChanged,
     Marked,
+    MarkKind,
     PersonRenamed,
+    RecordingPaused,
     StopRequested,
     UtteranceChanged,
     UtteranceOrigin,
@@ -22,9 +25,18 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.intents import RobotChoice
-from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, ControlStatus, HeadStatus, RecordingStatus
-from caris_desktop.scenario.model import Place, Scenario
+from caris_desktop.live.state import LiveState, LiveValue
+from caris_desktop.live.status import (
+    AssistantStatus,
+    ControlStatus,
+    ExportStatus,
+    HeadStatus,
+    LibraryStatus,
+    MarksStatus,
+    RecordingStatus,
+)
+from caris_desktop.recording.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.scenario.model import LayoutNode, Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 
 
@@ -64,6 +76,11 @@ class FakeConsole:
         self.state.scenario.set(scenario)
         self.frames = FakeFrames()
         self.suggested = TrialDetails()
+        self.bytes_per_hour: float | None = None
+        self.free: int | None = None
+        self.inputs: tuple[str, ...] = ()
+        self.input: str | None = None
+        self.marks: dict[str, Marked] = {}
         self.calls: list[tuple[str, Any]] = []
         self._others = other_scenarios or {}
 
@@ -188,12 +205,79 @@ class FakeConsole:
     def take_photo(self) -> None:
         self.calls.append(("take_photo", None))
 
-    def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None:
+    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
         self.calls.append(("mark", (label, kind)))
-        self.state.take(Marked(clock.now_ns(), label, kind))
+        now_ns = clock.now_ns()
+        start_ns = now_ns - round(earlier_s * 1e9) if earlier_s else None
+        return self._keep_mark(Marked(now_ns, label, kind, f"m{len(self.marks) + 1}", start_ns, note=note))
+
+    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
+        self.calls.append(("begin_mark", (label, kind)))
+        now_ns = clock.now_ns()
+        mark_id = f"m{len(self.marks) + 1}"
+        return self._keep_mark(Marked(now_ns, label, kind, mark_id, now_ns - round(earlier_s * 1e9), state="open"))
+
+    def end_mark(self, mark_id: str) -> None:
+        self.calls.append(("end_mark", mark_id))
+        now_ns = clock.now_ns()
+        self._keep_mark(dataclasses.replace(self.marks[mark_id], stamp_ns=now_ns, end_ns=now_ns, state="done"))
+
+    def change_mark(
+        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
+    ) -> None:
+        self.calls.append(("change_mark", (mark_id, label, earlier_s, note)))
+        mark = self.marks[mark_id]
+        began_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
+        self._keep_mark(
+            dataclasses.replace(
+                mark,
+                stamp_ns=clock.now_ns(),
+                start_ns=began_ns - round(earlier_s * 1e9),
+                label=mark.label if label is None else label,
+                note=mark.note if note is None else note,
+            )
+        )
+
+    def withdraw_mark(self, mark_id: str) -> None:
+        self.calls.append(("withdraw_mark", mark_id))
+        self._keep_mark(dataclasses.replace(self.marks[mark_id], stamp_ns=clock.now_ns(), state="withdrawn"))
+
+    def _keep_mark(self, mark: Marked) -> str:
+        self.marks[mark.mark_id] = mark
+        self.state.take(mark)
+        going_on = tuple(each for each in self.marks.values() if each.state == "open")
+        self.state.marks.set(MarksStatus(None if mark.state == "withdrawn" else mark, going_on))
+        return mark.mark_id
 
     def suggested_details(self) -> TrialDetails:
         return self.suggested
+
+    def expected_bytes_per_hour(self) -> float | None:
+        return self.bytes_per_hour
+
+    def free_bytes(self) -> int | None:
+        return self.free
+
+    def microphones(self) -> Sequence[str]:
+        return self.inputs
+
+    @property
+    def microphone(self) -> str | None:
+        return self.input
+
+    def use_microphone(self, name: str | None) -> None:
+        self.calls.append(("use_microphone", name))
+        self.input = name
+
+    def pause_session(self, *, paused: bool) -> None:
+        self.calls.append(("pause_session", paused))
+        self.state.take(RecordingPaused(clock.now_ns(), paused))
+        self.state.recording.set(
+            dataclasses.replace(self.state.recording.value, state="paused" if paused else "recording")
+        )
+
+    def keep_layout(self, layout: LayoutNode) -> None:
+        self.calls.append(("keep_layout", layout))
 
     def export_session(self) -> None:
         self.calls.append(("export_session", None))
@@ -221,3 +305,47 @@ class FakeConsole:
 
     def _set_drive(self, **changes: Any) -> None:
         self.state.drive.set(dataclasses.replace(self.state.drive.value, **changes))
+
+
+class FakeLibrary:
+    """Implements SessionLibrary over ``sessions`` and ``hits``; ``calls`` holds what was asked for."""
+
+    def __init__(self, sessions: Sequence[SessionEntry] = (), hits: Sequence[SearchHit] = ()) -> None:
+        self.found = LiveValue(LibraryStatus())
+        self.export = LiveValue(ExportStatus())
+        self.sessions = tuple(sessions)
+        self.hits = tuple(hits)
+        self.calls: list[tuple[str, Any]] = []
+
+    def named(self, name: str) -> list[Any]:
+        """Arguments of every call of ``name``."""
+        return [arguments for called, arguments in self.calls if called == name]
+
+    def find(self, query: SessionQuery) -> None:
+        self.calls.append(("find", query))
+        hits = tuple(hit for hit in self.hits if query.text and query.text.casefold() in hit.snippet.casefold())
+        folders = {hit.folder for hit in hits}
+        found = tuple(
+            entry
+            for entry in self.sessions
+            if (not query.text or entry.folder in folders)
+            and all(
+                getattr(query, name) in ("", getattr(entry, name))
+                for name in ("participant", "condition", "wizard", "scenario", "purpose")
+            )
+        )
+        self.found.set(LibraryStatus(query, found, hits, len(self.sessions)))
+
+    def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
+        self.calls.append(("open_replay", (folder, at_ns)))
+
+    def default_export_folder(self, sessions: Sequence[Path]) -> Path:
+        return Path("/exports") / (sessions[0].name if len(sessions) == 1 else "several")
+
+    def start_export(self, sessions: Sequence[Path], formats: Sequence[str], out: Path, *, licence: str = "") -> None:
+        self.calls.append(("start_export", (tuple(sessions), tuple(formats), out, licence)))
+        self.export.set(ExportStatus("running", 0.0, f"{sessions[0].name}: {formats[0]}"))
+
+    def cancel_export(self) -> None:
+        self.calls.append(("cancel_export", None))
+        self.export.set(dataclasses.replace(self.export.value, state="cancelled"))
