@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.ui.key_positions import modifier_name
@@ -19,12 +19,14 @@ from caris_desktop.ui.key_positions import modifier_name
 logger = logging.getLogger(__name__)
 
 Permission = Literal["photos", "video_recording", "driving", "assistant", "naming_people"]
-Kind = Literal["command", "hold", "safety"]
+Kind = Literal["command", "hold", "safety", "mark"]
 Condition = Literal["always", "recording", "video", "answer"]
 Feature = Literal["sideways", "head"]
 
 PHRASE_COUNT = 8
+LABEL_COUNT = 8
 PLACE_COUNT = 9
+CODE_COUNT = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +34,12 @@ class ActionSpec:
     """One row. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or Map has the focus.
 
     ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
-    ``safety`` to the application event filter that also works over dialogs. ``callback`` names the handler
+    ``safety`` to the application event filter that also works over dialogs. ``mark`` keys are a shortcut too, whose
+    press and release the window hears of, also while Alt is down to drive. ``callback`` names the handler
     that a command calls, with ``argument`` if there is one. ``by_position``: letters and digits among the keys mean the
     places of those keys on a US keyboard, whatever the present layout types there; hold-to-drive listens for them.
-    ``needs`` is what the robot must have.
+    ``needs`` is what the robot must have. ``within`` names the part of the window that listens for the keys itself
+    while it has the focus; empty for keys that work anywhere.
     """
 
     id: str
@@ -51,6 +55,7 @@ class ActionSpec:
     group: str = ""
     by_position: bool = False
     needs: Feature | None = None
+    within: Literal["", "timeline"] = ""
 
 
 def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
@@ -121,12 +126,35 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group="Session",
     ),
     ActionSpec(
-        "mark", "Mark", "bookmark-simple", ("Ctrl+M",), ("M",), enabled_when="recording", callback="mark_moment",
-        group="Session",
+        "mark", "Mark", "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
+        callback="mark_moment", group="Marks",
+    ),
+    *(
+        ActionSpec(
+            f"label_{number}", f"Mark with label {number}", "bookmark-simple", (f"Shift+F{number}",), kind="mark",
+            enabled_when="recording", callback="mark_label", argument=number, group="Marks",
+        )
+        for number in range(1, LABEL_COUNT + 1)
     ),
     ActionSpec(
-        "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), enabled_when="recording",
-        callback="mark_wizard_error", group="Session",
+        "stretch", "Start or end a stretch", "brackets-square", ("Ctrl+R",), kind="mark", enabled_when="recording",
+        callback="toggle_stretch", group="Marks",
+    ),
+    ActionSpec(
+        "mark_earlier", "That mark was 3 s earlier", "rewind", ("Ctrl+J",), kind="mark", enabled_when="recording",
+        callback="mark_earlier", group="Marks",
+    ),
+    ActionSpec(
+        "mark_undo", "Take the last mark back", "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
+        enabled_when="recording", callback="withdraw_mark", group="Marks",
+    ),
+    ActionSpec(
+        "note", "Note", "note-pencil", ("Ctrl+N",), kind="mark", enabled_when="recording", callback="write_note",
+        group="Marks",
+    ),
+    ActionSpec(
+        "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
+        enabled_when="recording", callback="mark_wizard_error", group="Marks",
     ),
     ActionSpec(
         "find", "Find anything", "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",
@@ -135,6 +163,71 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
         "shortcuts", "All shortcuts", "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts", group="Window",
     ),
+)  # fmt: skip
+
+REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
+    ActionSpec("replay_play", "Play or pause", "play", ("Space",), callback="toggle_playing", group="Replay"),
+    ActionSpec("frame_back", "One frame back", "caret-left", (",",), callback="step", argument=-1, group="Replay"),
+    ActionSpec("frame_on", "One frame on", "caret-right", (".",), callback="step", argument=1, group="Replay"),
+    ActionSpec(
+        "previous_mark", "To the previous mark", "skip-back", ("Ctrl+Left",), callback="jump", argument=("mark", -1),
+        group="Replay",
+    ),
+    ActionSpec(
+        "next_mark", "To the next mark", "skip-forward", ("Ctrl+Right",), callback="jump", argument=("mark", 1),
+        group="Replay",
+    ),
+    ActionSpec(
+        "previous_utterance", "To the previous utterance", "chat-text", ("Ctrl+Shift+Left",), callback="jump",
+        argument=("utterance", -1), group="Replay",
+    ),
+    ActionSpec(
+        "next_utterance", "To the next utterance", "chat-text", ("Ctrl+Shift+Right",), callback="jump",
+        argument=("utterance", 1), group="Replay",
+    ),
+    ActionSpec("replay_slower", "Play slower", "minus", ("<",), callback="change_rate", argument=-1, group="Replay"),
+    ActionSpec("replay_faster", "Play faster", "plus", (">",), callback="change_rate", argument=1, group="Replay"),
+)  # fmt: skip
+"""What a replay brings along. Keys without Ctrl or Alt never take anything from a text field."""
+
+
+def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:
+    return ActionSpec(action_id, text, icon, keys, group="Timeline", within="timeline", **more)
+
+
+TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
+    ActionSpec("focus_timeline", "Into the timeline", "rows", ("Ctrl+T",), callback="focus_timeline", group="Timeline"),
+    ActionSpec("undo", "Undo", "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group="Timeline"),
+    ActionSpec("redo", "Redo", "arrow-u-up-right", ("Ctrl+Shift+Z", "Ctrl+Y"), callback="redo", group="Timeline"),
+    *(
+        _on_timeline(
+            f"code_{number}", f"Start or end label {number}", "tag", str(number), callback="code", argument=number
+        )
+        for number in range(1, CODE_COUNT + 1)
+    ),
+    _on_timeline("annotation_new", "New annotation at the playhead", "plus", "N", callback="add_at_playhead"),
+    _on_timeline("annotation_split", "Split at the playhead", "scissors", "S", callback="split_at_playhead"),
+    _on_timeline("annotation_rename", "Rename", "pencil-simple", "Return", "F2", callback="rename_selected"),
+    _on_timeline("annotation_remove", "Remove", "trash", "Del", "Backspace", callback="remove_selected"),
+    _on_timeline("annotation_begin", "Begin at the playhead", "arrow-line-left", "B", callback="begin_at_playhead"),
+    _on_timeline("annotation_end", "End at the playhead", "arrow-line-right", "E", callback="end_at_playhead"),
+    _on_timeline(
+        "annotation_earlier", "Move a little earlier", "arrow-left", "Shift+Left", callback="nudge", argument=-1
+    ),
+    _on_timeline("annotation_later", "Move a little later", "arrow-right", "Shift+Right", callback="nudge", argument=1),
+    _on_timeline(
+        "annotation_previous", "Previous annotation", "caret-double-left", "PgUp", callback="select_next", argument=-1
+    ),
+    _on_timeline(
+        "annotation_next", "Next annotation", "caret-double-right", "PgDown", callback="select_next", argument=1
+    ),
+    _on_timeline("second_back", "One second back", "caret-left", "Left", callback="seek_by", argument=-1.0),
+    _on_timeline("second_on", "One second on", "caret-right", "Right", callback="seek_by", argument=1.0),
+    _on_timeline("tier_above", "Tier above", "caret-up", "Up", callback="select_tier", argument=-1),
+    _on_timeline("tier_below", "Tier below", "caret-down", "Down", callback="select_tier", argument=1),
+    _on_timeline("timeline_larger", "Show less, larger", "magnifying-glass-plus", "+", "=", callback="zoom", argument=1),
+    _on_timeline("timeline_smaller", "Show more, smaller", "magnifying-glass-minus", "-", callback="zoom", argument=-1),
+    _on_timeline("timeline_fit", "Show the whole session", "arrows-out-line-horizontal", "F", callback="fit"),
 )  # fmt: skip
 
 
@@ -150,6 +243,10 @@ def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
             if spec.argument > len(scenario.phrases):
                 continue
             spec = _with_text(spec, scenario.phrases[spec.argument - 1])  # noqa: PLW2901
+        elif spec.callback == "mark_label":
+            if spec.argument > len(scenario.recording.labels):
+                continue
+            spec = _with_text(spec, f"Mark: {scenario.recording.labels[spec.argument - 1]}")  # noqa: PLW2901
         elif spec.id == "filler":
             if not scenario.filler:
                 continue
@@ -163,11 +260,19 @@ def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
 
 
 def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
-    """Keys that more than one action would answer to while a driving panel has the focus (where all keys work)."""
+    """Keys that more than one action would answer to while a driving panel has the focus (where all keys of the window
+    work), or the part of the window that some rows belong to.
+    """
     owners: dict[str, list[str]] = {}
+    elsewhere: dict[str, list[str]] = {}
     for spec in specs:
         for key in {normalized(key) for key in (*spec.keys, *spec.driving_keys)}:
-            owners.setdefault(key, []).append(spec.id)
+            if not spec.within:
+                owners.setdefault(key, []).append(spec.id)
+            if spec.within or key in {normalized(key) for key in spec.keys}:
+                elsewhere.setdefault(key, []).append(spec.id)
+    for key, ids in elsewhere.items():
+        owners[key] = list(dict.fromkeys((*owners.get(key, ()), *ids))) if len(ids) > 1 else owners.get(key, ids)
     return sorted((key, tuple(ids)) for key, ids in owners.items() if len(ids) > 1)
 
 
@@ -180,7 +285,11 @@ def normalized(key: str) -> str:
     return text
 
 
-_CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→"}
+def _types_something(key: str) -> bool:
+    return not normalized(key).startswith(("Ctrl+", "Alt+", "Meta+", "Shift+", "F")) or normalized(key) in "<>"
+
+
+_CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→", "Del": "Delete"}
 
 
 def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: str = sys.platform) -> str:
@@ -221,6 +330,8 @@ class Actions(QObject):
         self._places: tuple[str, ...] = ()
         self._letters: dict[str, str] = {}
         self._driving_focus = False
+        self._brought: dict[str, tuple[ActionSpec, object]] = {}
+        self._bare: list[QAction] = []
 
     @property
     def specs(self) -> tuple[ActionSpec, ...]:
@@ -280,19 +391,45 @@ class Actions(QObject):
             self._window.removeAction(action)
             action.deleteLater()
         self._shortcuts.clear()
+        self._bare.clear()
         self._specs = {spec.id: spec for spec in actions_for(scenario)}
+        self._specs |= {action_id: spec for action_id, (spec, _) in self._brought.items()}
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
         for spec in self._specs.values():
-            if spec.kind != "command" or spec.by_position or not spec.keys:
-                continue
-            action = QAction(spec.text, self)
-            action.setShortcuts([QKeySequence(key) for key in spec.keys])
-            action.setAutoRepeat(False)
-            action.triggered.connect(self._runner(spec.id))
-            self._window.addAction(action)
-            self._shortcuts.append(action)
+            self._bind(spec)
         self.rebuilt.emit()
+
+    def add_rows(self, specs: Iterable[ActionSpec], handlers: object) -> None:
+        """Rows that a part of the window brings along, whatever the scenario; ``handlers`` has their callbacks."""
+        app = QApplication.instance()
+        if not self._brought and isinstance(app, QApplication):
+            app.focusChanged.connect(self._on_focus_changed)
+        for spec in specs:
+            self._brought[spec.id] = (spec, handlers)
+            self._specs[spec.id] = spec
+            self._bind(spec)
+        for key, ids in conflicts(self._specs.values()):
+            logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
+        self.rows_changed.emit()
+
+    def _bind(self, spec: ActionSpec) -> None:
+        if spec.kind != "command" or spec.by_position or not spec.keys or spec.within:
+            return
+        action = QAction(spec.text, self)
+        action.setShortcuts([QKeySequence(key) for key in spec.keys])
+        action.setAutoRepeat(False)
+        action.triggered.connect(self._runner(spec.id))
+        self._window.addAction(action)
+        self._shortcuts.append(action)
+        if any(_types_something(key) for key in spec.keys):
+            self._bare.append(action)
+
+    def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
+        """A key that types something belongs to what has the focus, where that knows what to do with it."""
+        for action in self._bare:
+            presses = isinstance(new, QAbstractButton) and QKeySequence(Qt.Key.Key_Space) in action.shortcuts()
+            action.setEnabled(not presses and not isinstance(new, (QComboBox, QAbstractItemView)))
 
     def bind_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """Let the bare keys work inside these widgets."""
@@ -301,7 +438,7 @@ class Actions(QObject):
         self._panel_shortcuts.clear()
         for panel in panels:
             for spec in self._specs.values():
-                if spec.kind != "command" or spec.by_position:
+                if spec.kind not in ("command", "mark") or spec.by_position:
                     continue
                 for key in spec.driving_keys:
                     shortcut = QShortcut(QKeySequence(key), panel)
@@ -322,7 +459,8 @@ class Actions(QObject):
         spec = self.spec(action_id)
         if spec is None or not spec.callback or not self.available(action_id):
             return
-        handler = getattr(self._handlers, spec.callback)
+        handlers = self._brought[action_id][1] if action_id in self._brought else self._handlers
+        handler = getattr(handlers, spec.callback)
         if spec.argument is None:
             handler()
         else:
