@@ -1,6 +1,9 @@
 """Which concrete part plays which role: the adapter table of a run. Without Qt windows, so every command can use it."""
 
+import contextlib
 import functools
+import importlib.metadata
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,6 +13,7 @@ import platformdirs
 from caris_desktop import __version__
 from caris_desktop.conversation.embedded_server import run_embedded_server
 from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
+from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.conversation.prompts import build_messages
 from caris_desktop.conversation.speech import run_speech
 from caris_desktop.conversation.speech_messages import SpeechSettings
@@ -22,30 +26,33 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Parts
 from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_director import RobotConnection
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
 from caris_desktop.perception.inference import InferenceSettings, run_inference
+from caris_desktop.recording.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.export import ExportError
 from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario
+from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario, scenario_text
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.study.folder import (
     StudyFolder,
     StudyFolderError,
+    free_bytes,
     load_last_details,
     new_session_folder,
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial import TrialDetails, following
+from caris_desktop.study.trial import TrialDetails, following, with_recording_number
 
 
 class StartError(Exception):
@@ -94,6 +101,7 @@ def parts(
     study: StudyFolder,
     camera: str | None,
     perception: bool = True,
+    microphone: MicrophoneParts | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
 ) -> Parts:
     """The parts of a console run. ``address_of`` tells where a robot of the list is, if not where its profile says."""
@@ -110,13 +118,43 @@ def parts(
         resolve_endpoint=_resolve_endpoint,
         build_prompt=_build_prompt,
         load_scenario=_load_scenario,
+        scenario_text=scenario_text,
         save_places=_save_places,
         robots=_robots,
         connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
         suggested_details=lambda: following(load_last_details(study)),
         new_session=functools.partial(_new_session, study),
         export_session=export_session,
+        expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
+        free_bytes=functools.partial(free_bytes, study),
+        microphone=microphone or MicrophoneParts(ProcessBody("microphone", run_microphone), lambda: None, _forget),
     )
+
+
+def _forget(_microphone: str | None) -> None:
+    """Runs without settings keep no choice."""
+
+
+def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
+    permissions = scenario.permissions
+    return expected_bytes_per_hour(
+        study.sessions,
+        scenario=scenario.title,
+        video=permissions.video_recording,
+        audio=permissions.audio_recording,
+    )
+
+
+@functools.cache
+def _software() -> dict[str, str]:
+    """Versions of what a session depends on."""
+    names = ("PySide6-Essentials", "opencv-python-headless", "ultralytics-opencv-headless", "onnxruntime", "torch",
+             "roslibpy", "av", "mcap", "pyttsx3", "numpy")  # fmt: skip
+    versions = {"caris-desktop": __version__, "python": platform.python_version(), "system": platform.platform()}
+    for name in names:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return versions
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None, own_camera: bool) -> RobotConnection:
@@ -245,8 +283,9 @@ def _connect_to(name: str, *, own_camera: bool, address_of: Callable[[str], str 
 def _new_session(
     study: StudyFolder, details: TrialDetails, scenario: Scenario, robot: RobotConnection | None
 ) -> tuple[Path, SessionHeader]:
+    details = with_recording_number(details, load_last_details(study))
     folder = new_session_folder(study, details)
-    if details != TrialDetails():
+    if replace(details, recording="") != TrialDetails():
         save_last_details(study, details)
     return folder, SessionHeader(
         anchor=ClockAnchor.take(),
@@ -257,4 +296,13 @@ def _new_session(
         robot_profile=robot.name if robot else "",
         robot_address=robot.address if robot else "",
         trial=asdict(details),
+        software=_software(),
+        settings={
+            "assistant model": scenario.assistant.model if scenario.permissions.assistant else "off",
+            "voice": scenario.voice,
+            "robot profile": robot.profile.name if robot else "",
+            "wizard input": "keyboard, gamepad or on-screen stick; each command names its own",
+            "video": "recorded" if scenario.permissions.video_recording else "off",
+            "sound": "recorded" if scenario.permissions.audio_recording else "off",
+        },
     )

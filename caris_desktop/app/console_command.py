@@ -14,10 +14,13 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
+from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
@@ -25,6 +28,8 @@ from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
+# No input of any system is called so.
+_NO_MICROPHONE = "(none)"
 
 
 class ConsoleRun:
@@ -51,7 +56,15 @@ class ConsoleRun:
         self.application.setApplicationVersion(__version__)
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
-        parts = composition.parts(scenario, study=study, camera=arguments.camera, address_of=self._address_of)
+        parts = composition.parts(
+            scenario,
+            study=study,
+            camera=arguments.camera,
+            address_of=self._address_of,
+            microphone=MicrophoneParts(
+                ProcessBody("microphone", run_microphone), self._kept_microphone, self._keep_microphone
+            ),
+        )
         self.console = Console(parts, scenario)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(
@@ -133,6 +146,14 @@ class ConsoleRun:
             return
         self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
         self.console.open_scenario(path)
+
+    def _kept_microphone(self) -> str | None:
+        """The system's default until another was chosen."""
+        kept = str(self.settings.value("microphone", ""))
+        return None if kept == _NO_MICROPHONE else kept
+
+    def _keep_microphone(self, name: str | None) -> None:
+        self.settings.setValue("microphone", _NO_MICROPHONE if name is None else name)
 
     def _keep_gamepads(self, mappings: str) -> None:
         self.settings.setValue("gamepads", mappings)

@@ -16,6 +16,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, Literal
 
+import numpy as np
+
 from caris_desktop.conversation.speech_messages import (
     CloseSpeech,
     SilenceSpeech,
@@ -24,12 +26,15 @@ from caris_desktop.conversation.speech_messages import (
     SpeechReady,
     SpeechSettings,
 )
+from caris_desktop.conversation.voice_engine import SOUND_FILE
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
+from caris_desktop.domain.sensing import AudioChunk
 
 _log = logging.getLogger(__name__)
 
 MAX_UTTERANCE_CHARACTERS = 1000
+ROBOT_VOICE = "robot voice"
 UNHEARD = "not heard: this computer has no sound output"
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _RENDER_S_PER_CHARACTER = 0.02
@@ -121,6 +126,14 @@ class VoiceEngine:
         except (BrokenPipeError, ValueError):
             _log.info("the voice engine takes no more commands")
 
+    def sound(self) -> bytes:
+        """What the utterance sounds like, signed 16 bit, one channel; empty where it cannot be had."""
+        try:
+            return (Path(self._folder) / SOUND_FILE).read_bytes()
+        except OSError:
+            _log.warning("the sound of an utterance is not recorded", exc_info=True)
+            return b""
+
     def kill(self) -> None:
         self._process.kill()
         self._process.wait()
@@ -150,6 +163,24 @@ class VoiceEngine:
                 _log.info("voice engine: %s", line.decode("utf-8", "replace").rstrip())
 
 
+class _HeardSound:
+    """The sound of one utterance, handed on as far as it was heard. ``started_ns`` is 0 until it is."""
+
+    def __init__(self, pcm: bytes, rate_hz: int) -> None:
+        self._samples = np.frombuffer(pcm[: len(pcm) // 2 * 2], dtype="<i2").astype(np.int16, copy=False)
+        self._rate_hz = rate_hz
+        self._sent = 0
+        self.started_ns = 0
+
+    def until(self, heard_s: float) -> AudioChunk | None:
+        first, end = self._sent, min(len(self._samples), round(max(0.0, heard_s) * self._rate_hz))
+        if not self.started_ns or end <= first:
+            return None
+        self._sent = end
+        stamp_ns = self.started_ns + first * 1_000_000_000 // self._rate_hz
+        return AudioChunk(stamp_ns, ROBOT_VOICE, self._rate_hz, self._samples[first:end, None].copy())
+
+
 class _SpeechDesk:
     """One utterance at a time through an engine that is never trusted to answer: every phase has a deadline."""
 
@@ -173,6 +204,7 @@ class _SpeechDesk:
         self._now: Speak | None = None
         self._started = False
         self._duration_s = self._played_s = 0.0
+        self._heard = _HeardSound(b"", 1)
         self._voice = ""
         self._audible: bool | None = None
         self._closed = False
@@ -273,27 +305,38 @@ class _SpeechDesk:
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
                 self._end("failed", clock.now_ns(), f"it could not be turned into sound ({detail})")
-            case {"event": "rendered", "duration_s": float(duration_s)}:
+            case {"event": "rendered", "duration_s": float(duration_s), "rate_hz": int(rate_hz)}:
                 self._duration_s = duration_s
+                self._heard = _HeardSound(self._engine.sound() if self._engine is not None else b"", rate_hz)
                 if self._phase == "rendering":
                     self._enter("opening", self._deadlines.open_s)
             case {"event": "started", "at_ns": int(at_ns)}:
+                self._heard.started_ns = at_ns
                 self._report_started(at_ns)
                 if self._phase == "opening":
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "playing", "played_s": float(played_s)}:
                 self._played_s = played_s
+                self._send_heard(played_s)
                 if self._phase == "playing":
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "inaudible", "played_s": float(played_s)}:
                 self._played_s = played_s
                 self._pace()
             case {"event": "finished", "at_ns": int(at_ns)}:
+                self._send_heard(self._duration_s)
                 self._end("finished", at_ns)
             case {"event": "silenced", "at_ns": int(at_ns)}:
+                self._send_heard((at_ns - self._heard.started_ns) / 1e9)
                 self._end("interrupted", at_ns)
             case _:
                 _log.error("the voice engine sent %r", event)
+
+    def _send_heard(self, until_s: float) -> None:
+        """What was heard since the last time, for the recording."""
+        chunk = self._heard.until(until_s)
+        if chunk is not None:
+            self._send(chunk)
 
     def _on_engine_lost(self, detail: str) -> None:
         phase = self._phase

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
+SOUND_FILE = "utterance.pcm"
 # Low latency starves PulseAudio's ALSA plug-in; aborting a stream drops what is buffered, so this delays no silence.
 _LATENCY_S = 0.12
 _BLOCK_FRAMES = 512
@@ -221,11 +222,13 @@ class _SoundCard:
 class _Engine:
     def __init__(self, events: TextIO) -> None:
         self._events = events
+        self._folder = Path()
         self._commands: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._silenced = threading.Event()
         self._woken = threading.Event()
 
     def run(self, settings: dict[str, Any], folder: Path) -> None:
+        self._folder = folder
         threading.Thread(target=self._read, args=(folder,), name="commands", daemon=True).start()
         try:
             renderer = _Renderer(settings, folder)
@@ -263,7 +266,8 @@ class _Engine:
             traceback.print_exc()
             self._tell("unrendered", detail=" ".join(str(error).split()) or type(error).__name__)
             return
-        self._tell("rendered", duration_s=pcm.duration_s)
+        self._keep_sound(pcm)
+        self._tell("rendered", duration_s=pcm.duration_s, rate_hz=pcm.rate_hz)
         if not card.audible:
             self._tell_device(card.look())
         for attempt in (1, 2):
@@ -290,6 +294,13 @@ class _Engine:
                 return
             self._tell("silenced" if self._silenced.is_set() else "finished", at_ns=ended_ns)
             return
+
+    def _keep_sound(self, pcm: _Pcm) -> None:
+        """For the console, which records what is heard of it; it has read the file before it asks for the next one."""
+        try:
+            (self._folder / SOUND_FILE).write_bytes(pcm.samples)
+        except OSError:
+            traceback.print_exc()
 
     def _tell_playing(self, event: str, value: float) -> None:
         if event == "started":

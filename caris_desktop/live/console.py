@@ -2,12 +2,13 @@
 intents to the adapters. GUI thread, except where a method says otherwise.
 """
 
+import json
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QThread, Signal
 
@@ -25,10 +26,12 @@ from caris_desktop.domain.events import (
     EmergencyStopChanged,
     Event,
     GuardChanged,
+    LayoutChanged,
     LinkChanged,
-    Marked,
+    MarkKind,
     PlacesChanged,
     Problem,
+    RobotChosen,
     ScenarioOpened,
     Severity,
     StopRequested,
@@ -37,7 +40,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, RobotPose
+from caris_desktop.domain.sensing import AudioChunk, CameraLens, FrameRef, HeadState, LaserScan, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
 from caris_desktop.live.asyncio_thread import AsyncioThread
@@ -48,17 +51,21 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.head_controller import HeadController
 from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
+from caris_desktop.live.marks_director import MarksDirector
+from caris_desktop.live.microphone_director import MicrophoneDirector, MicrophoneMessage, MicrophoneParts
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.recording_director import RecordingDirector
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
 from caris_desktop.live.speech_director import SpeechDirector
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus, PerceptionStatus
+from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
 from caris_desktop.recording.messages import RecorderReport, SessionHeader
-from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.model import Place, Scenario
+from caris_desktop.robot.profile import RobotProfile, profile_text
+from caris_desktop.scenario.layout import layout_data
+from caris_desktop.scenario.model import LayoutNode, Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
@@ -84,12 +91,16 @@ class Parts:
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
     build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
     load_scenario: Callable[[Path], Scenario]
+    scenario_text: Callable[[Scenario], str]
     save_places: Callable[[Scenario], Scenario]
     robots: Callable[[], Sequence[RobotChoice]]
     connect_to: Callable[[str], RobotConnection]
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     export_session: Callable[[Path], Path]
+    expected_bytes_per_hour: Callable[[Scenario], float | None]
+    free_bytes: Callable[[], int | None]
+    microphone: MicrophoneParts
 
 
 class Console(QObject):
@@ -148,6 +159,12 @@ class Console(QObject):
         self._drive = DriveController(self._state, self, scenario, self)
         self._head = HeadController(self._state, self, self.publish, self)
         self._gamepads = Gamepads(self._state, self.publish, self)
+        self._marks = MarksDirector(self._state, self.publish, self)
+        self._status_tap = StatusTap(self._state, self._recording.put, self)
+        self._microphone = MicrophoneDirector(
+            self._state, parts.microphone, start_child=self._new_microphone, parent=self
+        )
+        self._layout: LayoutChanged | None = None
         self._speech = SpeechDirector(
             self._state, {"robot": _RobotVoice(self), "computer": _ComputerVoice(self)}, self.publish, self
         )
@@ -199,6 +216,8 @@ class Console(QObject):
                 replace(body, arguments=(*body.arguments, RingToWrite(self._camera_ring.name))), self._on_robot_message
             )
         self._start_child(self._parts.speech, self._on_voice_message)
+        if self._scenario.permissions.audio_recording:
+            self._microphone.get_ready()
         if self._parts.inference is not None:
             body = self._parts.inference
             worker = PerceptionWorker(
@@ -232,6 +251,7 @@ class Console(QObject):
             return
         self._drive.release("Another robot is connected")
         self._robot.connect_robot(connection)
+        self.publish(_robot_event(connection))
 
     def shutdown(self) -> None:
         """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
@@ -251,6 +271,7 @@ class Console(QObject):
             self._perception.stop()
             if not self._perception_thread.wait(5000):
                 _log.error("the perception thread did not end")
+        self._microphone.shutdown()
         self._recording.cancel_exports()
         self._asyncio.stop()
         self._recording.shutdown()
@@ -292,6 +313,8 @@ class Console(QObject):
     def _on_voice_message(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, Problem):
             self._child_spoke.emit(value)
+        elif isinstance(value, AudioChunk):
+            self._recording.put(value, raw)
         else:
             self._on_robot_message(value, raw)
 
@@ -325,6 +348,10 @@ class Console(QObject):
             self._recording.on_report(message)
         elif isinstance(message, Problem):
             self._on_voice_problem(message)
+        elif isinstance(message, MicrophoneMessage):
+            problem = self._microphone.on_message(message)
+            if problem is not None:
+                self.publish(problem)
         elif isinstance(message, SpeechReady):
             status = self._state.speech.value
             self._state.speech.set(
@@ -362,7 +389,11 @@ class Console(QObject):
     def _on_child_ended(self, child: ChildProcess) -> None:
         if self._shut_down:
             return
-        if self._recording.on_recorder_ended(child) or self._robot.on_child_ended(child):
+        if (
+            self._recording.on_recorder_ended(child)
+            or self._robot.on_child_ended(child)
+            or self._microphone.on_ended(child)
+        ):
             return
         name = child.body.name
         if self._children.get(name) is not child:
@@ -421,6 +452,13 @@ class Console(QObject):
             on_exit=lambda _code: self._child_ended.emit(recorder),
         )
         return recorder
+
+    def _new_microphone(self, body: ProcessBody) -> ChildProcess:
+        child = ChildProcess(
+            body, on_message=self._on_voice_message, on_exit=lambda _code: self._child_ended.emit(child)
+        )
+        child.start()
+        return child
 
     def _new_link(self, body: ProcessBody) -> ChildProcess:
         child = ChildProcess(
@@ -608,22 +646,69 @@ class Console(QObject):
 
     def start_session(self, details: TrialDetails) -> None:
         connection = self._robot.connection
+        opened: list[Event] = [self._scenario_event()]
+        if connection is not None:
+            opened.append(_robot_event(connection))
+        if self._layout is not None:
+            opened.append(replace(self._layout, stamp_ns=clock.now_ns()))
         started = self._recording.start_session(
-            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, self._scenario_event()
+            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, opened
         )
         if started:
             # What was said with one participant is not told to the model about the next.
             self._conversation.clear()
+            self._marks.forget()
+            if self._scenario.permissions.audio_recording:
+                self._microphone.open()
 
     def stop_session(self) -> None:
+        self._marks.end_all()
+        self._microphone.close()
         self._recording.stop_session("console_closed" if self._shut_down else "wizard")
+
+    def pause_session(self, *, paused: bool) -> None:
+        self._recording.pause_session(paused=paused)
+
+    def expected_bytes_per_hour(self) -> float | None:
+        return self._parts.expected_bytes_per_hour(self._scenario)
+
+    def free_bytes(self) -> int | None:
+        return self._parts.free_bytes()
+
+    def microphones(self) -> Sequence[str]:
+        return self._microphone.names
+
+    @property
+    def microphone(self) -> str | None:
+        return self._microphone.chosen
+
+    def use_microphone(self, name: str | None) -> None:
+        self._microphone.use(name)
+
+    def keep_layout(self, layout: LayoutNode) -> None:
+        self._layout = LayoutChanged(clock.now_ns(), json.dumps(layout_data(layout)))
+        self.publish(self._layout)
 
     def take_photo(self) -> None:
         if self._scenario.permissions.photos:
             self._recording.take_photo()
 
-    def mark(self, label: str, kind: Literal["mark", "wizard_error"] = "mark") -> None:
-        self.publish(Marked(clock.now_ns(), label, kind))
+    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
+        return self._marks.mark(label, kind, earlier_s=earlier_s, note=note)
+
+    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
+        return self._marks.begin(label, kind, earlier_s=earlier_s)
+
+    def end_mark(self, mark_id: str) -> None:
+        self._marks.end(mark_id)
+
+    def change_mark(
+        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
+    ) -> None:
+        self._marks.change(mark_id, label=label, earlier_s=earlier_s, note=note)
+
+    def withdraw_mark(self, mark_id: str) -> None:
+        self._marks.withdraw(mark_id)
 
     def export_session(self) -> None:
         self._recording.export()
@@ -638,6 +723,12 @@ class Console(QObject):
             return False
         self._scenario = scenario
         self._recording.use_scenario(scenario)
+        if not scenario.permissions.audio_recording:
+            self._microphone.close()
+        elif self._recording.idle:
+            self._microphone.get_ready()
+        else:
+            self._microphone.open()
         self._apply_scenario()
         self._start_language_model()
         self._state.scenario.set(scenario)
@@ -658,7 +749,13 @@ class Console(QObject):
 
     def _scenario_event(self) -> ScenarioOpened:
         path = self._scenario.path
-        return ScenarioOpened(clock.now_ns(), path.name if path else "", self._scenario.title, self._scenario.sha256)
+        return ScenarioOpened(
+            clock.now_ns(),
+            path.name if path else "",
+            self._scenario.title,
+            self._scenario.sha256,
+            self._parts.scenario_text(self._scenario),
+        )
 
     def _start_language_model(self) -> None:
         if not self._scenario.permissions.assistant:
@@ -686,6 +783,11 @@ class Console(QObject):
 def _camera_models(robot: RobotProfile | None) -> dict[str, CameraModel]:
     cameras = robot.cameras if robot is not None else ()
     return {camera.name: camera.model for camera in cameras if camera.model is not None}
+
+
+def _robot_event(connection: RobotConnection) -> RobotChosen:
+    profile = connection.profile
+    return RobotChosen(clock.now_ns(), profile.name, connection.name, connection.address, profile_text(profile))
 
 
 class _RobotVoice:

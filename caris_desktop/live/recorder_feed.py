@@ -12,11 +12,13 @@ from caris_desktop.domain.streams import BY_TYPE, Delivery
 from caris_desktop.live.child_process import ChildProcess
 
 _log = logging.getLogger(__name__)
+# Before a pickle, which begins with another byte: eight bytes of the session clock follow.
+ARRIVED = b"T"
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 
 
 class RecorderFeed:
-    """Any thread puts, one thread writes to the recorder's pipe.
+    """Any thread puts, one thread writes to the recorder's pipe, each message with the moment of its arrival.
 
     When the recorder falls behind by ``max_bytes``, state values and frames are dropped and counted; events are
     queued all the same. The count follows as a ``Gap`` event as soon as there is room.
@@ -29,6 +31,7 @@ class RecorderFeed:
         self._queued_bytes = 0
         self._dropped: dict[str, int] = {}
         self._recording = False
+        self._paused = False
         self._ended = False
         self._latched: dict[str, bytes] = {}
         self._changed = threading.Condition()
@@ -45,7 +48,7 @@ class RecorderFeed:
         with self._changed:
             if spec.latched:
                 self._latched[spec.topic_of(value)] = raw
-            if not self._recording:
+            if not self._recording or self._paused:
                 return
             if spec.delivery is not Delivery.LOSSLESS and self._queued_bytes + len(raw) > self._max_bytes:
                 self._dropped[spec.name] = self._dropped.get(spec.name, 0) + 1
@@ -55,12 +58,19 @@ class RecorderFeed:
     def start(self, message: Any, *events: Any) -> None:
         """Begin: ``message`` first, then the latched values as they stand, then everything that is put."""
         with self._changed:
-            self._recording = True
-            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
-            for raw in self._latched.values():
-                self._append(raw)
-            for event in events:
-                self._append(pickle.dumps(event, protocol=pickle.HIGHEST_PROTOCOL))
+            self._recording, self._paused = True, False
+            self._append_all(message, *events)
+
+    def pause(self, message: Any, *, paused: bool) -> None:
+        """Hold back everything from now on, or go on, beginning with the latched values as they stand then."""
+        with self._changed:
+            if not self._recording or self._paused == paused:
+                return
+            self._paused = paused
+            if paused:
+                self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+            else:
+                self._append_all(message)
 
     def stop(self, message: Any) -> None:
         """End: whatever was put before is still written, then ``message``."""
@@ -93,7 +103,15 @@ class RecorderFeed:
             self._changed.notify()
         self._thread.join(timeout_s)
 
+    def _append_all(self, message: Any, *events: Any) -> None:
+        self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+        for raw in self._latched.values():
+            self._append(raw)
+        for event in events:
+            self._append(pickle.dumps(event, protocol=pickle.HIGHEST_PROTOCOL))
+
     def _append(self, raw: bytes) -> None:
+        raw = ARRIVED + clock.now_ns().to_bytes(8, "little", signed=True) + raw
         self._queue.append(raw)
         self._queued_bytes += len(raw)
         self._changed.notify()

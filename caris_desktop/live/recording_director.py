@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +11,15 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LinkChanged, ScenarioOpened, Severity
+from caris_desktop.domain.events import Event, LinkChanged, Severity
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.messages import (
+    PauseRecording,
     RecorderReport,
     SessionHeader,
     SetRecordingPermissions,
@@ -30,6 +31,7 @@ from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
 RESTARTS_AT_MOST = 3
+ACTIVE = ("starting", "recording", "paused")
 
 
 class RecordingDirector(QObject):
@@ -56,7 +58,7 @@ class RecordingDirector(QObject):
         self._recorder = new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
-        self._video = False
+        self._video = self._audio = False
         self._restarts = 0
         self._exports: list[Future[None]] = []
 
@@ -71,22 +73,25 @@ class RecordingDirector(QObject):
 
     @property
     def idle(self) -> bool:
-        return self._state.recording.value.state not in ("starting", "recording", "stopping")
+        return self._state.recording.value.state not in (*ACTIVE, "stopping")
 
     def start(self) -> None:
         self._recorder.start()
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """Record a domain value; ``raw`` is the value pickled, where the caller has it. Any thread."""
-        if not isinstance(value, FrameRef) or self._video:
-            self._feed.put(value, raw)
+        if isinstance(value, FrameRef) and not self._video:
+            return
+        if isinstance(value, AudioChunk) and not self._audio:
+            return
+        self._feed.put(value, raw)
 
     # Sessions
 
     def start_session(
-        self, new_session: Callable[[], tuple[Path, SessionHeader]], scenario: Scenario, opened: ScenarioOpened
+        self, new_session: Callable[[], tuple[Path, SessionHeader]], scenario: Scenario, opened: Sequence[Event]
     ) -> bool:
-        """False when it was refused; the wizard knows why then."""
+        """False when it was refused; the wizard knows why then. ``opened`` are events that head the recording."""
         if not self.idle:
             return False
         if self._restarts > RESTARTS_AT_MOST:
@@ -100,33 +105,51 @@ class RecordingDirector(QObject):
             return False
         self._folder = folder
         permissions = scenario.permissions
-        self._video = permissions.video_recording
+        self._video, self._audio = permissions.video_recording, permissions.audio_recording
         now_ns = clock.now_ns()
         self._state.recording.set(
             replace(self._state.recording.value, state="starting", folder=folder, started_ns=now_ns, detail="")
         )
         link = self._state.link.value
         self._feed.start(
-            StartRecording(folder, header, video=permissions.video_recording, photos=permissions.photos),
+            StartRecording(
+                folder,
+                header,
+                video=permissions.video_recording,
+                photos=permissions.photos,
+                audio=permissions.audio_recording,
+                lsl=scenario.recording.lsl,
+            ),
             LinkChanged(now_ns, "control", link.state, link.address, link.detail),
-            opened,
+            *opened,
         )
         return True
 
     def stop_session(self, reason: str = "wizard") -> None:
-        if self._state.recording.value.state not in ("starting", "recording") or self._folder is None:
+        if self._state.recording.value.state not in ACTIVE or self._folder is None:
             return
-        self._video = False
+        self._video = self._audio = False
         self._state.recording.set(replace(self._state.recording.value, state="stopping"))
         self._feed.stop(StopRecording(reason))
 
+    def pause_session(self, *, paused: bool) -> None:
+        if self._state.recording.value.state in ("recording", "paused"):
+            self._feed.pause(PauseRecording(paused), paused=paused)
+
     def use_scenario(self, scenario: Scenario) -> None:
         """What it permits holds from now on, in a running session too."""
-        recording = self._state.recording.value.state in ("starting", "recording")
+        recording = self._state.recording.value.state in ACTIVE
         permissions = scenario.permissions
         self._video = recording and permissions.video_recording
+        self._audio = recording and permissions.audio_recording
         if recording:
-            self._feed.request(SetRecordingPermissions(video=permissions.video_recording, photos=permissions.photos))
+            self._feed.request(
+                SetRecordingPermissions(
+                    video=permissions.video_recording,
+                    photos=permissions.photos,
+                    audio=permissions.audio_recording,
+                )
+            )
 
     def take_photo(self) -> None:
         ref = self._state.frame.value
@@ -150,10 +173,13 @@ class RecordingDirector(QObject):
                 written_bytes=report.written_bytes,
                 free_bytes=report.free_bytes,
                 detail=report.detail,
+                bytes_per_s=report.bytes_per_s,
+                room_s=report.room_s,
+                dropped=report.dropped,
             )
         )
         if report.state in ("idle", "failed"):
-            self._video = False
+            self._video = self._audio = False
             self._feed.end()
 
     def on_recorder_ended(self, child: ChildProcess) -> bool:
@@ -168,7 +194,7 @@ class RecordingDirector(QObject):
             self._recorder = self._new_recorder()
             self._recorder.start()
         self._feed.use_recorder(self._recorder)
-        self._video = False
+        self._video = self._audio = False
         self._state.recording.set(
             replace(
                 self._state.recording.value,

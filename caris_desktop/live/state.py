@@ -19,6 +19,7 @@ from caris_desktop.live.status import (
     LinkStatus,
     MapStatus,
     MarksStatus,
+    MicrophoneStatus,
     PerceptionStatus,
     RecordingStatus,
     SpeechStatus,
@@ -124,9 +125,11 @@ class LiveState(QObject):
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``marks`` is a MarksStatus. ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)``
-    says that a replay went to another moment: what was gathered over time is void, and these are the newest events
-    before that moment, oldest first.
+    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus.
+
+    ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
+    another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
+    first.
     """
 
     event_happened = Signal(object)
@@ -166,6 +169,7 @@ class LiveState(QObject):
         self.traffic = LiveValue({}, self)
         self.gamepad = LiveValue(GamepadStatus(), self)
         self.marks = LiveValue(MarksStatus(), self)
+        self.microphone = LiveValue(MicrophoneStatus(), self)
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)

@@ -87,6 +87,16 @@ class GamepadStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class MicrophoneStatus:
+    """``level`` is how loud it was lately, 0 to 1. ``name`` is empty for the system's default input."""
+
+    state: Literal["off", "starting", "on", "failed"] = "off"
+    name: str = ""
+    level: float = 0.0
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingStatus:
     """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream."""
 

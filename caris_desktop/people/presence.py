@@ -1,6 +1,7 @@
 """Who is here: turns tracks into people, by pure logic on injected time."""
 
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,11 @@ MAX_NAME_LENGTH = 80
 def unnamed_label(number: int) -> str:
     """What the wizard reads for the session's person of this number who has no name."""
     return f"Person {number}"
+
+
+def is_unnamed_label(name: str) -> bool:
+    """Whether it is one of :func:`unnamed_label`, and nobody's name."""
+    return re.fullmatch(r"Person \d+", name) is not None
 
 
 @dataclass(frozen=True, slots=True)

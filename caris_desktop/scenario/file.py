@@ -6,7 +6,7 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,16 @@ import yaml
 from caris_desktop.domain.controls import control_data, control_from_data, control_problems
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir, resources_dir, schema_validator
+from caris_desktop.scenario.layout import layout_data, layout_from_data, plain_number
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import (
     SCENARIO_VERSION,
     AssistantSettings,
     DrivingLimits,
-    LayoutNode,
-    PanelLeaf,
     Permissions,
     Place,
     RecordingSettings,
     Scenario,
-    SplitNode,
-    TabNode,
 )
 from caris_desktop.scenario.yaml_source import KeyPath, LocatedData, YamlSourceError, parse_yaml
 
@@ -57,24 +54,7 @@ def load_scenario(path: Path) -> Scenario:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{_shown(path)}: not UTF-8 text ({error.reason} at byte {error.start}).") from error
-    try:
-        source = parse_yaml(text)
-    except YamlSourceError as error:
-        raise ScenarioError(f"{_shown(path)}, line {error.line}: {error}") from error
-    if not isinstance(source.data, dict):
-        raise ScenarioError(
-            f"{_shown(path)}, line 1: a scenario is a list of 'key: value' lines, found something else."
-        )
-    try:
-        data = migrate(source.data)
-    except ValueError as error:
-        raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
-    problems = list(_schema_problems(data))
-    if not problems:
-        problems = list(_meaning_problems(data))
-    if problems:
-        raise ScenarioError(_problem_text(path, source, problems))
-    return _scenario(data, path=path.resolve(), sha256=hashlib.sha256(raw).hexdigest())
+    return replace(parse_scenario(text, path=path.resolve()), sha256=hashlib.sha256(raw).hexdigest())
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
@@ -89,9 +69,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     problems = [*_schema_problems(data), *_meaning_problems(data)]
     if problems:
         raise ScenarioError(f"{_shown(path)} was not written: {problems[0][1]}")
-    text = f"# yaml-language-server: $schema={_schema_reference(path)}\n" + yaml.dump(
-        data, Dumper=_ReadableDumper, sort_keys=False, allow_unicode=True, width=110
-    )
+    text = f"# yaml-language-server: $schema={_schema_reference(path)}\n" + _text(data)
     try:
         _write_atomically(path, text)
     except OSError as error:
@@ -167,8 +145,46 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         **({"recording": recording} if (recording := _recording_data(scenario.recording)) else {}),
         "driving": asdict(scenario.driving),
         "assistant": asdict(scenario.assistant),
-        "layout": _layout_data(scenario.layout),
+        "layout": layout_data(scenario.layout),
     }
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """The text of the file that ``scenario`` was read from, or would be written to where that has changed."""
+    if scenario.path is not None:
+        try:
+            raw = _read(scenario.path)
+        except ScenarioError:
+            raw = b""
+        if hashlib.sha256(raw).hexdigest() == scenario.sha256:
+            return raw.decode("utf-8")
+    return _text(scenario_data(scenario))
+
+
+def parse_scenario(text: str, *, path: Path) -> Scenario:
+    """The scenario that a text describes, as if it stood in ``path``. Raises ScenarioError."""
+    try:
+        source = parse_yaml(text)
+    except YamlSourceError as error:
+        raise ScenarioError(f"{_shown(path)}, line {error.line}: {error}") from error
+    if not isinstance(source.data, dict):
+        raise ScenarioError(
+            f"{_shown(path)}, line 1: a scenario is a list of 'key: value' lines, found something else."
+        )
+    try:
+        data = migrate(source.data)
+    except ValueError as error:
+        raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
+    problems = list(_schema_problems(data))
+    if not problems:
+        problems = list(_meaning_problems(data))
+    if problems:
+        raise ScenarioError(_problem_text(path, source, problems))
+    return _scenario(data, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
+
+
+def _text(data: dict[str, Any]) -> str:
+    return yaml.dump(data, Dumper=_ReadableDumper, sort_keys=False, allow_unicode=True, width=110)
 
 
 Problem = tuple[KeyPath, str]
@@ -334,7 +350,7 @@ def _scenario(data: dict[str, Any], *, path: Path, sha256: str) -> Scenario:
     defaults = {key: data[key] for key in ("description", "robot", "filler", "voice") if key in data}
     return Scenario(
         title=data["title"],
-        layout=_layout(data["layout"]),
+        layout=layout_from_data(data["layout"]),
         phrases=tuple(data.get("phrases", ())),
         places=tuple(
             Place(
@@ -363,41 +379,14 @@ def _recording_data(recording: RecordingSettings) -> dict[str, Any]:
     return data | ({"lsl": True} if recording.lsl else {})
 
 
-def _layout(node: dict[str, Any]) -> LayoutNode:
-    if "panel" in node:
-        return PanelLeaf(node["panel"])
-    if "tabs" in node:
-        return TabNode(tuple(node["tabs"]), node.get("current"))
-    children = tuple(_layout(child) for child in node["children"])
-    weights = node.get("weights", [1.0] * len(children))
-    return SplitNode(node["split"], children, tuple(float(weight) for weight in weights))
-
-
-def _layout_data(node: LayoutNode) -> dict[str, Any]:
-    if isinstance(node, PanelLeaf):
-        return {"panel": node.panel}
-    if isinstance(node, TabNode):
-        data: dict[str, Any] = {"tabs": list(node.tabs)}
-        return data if node.current is None else {**data, "current": node.current}
-    return {
-        "split": node.split,
-        "weights": [_short(weight) for weight in node.weights],
-        "children": [_layout_data(child) for child in node.children],
-    }
-
-
 def _place_data(place: Place) -> dict[str, Any]:
     pose = place.pose_in_map
     return {
         "name": place.name,
-        "x_m": _short(round(pose.x_m, 4)),
-        "y_m": _short(round(pose.y_m, 4)),
-        "heading_deg": _short(round(math.degrees(pose.heading_rad), 3)),
+        "x_m": plain_number(round(pose.x_m, 4)),
+        "y_m": plain_number(round(pose.y_m, 4)),
+        "heading_deg": plain_number(round(math.degrees(pose.heading_rad), 3)),
     }
-
-
-def _short(number: float) -> float | int:
-    return int(number) if number == int(number) else number
 
 
 class _ReadableDumper(yaml.SafeDumper):

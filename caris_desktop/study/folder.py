@@ -72,6 +72,15 @@ def open_study_folder(path: Path | None = None) -> StudyFolder:
     return folder
 
 
+def free_bytes(folder: StudyFolder) -> int | None:
+    """What is free where the study lies; None where that cannot be told."""
+    try:
+        return shutil.disk_usage(folder.path).free
+    except OSError as error:
+        _log.warning("free room of %s: %s", folder.path, error)
+        return None
+
+
 def new_session_folder(
     folder: StudyFolder,
     details: TrialDetails,

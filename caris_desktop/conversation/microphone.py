@@ -1,0 +1,237 @@
+"""The microphone: a process body, because sound libraries hang and crash, and what it says to the console."""
+
+import logging
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.sensing import AudioChunk
+
+_log = logging.getLogger(__name__)
+SOURCE = "microphone"
+SAMPLE_RATE_HZ = 16_000
+_BLOCK_S = 0.1
+_LEVEL_EVERY_S = 0.2
+_TRY_AGAIN_S = 2.0
+_SILENT_S = 2.0
+_PLAUSIBLE_DELAY_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class OpenMicrophone:
+    """Listen to the input of this name, the system's default for an empty one; another one is closed."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class CloseMicrophone:
+    """Listen no longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneList:
+    """The inputs that there are. Sent at the start and before each opening."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneOpened:
+    """Sound comes from now on. ``name`` is the input that was really opened."""
+
+    name: str
+    sample_rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneLevel:
+    """How loud it was lately: the largest sample, 0 to 1."""
+
+    peak: float
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneFailed:
+    """No sound comes; it is tried again by itself until it is closed. No ``problem``: there is no microphone at all,
+    and none was asked for by name.
+    """
+
+    problem: Problem | None
+
+
+def run_microphone(connection: Connection) -> None:
+    """Process body. Receives OpenMicrophone and CloseMicrophone; sends AudioChunk and the messages above."""
+    _Microphone(connection).run()
+
+
+class _Microphone:
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._blocks: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
+        self._wanted: str | None = None
+        self._names: tuple[str, ...] = ()
+        self._stream: Any = None
+        self._rate_hz = SAMPLE_RATE_HZ
+        self._heard_s = 0.0
+        self._peak = 0
+        self._level_told_s = 0.0
+        self._failed = False
+        self._retry_at_s = 0.0
+
+    def run(self) -> None:
+        self._list()
+        try:
+            while self._take_commands():
+                self._work()
+        except (BrokenPipeError, ConnectionResetError):
+            _log.info("the console is gone")
+        finally:
+            self._close()
+
+    def _take_commands(self) -> bool:
+        """False when the console has ended the connection."""
+        idle_s = 0.5 if self._stream is None else 0.0
+        try:
+            while self._connection.poll(idle_s):
+                idle_s = 0.0
+                match self._connection.recv():
+                    case OpenMicrophone(name):
+                        self._close()
+                        self._wanted, self._failed, self._retry_at_s = name, False, 0.0
+                    case CloseMicrophone():
+                        self._wanted = None
+                        self._close()
+                    case other:
+                        _log.error("unknown command %r", other)
+        except (EOFError, OSError):
+            return False
+        return True
+
+    def _work(self) -> None:
+        if self._stream is None:
+            if self._wanted is not None and time.monotonic() >= self._retry_at_s:
+                self._open(self._wanted)
+            return
+        try:
+            block = self._blocks.get(timeout=_BLOCK_S)
+        except queue.Empty:
+            if time.monotonic() - self._heard_s > _SILENT_S:
+                self._fail("it gives no sound")
+            return
+        if block is None:
+            self._fail("it went away")
+            return
+        self._heard_s = time.monotonic()
+        stamp_ns, samples = block
+        self._connection.send(AudioChunk(stamp_ns, SOURCE, self._rate_hz, samples))
+        self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
+        if self._heard_s - self._level_told_s >= _LEVEL_EVERY_S:
+            self._connection.send(MicrophoneLevel(self._peak / 32768))
+            self._level_told_s, self._peak = self._heard_s, 0
+
+    def _open(self, name: str) -> None:
+        try:
+            sounddevice = self._list()
+            if sounddevice is None or not (self._names or name):
+                self._fail("")
+                return
+            device = name or None
+            info = sounddevice.query_devices(device, "input")
+            self._rate_hz = _usable_rate(sounddevice, device, info)
+            stream = sounddevice.InputStream(
+                samplerate=self._rate_hz,
+                channels=1,
+                dtype="int16",
+                device=device,
+                blocksize=round(self._rate_hz * _BLOCK_S),
+                callback=self._on_block(),
+                finished_callback=lambda: self._blocks.put(None),
+            )
+            stream.start()
+        except Exception as error:
+            # PortAudio raises errors of its own kinds, and what is not there raises ValueError.
+            _log.info("the microphone %r was not opened", name, exc_info=True)
+            self._fail(" ".join(str(error).split()) or type(error).__name__)
+            return
+        self._stream, self._heard_s, self._failed = stream, time.monotonic(), False
+        self._connection.send(MicrophoneOpened(str(info["name"]), self._rate_hz))
+
+    def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
+        blocks, rate_hz = self._blocks, self._rate_hz
+
+        def on_block(samples: NDArray[np.int16], frames: int, times: Any, _status: Any) -> None:
+            # In PortAudio's thread: only copy, and note when the first sample was taken.
+            ago_s = times.currentTime - times.inputBufferAdcTime
+            if not 0.0 < ago_s < _PLAUSIBLE_DELAY_S:
+                ago_s = frames / rate_hz
+            blocks.put((clock.now_ns() - round(ago_s * 1e9), samples.copy()))
+
+        return on_block
+
+    def _list(self) -> Any:
+        """Look for inputs anew, tell them, and give the sound library; None where there is none."""
+        try:
+            import sounddevice
+
+            # PortAudio lists the devices only once, when it is initialised.
+            sounddevice._terminate()
+            sounddevice._initialize()
+            names = tuple(
+                dict.fromkeys(device["name"] for device in sounddevice.query_devices() if device["max_input_channels"])
+            )
+        except Exception:
+            _log.info("no sound inputs", exc_info=True)
+            sounddevice, names = None, ()
+        self._names = names
+        self._connection.send(MicrophoneList(names))
+        return sounddevice
+
+    def _fail(self, why: str) -> None:
+        self._close()
+        self._retry_at_s = time.monotonic() + _TRY_AGAIN_S
+        if self._failed:
+            return
+        self._failed = True
+        if not why:
+            self._connection.send(MicrophoneFailed(None))
+            return
+        self._connection.send(
+            MicrophoneFailed(
+                Problem(
+                    clock.now_ns(),
+                    "warning",
+                    f"The microphone cannot be heard ({why}).",
+                    "The recording goes on without its sound.",
+                    "Plug it in or choose another one when you start the next recording; it is tried again by itself.",
+                )
+            )
+        )
+
+    def _close(self) -> None:
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            try:
+                stream.abort()
+                stream.close()
+            except Exception:
+                _log.info("closing the microphone", exc_info=True)
+        while not self._blocks.empty():
+            self._blocks.get()
+
+
+def _usable_rate(sounddevice: Any, device: str | None, info: Any) -> int:
+    """16 kHz where the input takes it, as speech needs no more; its own rate otherwise."""
+    try:
+        sounddevice.check_input_settings(device, channels=1, dtype="int16", samplerate=SAMPLE_RATE_HZ)
+    except (ValueError, sounddevice.PortAudioError):
+        return int(info["default_samplerate"])
+    return SAMPLE_RATE_HZ

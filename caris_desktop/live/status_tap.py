@@ -1,0 +1,99 @@
+"""What the panels show of the console itself, on its way to the recording and, in a replay, back to the panels."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.events import GoalChanged, TrafficMeasured
+from caris_desktop.domain.schema import from_jsonable, to_jsonable
+from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.live.state import LiveState, LiveValue
+from caris_desktop.live.status import (
+    AssistantStatus,
+    ControlStatus,
+    DriveStatus,
+    GamepadStatus,
+    HeadStatus,
+    LinkStatus,
+    MapStatus,
+    MarksStatus,
+    PerceptionStatus,
+    SpeechStatus,
+)
+from caris_desktop.people.presence import PersonRow, is_unnamed_label
+from caris_desktop.scenario.model import Place
+
+_log = logging.getLogger(__name__)
+
+# The values of LiveState that are recorded, and what they are made of. ``recording`` is the recorder's own,
+# ``scenario`` and ``robot`` are in their events.
+STATUS_TYPES: dict[str, Any] = {
+    "link": LinkStatus,
+    "drive": DriveStatus,
+    "speech": SpeechStatus,
+    "assistant": AssistantStatus,
+    "perception": PerceptionStatus,
+    "goal": GoalChanged | None,
+    "persons": tuple[PersonRow, ...],
+    "places": tuple[Place, ...],
+    "look": HeadStatus,
+    "mapping": MapStatus,
+    "controls": tuple[RobotControl, ...],
+    "control_states": dict[str, ControlStatus],
+    "traffic": dict[str, TrafficMeasured],
+    "gamepad": GamepadStatus,
+    "marks": MarksStatus,
+}
+
+
+class StatusTap(QObject):
+    """Gives every change of those values to ``record``, and each as it stands when the tap is made."""
+
+    def __init__(self, state: LiveState, record: Callable[[StatusShown], None], parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._record = record
+        self._watches = [_Watch(name, getattr(state, name), self._on_changed, self) for name in STATUS_TYPES]
+
+    def _on_changed(self, name: str, value: Any) -> None:
+        self._record(StatusShown(clock.now_ns(), name, to_jsonable(_without_names(value))))
+
+
+class _Watch(QObject):
+    """One value; a slot of its own knows whose change it hears of."""
+
+    def __init__(self, name: str, value: LiveValue, tell: Callable[[str, Any], None], parent: QObject) -> None:
+        super().__init__(parent)
+        self._name = name
+        self._tell = tell
+        value.changed.connect(self._on_changed)
+        tell(name, value.value)
+
+    def _on_changed(self, value: Any) -> None:
+        self._tell(self._name, value)
+
+
+def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
+    """Put a recorded status back. ``name_of`` gives the names that were kept out of the recording, where known."""
+    kind = STATUS_TYPES.get(shown.name)
+    if kind is None:
+        return
+    try:
+        value = from_jsonable(kind, shown.content)
+    except ValueError as error:
+        _log.warning("a recorded status %s is not shown: %s", shown.name, error)
+        return
+    if shown.name == "persons":
+        value = tuple(replace(row, name=row.name or name_of(row.person_id) or "") for row in value)
+    getattr(state, shown.name).set(value)
+
+
+def _without_names(value: Any) -> Any:
+    """Names of people stay in the study's database."""
+    if isinstance(value, tuple) and value and isinstance(value[0], PersonRow):
+        return tuple(row if is_unnamed_label(row.name) else replace(row, name="") for row in value)
+    return value

@@ -1,0 +1,35 @@
+"""The arrangement of the panels as plain data, as scenario files and recordings hold it."""
+
+from typing import Any
+
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
+
+
+def layout_from_data(node: dict[str, Any]) -> LayoutNode:
+    """The tree that checked data describe."""
+    if "panel" in node:
+        return PanelLeaf(node["panel"])
+    if "tabs" in node:
+        return TabNode(tuple(node["tabs"]), node.get("current"))
+    children = tuple(layout_from_data(child) for child in node["children"])
+    weights = node.get("weights", [1.0] * len(children))
+    return SplitNode(node["split"], children, tuple(float(weight) for weight in weights))
+
+
+def layout_data(node: LayoutNode) -> dict[str, Any]:
+    """What a file says of the tree."""
+    if isinstance(node, PanelLeaf):
+        return {"panel": node.panel}
+    if isinstance(node, TabNode):
+        data: dict[str, Any] = {"tabs": list(node.tabs)}
+        return data if node.current is None else {**data, "current": node.current}
+    return {
+        "split": node.split,
+        "weights": [plain_number(weight) for weight in node.weights],
+        "children": [layout_data(child) for child in node.children],
+    }
+
+
+def plain_number(number: float) -> float | int:
+    """Whole numbers without a point."""
+    return int(number) if number == int(number) else number
