@@ -1,24 +1,120 @@
-"""``caris-desktop export``: a recorded session as files for analysis."""
+"""``caris-desktop export``: recorded sessions as files for analysis."""
 
 import argparse
+import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.recording.export import BY_FORMAT, ExportError, export_session
+from caris_desktop.recording.export import (
+    BY_FORMAT,
+    FORMATS,
+    ExportError,
+    ExportProgress,
+    ExportRequest,
+    export_all,
+    sessions_in,
+)
+from caris_desktop.recording.manifest import verify_manifest
+
+_CANCELLED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, help="folder of the session")
-    parser.add_argument("--to", choices=tuple(BY_FORMAT), default="csv", help="format (default: %(default)s)")
-    parser.add_argument("out", type=Path, help="folder to make; must not hold files")
+    width = max(len(fmt.name) for fmt in FORMATS)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "formats:\n" + "\n".join(f"  {fmt.name:<{width}}  {fmt.description}" for fmt in FORMATS)
+    parser.add_argument("session", type=Path, help="folder of a session, or of a study for all of its sessions")
+    parser.add_argument(
+        "--to",
+        type=_formats,
+        default=("csv",),
+        metavar="FORMAT[,FORMAT...]",
+        help="what to write (default: csv); all: every format",
+    )
+    parser.add_argument("--licence", default="", metavar="SPDX", help="licence of the data, such as CC-BY-4.0")
+    parser.add_argument("--verify", action="store_true", help="first compare the files with the session's checksums")
+    parser.add_argument(
+        "out", type=Path, help="folder to make; of a study, each session gets a folder in it. Nothing is overwritten"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status: 0 when exported, 1 when not (stderr says why)."""
+    """Exit status: 0 when everything was exported, 1 when not (stderr says what), 130 when cancelled by Ctrl-C."""
     try:
-        written = export_session(args.session, args.to, args.out)
+        sessions = sessions_in(args.session)
     except ExportError as error:
         print(error, file=sys.stderr)
         return 1
-    print(f"Exported {len(written)} files to {args.out}")
-    return 0
+    damaged = _verify(sessions) if args.verify else []
+    one = sessions == (args.session,)
+    request = ExportRequest(sessions, args.to, args.out, args.licence, folder_per_session=not one)
+    written = 0
+
+    def count(_folder: Path) -> None:
+        nonlocal written
+        written += 1
+
+    with _ProgressLine() as line:
+        try:
+            finished = export_all(request, line.show, on_written=count)
+        except KeyboardInterrupt:
+            line.clear()
+            print(f"Cancelled. {written} of {len(sessions)} exports are whole; nothing else was kept.", file=sys.stderr)
+            return _CANCELLED
+    for problem in (*damaged, *finished.problems):
+        print(problem, file=sys.stderr)
+    if one and finished.written:
+        print(f"Exported {args.session} to {args.out}")
+    elif not one:
+        print(f"Exported {len(finished.written)} of {len(sessions)} sessions to {args.out}")
+    return 1 if damaged or finished.problems else 0
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    if text == "all":
+        return tuple(BY_FORMAT)
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    unknown = [name for name in names if name not in BY_FORMAT]
+    if unknown or not names:
+        raise argparse.ArgumentTypeError(
+            f"unknown format {', '.join(unknown) or repr(text)}; allowed: {', '.join(BY_FORMAT)}, all"
+        )
+    return names
+
+
+def _verify(sessions: Sequence[Path]) -> list[str]:
+    """What is not as it was when the session closed, a sentence each; sessions without checksums are named too."""
+    found = []
+    for folder in sessions:
+        try:
+            found += [f"{folder.name}: {problem}" for problem in verify_manifest(folder)]
+        except FileNotFoundError:
+            found.append(f"{folder.name}: it has no checksums: it was not closed properly, or by an older version.")
+        except OSError as error:
+            found.append(f"{folder.name}: its checksums cannot be read: {error.strerror or error}.")
+    return found
+
+
+class _ProgressLine:
+    """One line on stderr that is written over and over; nothing where stderr is no terminal."""
+
+    def __init__(self) -> None:
+        self._shows = sys.stderr.isatty()
+
+    def __enter__(self) -> "_ProgressLine":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
+
+    def show(self, progress: ExportProgress) -> None:
+        if self._shows:
+            room = max(20, shutil.get_terminal_size().columns - 8)
+            sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        if self._shows:
+            sys.stderr.write("\r\033[K")
+            sys.stderr.flush()

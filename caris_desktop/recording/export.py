@@ -1,13 +1,31 @@
 """Exports recorded sessions for analysis: the list of formats, and how one is written whole or not at all."""
 
+import contextlib
 import importlib
+import logging
+import os
+import platform
+import re
 import shutil
+import signal
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 
+import psutil
+
+from caris_desktop.recording.disk_file import no_room
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
+
+_log = logging.getLogger(__name__)
+_PARTIAL_SUFFIX = ".exporting"
+_PROGRESS_EVERY_S = 0.1
+# What a session counts beside the size of its log: opening, and formats that do not depend on it.
+_BASE_WEIGHT_BYTES = 1_000_000
 
 
 def _no_progress(_fraction: float) -> None:
@@ -63,8 +81,155 @@ FORMATS: tuple[ExportFormat, ...] = (
 BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
 
 
+@dataclass(frozen=True, slots=True)
+class ExportRequest:
+    """Sessions to write in one or several formats.
+
+    Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (of one session only);
+    of several formats, each has a folder of its name in there.
+    """
+
+    sessions: tuple[Path, ...]
+    formats: tuple[str, ...]
+    out: Path
+    licence: str = ""
+    folder_per_session: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class ExportProgress:
+    """How far an ExportRequest is, 0..1, and what is being written, in words."""
+
+    fraction: float
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFinished:
+    """The folders written, one for each session, and a sentence for everything that was not."""
+
+    written: tuple[Path, ...]
+    problems: tuple[str, ...] = ()
+
+
 class ExportError(Exception):
     """An export that was not made; the text is for people. Nothing was overwritten."""
+
+
+class _DiskFullError(ExportError):
+    """No session that follows would fare better."""
+
+
+def run_exports(connection: Connection, request: ExportRequest) -> None:
+    """Process body: sends ExportProgress as it goes and ExportFinished at the end.
+
+    Whoever started it cancels by killing it and then calls :func:`remove_partial_exports`; it also ends when the
+    other end of ``connection`` is gone.
+    """
+    if threading.current_thread() is threading.main_thread():
+        # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        # The robot may be driven meanwhile.
+        os.nice(10)
+    try:
+        connection.send(export_all(request, connection.send))
+    except (BrokenPipeError, EOFError):
+        _log.warning("nobody waits for the export any more; it ended")
+
+
+def export_all(
+    request: ExportRequest,
+    progress: Callable[[ExportProgress], None] = lambda _: None,
+    *,
+    on_written: Callable[[Path], None] = lambda _: None,
+) -> ExportFinished:
+    """Write everything that ``request`` asks for. What fails is told in the result and does not stop the rest.
+
+    ``on_written`` gets each session's folder when it is whole. Whatever interrupts this (KeyboardInterrupt, an exception of ``progress``) leaves whole exports only.
+    """
+    told = _Throttled(progress)
+    unknown = [name for name in request.formats if name not in BY_FORMAT]
+    if unknown or not request.formats:
+        return ExportFinished((), (_unknown_format(", ".join(unknown)),))
+    if not request.folder_per_session and len(request.sessions) != 1:
+        return ExportFinished((), ("Several sessions need a folder each. Nothing was written.",))
+    remove_partial_exports(request.out)
+    targets = export_folders(request)
+    weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
+    done_weight, whole_weight = 0, sum(weights) or 1
+    written: list[Path] = []
+    problems: list[str] = []
+    for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
+
+        def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
+            told(ExportProgress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what))
+
+        try:
+            problems += _export_formats(folder, request, target, tell)
+            written.append(target)
+            on_written(target)
+        except _DiskFullError as error:
+            problems.append(f"{folder.name}: {error}")
+            left = len(request.sessions) - number - 1
+            if left:
+                problems.append(f"{left} further session(s) were not tried: the disk is full.")
+            break
+        except ExportError as error:
+            problems.append(f"{folder.name}: {error}")
+        done_weight += weight
+    told(ExportProgress(1.0, "done"), now=True)
+    return ExportFinished(tuple(written), tuple(problems))
+
+
+def export_folders(request: ExportRequest) -> tuple[Path, ...]:
+    """Where each session of ``request`` goes. Sessions of one name are told apart by the names of their studies."""
+    out = request.out.absolute()
+    if not request.folder_per_session:
+        return (out,) * len(request.sessions)
+    names = [folder.absolute().name for folder in request.sessions]
+    folded = [name.casefold() for name in names]
+    taken: set[str] = set()
+    targets = []
+    for folder, name in zip(request.sessions, names, strict=True):
+        if folded.count(name.casefold()) > 1:
+            name = f"{_study_name(folder)}_{name}"  # noqa: PLW2901 - the name it goes by from here on
+        unique, number = name, 2
+        while unique.casefold() in taken:
+            unique, number = f"{name}-{number}", number + 1
+        taken.add(unique.casefold())
+        targets.append(out / unique)
+    return tuple(targets)
+
+
+def sessions_in(path: Path) -> tuple[Path, ...]:
+    """The session folders that ``path`` names: itself, or those of a study.
+
+    Folders of a study that hold something and yet are no sessions are among them, so that they are told.
+
+    Raises
+    ------
+    ExportError
+        If it is neither.
+    """
+    if (path / "session.json").exists():
+        return (path,)
+    try:
+        inside = path / "sessions" if (path / "sessions").is_dir() else path
+        folders = sorted(
+            entry
+            for entry in inside.iterdir()
+            if entry.is_dir() and not entry.name.startswith(".") and any(entry.iterdir())
+        )
+    except OSError as error:
+        raise ExportError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if inside is path:
+        folders = [folder for folder in folders if (folder / "session.json").exists()]
+    if not folders:
+        raise ExportError(
+            f"{path} is no session and no study: it holds neither a session.json nor sessions. Nothing was written."
+        )
+    return tuple(folders)
 
 
 def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | None = None) -> list[Path]:
@@ -75,30 +240,211 @@ def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | N
     ExportError
         If the session cannot be read, the format is unknown, or ``out`` cannot be used or holds files already.
     """
-    chosen = BY_FORMAT.get(fmt)
-    if chosen is None:
-        raise ExportError(f"Unknown format '{fmt}'. Allowed: {', '.join(BY_FORMAT)}.")
+    if fmt not in BY_FORMAT:
+        raise ExportError(_unknown_format(fmt))
+    session = _opened(folder)
+    with _whole_folder(out, folder) as partial:
+        written = _write(fmt, session, partial, context or ExportContext())
+    return [out.absolute() / path.relative_to(partial) for path in written]
+
+
+def remove_partial_exports(out: Path) -> None:
+    """Remove what killed exports into ``out`` left behind; those that are still being written stay."""
+    out = out.absolute()
+    candidates = [*_entries(out.parent, f".{out.name[:_NAME_CHARACTERS]}."), *_entries(out, ".")]
+    for path in candidates:
+        writer = _writer_of(path.name)
+        if writer is not None and not path.is_symlink() and path.is_dir() and not _is_running(*writer):
+            _log.info("removing %s, which a killed export left", path)
+            shutil.rmtree(path, ignore_errors=True)
+
+
+# One session
+
+
+def _export_formats(
+    folder: Path, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
+) -> tuple[str, ...]:
+    """Write one session in all formats; what went wrong with single ones. Raises ExportError when nothing is left."""
+    name, formats = folder.absolute().name, request.formats
+    tell(0.0, name)
+    session = _opened(folder)
+    problems: list[str] = []
+    with _whole_folder(out, folder) as partial:
+        for number, fmt in enumerate(formats):
+            title = f"{name}: {BY_FORMAT[fmt].title}"
+
+            def progress(fraction: float, *, number: int = number, title: str = title) -> None:
+                tell((number + min(1.0, max(0.0, fraction))) / len(formats), title)
+
+            progress(0.0)
+            place = partial / fmt if len(formats) > 1 else partial
+            place.mkdir(exist_ok=True)
+            context = replace(ExportContext(), progress=progress, licence=request.licence)
+            try:
+                _write(fmt, session, place, context)
+            except _DiskFullError:
+                raise
+            except ExportError as error:
+                if len(formats) == 1:
+                    raise
+                problems.append(f"{title}: {error}")
+                shutil.rmtree(place, ignore_errors=True)
+        if len(problems) == len(formats):
+            raise ExportError(" ".join(problems))
+    return tuple(problems)
+
+
+def _opened(folder: Path) -> Session:
     try:
-        session = open_session(folder)
+        return open_session(folder)
     except SessionError as error:
         raise ExportError(str(error)) from error
+
+
+def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Raises ExportError, whatever went wrong: the next format or session may fare better."""
+    try:
+        return BY_FORMAT[fmt].exporter()(session, out, context)
+    except (SessionError, ExportError) as error:
+        raise ExportError(str(error)) from error
+    except (BrokenPipeError, EOFError):
+        # Nobody listens to the progress any more.
+        raise
+    except OSError as error:
+        _log.info("export of %s as %s", session.folder, fmt, exc_info=True)
+        raise _failure(out, error) from error
+    except Exception as error:
+        _log.exception("export of %s as %s", session.folder, fmt)
+        raise ExportError(
+            f"It could not be written as {fmt} ({type(error).__name__}: {error}). Nothing was kept of that; "
+            "the session itself is unharmed."
+        ) from error
+
+
+@contextlib.contextmanager
+def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
+    """A folder to fill that takes the place of ``out`` when the block ends well, and is gone when it does not.
+
+    Raises ExportError if ``out`` cannot be made or holds files already.
+    """
     out = out.absolute()
+    _refuse_inside(out, session_folder)
     partial: Path | None = None
     try:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise ExportError(f"{out} exists and is not empty. Nothing was written; choose another folder.")
-        out.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
-        partial.chmod(0o755)
-        written = chosen.exporter()(session, partial, context or ExportContext())
-        if out.exists():
-            out.rmdir()
-        partial.replace(out)
-    except OSError as error:
-        raise ExportError(f"The export to {out} failed: {error.strerror or error}. Nothing was kept of it.") from error
-    except SessionError as error:
-        raise ExportError(str(error)) from error
+        try:
+            if out.exists() and (not out.is_dir() or any(out.iterdir())):
+                raise ExportError(f"{out} exists and is not empty. Nothing was written; choose another folder.")
+            out.parent.mkdir(parents=True, exist_ok=True)
+            partial = _new_partial(out)
+        except OSError as error:
+            raise _failure(out, error) from error
+        yield partial
+        try:
+            if out.exists():
+                out.rmdir()
+            partial.replace(out)
+        except OSError as error:
+            raise _failure(out, error) from error
     finally:
         if partial is not None and partial.exists():
             shutil.rmtree(partial, ignore_errors=True)
-    return [out / path.relative_to(partial) for path in written]
+
+
+def _refuse_inside(out: Path, session_folder: Path) -> None:
+    """Inside the session's own folder only a new one beside its files may be written, and none that it may need."""
+    session_folder = session_folder.resolve()
+    place = out.resolve()
+    if session_folder not in (place, *place.parents):
+        return
+    inside = place.relative_to(session_folder).parts
+    if len(inside) != 1 or not inside[0].startswith("export-"):
+        raise ExportError(
+            f"{out} lies inside the recorded session. Nothing was written; choose a folder outside of it, "
+            f"or {session_folder / 'export-1'}."
+        )
+
+
+def _failure(out: Path, error: OSError) -> ExportError:
+    kind = _DiskFullError if no_room(error) else ExportError
+    advice = " Free some room, or choose another disk." if no_room(error) else ""
+    return kind(f"The export to {out} failed: {error.strerror or error}. Nothing was kept of it.{advice}")
+
+
+def _unknown_format(name: str) -> str:
+    return f"Unknown format '{name}'. Allowed: {', '.join(BY_FORMAT)}."
+
+
+def _study_name(folder: Path) -> str:
+    parent = folder.absolute().parent
+    return (parent.parent if parent.name == "sessions" else parent).name or "study"
+
+
+def _size_bytes(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+# Folders that are not whole yet say in their names who writes them: .NAME.HOST.PID-STARTED.RANDOM.exporting
+
+_NAME_CHARACTERS = 80
+_PARTIAL_NAME = re.compile(r"\..*\.([^.]*)\.(\d+)-(\d+)\.[^.]*" + re.escape(_PARTIAL_SUFFIX))
+
+
+def _new_partial(out: Path) -> Path:
+    prefix = f".{out.name[:_NAME_CHARACTERS]}.{_host()}.{os.getpid()}-{_started(psutil.Process())}."
+    partial = Path(tempfile.mkdtemp(dir=out.parent, prefix=prefix, suffix=_PARTIAL_SUFFIX))
+    # mkdtemp makes it private; an export is to be read like any other folder.
+    partial.chmod(0o755)
+    return partial
+
+
+def _writer_of(name: str) -> tuple[str, int, int] | None:
+    """Host, process id and start of the process that writes a partial export of this name; None for other names."""
+    match = _PARTIAL_NAME.fullmatch(name)
+    return (match[1], int(match[2]), int(match[3])) if match else None
+
+
+def _is_running(host: str, pid: int, started: int) -> bool:
+    if host != _host():
+        # A study on a shared disk: nobody here knows.
+        return True
+    try:
+        process = psutil.Process(pid)
+        return process.status() != psutil.STATUS_ZOMBIE and _started(process) == started
+    except psutil.NoSuchProcess:
+        return False
+    except psutil.Error:
+        return True
+
+
+def _started(process: psutil.Process) -> int:
+    return int(process.create_time())
+
+
+def _host() -> str:
+    return re.sub(r"[^A-Za-z0-9-]+", "-", platform.node())[:40]
+
+
+def _entries(folder: Path, beginning: str) -> Sequence[Path]:
+    try:
+        return [path for path in folder.iterdir() if path.name.startswith(beginning)]
+    except OSError:
+        return []
+
+
+class _Throttled:
+    """Passes progress on ten times a second, and always when something else is being written."""
+
+    def __init__(self, progress: Callable[[ExportProgress], None]) -> None:
+        self._progress = progress
+        self._what = ""
+        self._at_s = 0.0
+
+    def __call__(self, progress: ExportProgress, *, now: bool = False) -> None:
+        now_s = time.monotonic()
+        if now or progress.what != self._what or now_s - self._at_s >= _PROGRESS_EVERY_S:
+            self._what, self._at_s = progress.what, now_s
+            self._progress(progress)
