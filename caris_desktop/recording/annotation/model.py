@@ -25,12 +25,14 @@ class Tier:
     """One row of the timeline. ``coder`` is empty for tiers made from the record, which nobody edits.
 
     ``vocabulary`` names a vocabulary of the document; free text without one. Annotations of a tier do not overlap.
+    ``participant`` says whom the tier is about, where it is about one.
     """
 
     tier_id: str
     name: str
     coder: str = ""
     vocabulary: str = ""
+    participant: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +48,15 @@ class Annotation:
 
 @dataclass(frozen=True, slots=True)
 class AnnotationDocument:
-    """Tiers in the order of the timeline; ``annotations`` sorted by tier, then start."""
+    """Tiers in the order of the timeline; ``annotations`` sorted by tier, then start.
+
+    ``duration_ms`` is how long the session is: no annotation ends later. 0: not known.
+    """
 
     tiers: tuple[Tier, ...] = ()
     vocabularies: tuple[Vocabulary, ...] = ()
     annotations: tuple[Annotation, ...] = ()
+    duration_ms: int = 0
 
     def of_tier(self, tier_id: str) -> tuple[Annotation, ...]:
         return tuple(annotation for annotation in self.annotations if annotation.tier_id == tier_id)

@@ -1,0 +1,210 @@
+"""Annotations on the disk: ``SESSION/annotations/CODER.json``, one file for each coder.
+
+The files lie outside the manifest of the session, which ends with the recording, while coding goes on. Nothing is
+ever written over a file that this program cannot read.
+"""
+
+import errno
+import hashlib
+import json
+import logging
+import re
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.recording.annotation.editing import (
+    AnnotationError,
+    check_document,
+    merge_documents,
+    sorted_document,
+    tiers_of_coder,
+)
+from caris_desktop.recording.annotation.model import (
+    Annotation,
+    AnnotationDocument,
+    Tier,
+    Vocabulary,
+    VocabularyEntry,
+)
+from caris_desktop.recording.disk_file import no_room, replace_file
+
+FORMAT = "caris-desktop annotations"
+FORMAT_VERSION = 1
+_FOLDER = "annotations"
+_SCHEMA = "annotations.schema.json"
+_MAX_FILE_BYTES = 64 * 1024 * 1024
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # names that Windows gives no file
+_log = logging.getLogger(__name__)
+
+
+def load_documents(
+    folder: Path, *, duration_ms: int = 0, on_damaged: Callable[[str], None] | None = None
+) -> AnnotationDocument:
+    """What all coders made of the session in ``folder``, each in tiers of their own; empty where nobody did.
+
+    ``duration_ms`` is how long the session is. A file that cannot be used is told to ``on_damaged`` and left out;
+    without that the first one raises AnnotationError.
+    """
+    documents = []
+    for path in annotation_files(folder):
+        try:
+            document, _ = _load(path)
+        except AnnotationError as error:
+            if on_damaged is None:
+                raise
+            on_damaged(str(error))
+            continue
+        documents.append(document)
+    merged = merge_documents(*documents)
+    return replace(merged, duration_ms=max(merged.duration_ms, duration_ms))
+
+
+def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
+    """Write the tiers of ``coder`` into the session in ``folder``, whole or not at all; the file written.
+
+    Raises
+    ------
+    AnnotationError
+        If the tiers break the rules, the disk does not take them, or the coder's file is there and damaged: it stays
+        as it is then.
+    """
+    mine = sorted_document(tiers_of_coder(document, coder))
+    check_document(mine)
+    target = folder / _FOLDER
+    path = _path_of(folder, coder)
+    text = json.dumps(_jsonable(mine, coder), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    try:
+        target.mkdir(exist_ok=True)
+        replace_file(path, text.encode(), durable=True)
+    except OSError as error:
+        raise AnnotationError(_explain(error, path)) from error
+    return path
+
+
+def annotation_files(folder: Path) -> tuple[Path, ...]:
+    """The files of all coders of the session in ``folder``."""
+    try:
+        paths = (folder / _FOLDER).glob("*.json")
+        return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
+    except OSError as error:
+        raise AnnotationError(f"{folder / _FOLDER} cannot be read: {error.strerror or error}.") from error
+
+
+def _path_of(folder: Path, coder: str) -> Path:
+    """The coder's own file: the one that says so, or a new name that nobody has."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", coder).strip("-")[:60]
+    suffix = hashlib.sha256(coder.encode("utf-8", "replace")).hexdigest()[:8]
+    if plain == coder and not _RESERVED.fullmatch(plain):
+        names = [f"{plain}.json", f"{plain}-{suffix}.json"]
+    else:
+        names = [f"{plain or 'coder'}-{suffix}.json"]
+    files = {path.name.casefold(): path for path in annotation_files(folder)}
+    for name in names:
+        # File systems that do not tell Anna from anna must not lose one of them.
+        path = files.get(name.casefold())
+        if path is None:
+            return folder / _FOLDER / name
+        if _load(path)[1] == coder:
+            return path
+    raise AnnotationError(
+        f"{folder / _FOLDER / names[-1]} holds the annotations of somebody else. Choose another name of the coder."
+    )
+
+
+def _jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "coder": coder,
+        "saved_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "duration_ms": document.duration_ms,
+        "vocabularies": [asdict(vocabulary) for vocabulary in document.vocabularies],
+        "tiers": [
+            {
+                "tier_id": tier.tier_id,
+                "name": tier.name,
+                "participant": tier.participant,
+                "vocabulary": tier.vocabulary,
+                "annotations": [
+                    {
+                        "annotation_id": item.annotation_id,
+                        "start_ms": item.start_ms,
+                        "end_ms": item.end_ms,
+                        "value": item.value,
+                    }
+                    for item in document.of_tier(tier.tier_id)
+                ],
+            }
+            for tier in document.tiers
+        ],
+    }
+
+
+def _load(path: Path) -> tuple[AnnotationDocument, str]:
+    """The document in one file, and whose it is."""
+    advice = "It stays as it is: restore it from a copy, or move it away to begin anew."
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if len(content) > _MAX_FILE_BYTES:
+        raise AnnotationError(f"{path} is too large to be annotations. {advice}")
+    try:
+        data = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise AnnotationError(f"{path} is damaged: {error}. {advice}") from error
+    version = data.get("format_version") if isinstance(data, dict) else None
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise AnnotationError(
+            f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
+        )
+    problem = next(iter(schema_validator(_SCHEMA).iter_errors(data)), None)
+    if problem is not None:
+        _log.warning("%s: %s", path, problem)
+        where = "/".join(str(step) for step in problem.absolute_path) or "the file as a whole"
+        raise AnnotationError(f"{path} is damaged: {where}: {problem.message[:200]}. {advice}")
+    document = _document(data)
+    try:
+        check_document(document)
+    except AnnotationError as error:
+        raise AnnotationError(f"{path} is damaged. {error} {advice}") from error
+    return document, str(data["coder"])
+
+
+def _document(data: dict[str, Any]) -> AnnotationDocument:
+    tiers, annotations = [], []
+    for tier in data["tiers"]:
+        tiers.append(
+            Tier(tier["tier_id"], tier["name"], data["coder"], tier["vocabulary"], tier.get("participant", ""))
+        )
+        annotations += [
+            Annotation(item["annotation_id"], tier["tier_id"], item["start_ms"], item["end_ms"], item["value"])
+            for item in tier["annotations"]
+        ]
+    vocabularies = tuple(
+        Vocabulary(
+            item["name"],
+            tuple(VocabularyEntry(entry["value"], entry.get("description", "")) for entry in item["entries"]),
+            item.get("description", ""),
+        )
+        for item in data["vocabularies"]
+    )
+    return sorted_document(
+        AnnotationDocument(tuple(tiers), vocabularies, tuple(annotations), data.get("duration_ms", 0))
+    )
+
+
+def _explain(error: OSError, path: Path) -> str:
+    if no_room(error):
+        return f"The disk is full: {path.name} was not saved. Free some room, then save again."
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return (
+            f"{path.parent} cannot be written to ({error.strerror}): the annotations were not saved. Copy the session "
+            "to a place where you may write and annotate it there, or export the annotations."
+        )
+    return f"{path} was not saved: {error.strerror or error}. Check the disk, then save again."
