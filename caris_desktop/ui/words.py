@@ -1,13 +1,12 @@
 """Numbers, times and events in words that a wizard reads."""
 
 import math
-import re
 from collections.abc import Callable, Mapping
 from datetime import datetime
 
 from caris_desktop.domain import clock, events
 from caris_desktop.live.status import DriveStatus, LinkStatus
-from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.presence import PersonRow, is_unnamed_label
 
 Category = str  # one of CATEGORIES
 UNDER_WAY = ("requested", "active")
@@ -147,12 +146,9 @@ def guard_line(drive: DriveStatus) -> str:
             return ""
 
 
-_NUMBERED = re.compile(r"Person \d+")
-
-
 def has_given_name(person: PersonRow) -> bool:
     """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
-    return bool(person.name) and _NUMBERED.fullmatch(person.name) is None
+    return bool(person.name) and not is_unnamed_label(person.name)
 
 
 def person_name(person: PersonRow) -> str:
