@@ -2,32 +2,32 @@
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.recording import mcap_blocks
+from caris_desktop.recording.recovery import repair_session
 from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.session_header import SessionError, read_header, times_of
 
+__all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
-_MAX_HEADER_BYTES = 16 * 1024 * 1024
-
-
-class SessionError(Exception):
-    """A folder that is no session, or one that cannot be read; the text is for people."""
+# Ends that nobody chose: the record stops where something broke.
+_CUT_OFF = ("", "recovered")
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
     """One recorded session. ``header`` is ``session.json`` as it is on disk.
 
-    Where the recorder was killed, ``closed_properly`` is False, ``reason`` is empty and ``ended_ns`` is the newest
-    stamp that was saved.
+    Where the recorder was killed, ``closed_properly`` is False; ``reason`` is then ``recovered``, or empty as long as
+    nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
+    for people, what opening it has repaired, or why it could not.
     """
 
     folder: Path
@@ -36,6 +36,7 @@ class Session:
     ended_ns: int
     closed_properly: bool
     reason: str
+    notices: tuple[str, ...] = ()
 
     @property
     def started_ns(self) -> int:
@@ -61,105 +62,93 @@ class Session:
         KeyError
             If a name is not in the stream table.
         """
+        return ((spec, value) for _, spec, value in self.arrivals(*streams))
+
+    def arrivals(self, *streams: str) -> Iterator[tuple[int, StreamSpec, Any]]:
+        """As :meth:`values`, each with the moment it reached the console, on the session clock."""
         wanted = {BY_NAME[name].name for name in streams}
-        return _values(self.folder / "events.mcap", wanted)
+        anchor = self.clock.anchor
+        return _values(self.folder / "events.mcap", wanted, anchor.monotonic_ns - anchor.utc_ns)
 
 
-def open_session(folder: Path) -> Session:
-    """Read the header and, where the session was not closed properly, find out where it ends.
+def open_session(folder: Path, *, repair: bool = True) -> Session:
+    """Open a session; one that was not closed properly is repaired first, and ``notices`` says what was done.
+
+    Without ``repair`` nothing on the disk is touched, and a session that is still being recorded can be looked at.
 
     Raises
     ------
     SessionError
-        If ``folder`` is no session that this program can read.
+        If ``folder`` is no session that this program can read, or, to be repaired, one that is still being recorded.
     """
-    if not folder.is_dir():
-        raise SessionError(f"{folder} is no folder. A session is a folder with session.json and events.mcap in it.")
-    header = _read_header(folder / "session.json")
-    if not (folder / "events.mcap").is_file():
-        raise SessionError(f"{folder} holds no events.mcap: nothing of the session was saved.")
-    try:
-        anchor = ClockAnchor(int(header["clock"]["monotonic_ns"]), int(header["clock"]["utc_ns"]))
-        started_ns = int(header["started_ns"])
-        ended_ns = header.get("ended_ns")
-        reason = str(header.get("reason") or "")
-        clock = SessionClock(anchor, started_ns)
-        if isinstance(ended_ns, int):
-            return Session(folder, header, clock, ended_ns, True, reason)
-    except (KeyError, TypeError, ValueError) as error:
-        raise SessionError(f"{folder / 'session.json'} does not say when the session began ({error!r}).") from error
-    newest_ns, end = started_ns, None
-    for _, value in _values(folder / "events.mcap", set()):
-        newest_ns = max(newest_ns, value.stamp_ns)
+    header = read_header(folder)
+    times = times_of(header, folder)
+    notices: tuple[str, ...] = ()
+    if repair:
+        report = repair_session(folder)
+        notices = report.sentences
+        if report.repaired:
+            header = read_header(folder)
+            times = times_of(header, folder)
+    if times.ended_ns is not None:
+        return Session(folder, header, times.clock, times.ended_ns, times.reason not in _CUT_OFF, times.reason, notices)
+    newest_ns, end = times.clock.started_ns, None
+    unfinished = Session(folder, header, times.clock, newest_ns, False, "", notices)
+    for arrival_ns, _, value in unfinished.arrivals():
+        newest_ns = max(newest_ns, arrival_ns)
         if isinstance(value, SessionEnded):
             end = value
     if end is not None:
-        return Session(folder, header, clock, end.stamp_ns, True, end.reason)
-    return Session(folder, header, clock, newest_ns, False, "")
+        closed = end.reason not in _CUT_OFF
+        return Session(folder, header, times.clock, end.stamp_ns, closed, end.reason, notices)
+    return Session(folder, header, times.clock, newest_ns, False, "", notices)
 
 
-def _read_header(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file:
-            header = json.loads(file.read(_MAX_HEADER_BYTES))
-    except FileNotFoundError as error:
-        raise SessionError(f"{path.parent} is no session: it holds no session.json.") from error
-    except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
-    except ValueError as error:
-        raise SessionError(f"{path} is damaged: {error}.") from error
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise SessionError(f"{path} does not head a session of CARIS Desktop.")
-    version = header.get("format_version")
-    if not isinstance(version, int) or version > FORMAT_VERSION:
-        raise SessionError(
-            f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
-        )
-    return header
-
-
-def _values(path: Path, wanted: set[str]) -> Iterator[tuple[StreamSpec, Any]]:
-    from mcap.records import Channel, Message
-
-    topics: dict[int, str] = {}
+def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
+    """Makes values of a recorded channel's topic and data; None, told once for each kind, where they do not fit."""
     unusable: set[str] = set()
-    for record in _records(path):
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
-        elif isinstance(record, Message):
-            spec = spec_of_topic(topics.get(record.channel_id, ""))
-            name = spec.name if spec is not None else topics.get(record.channel_id, "")
-            if wanted and name not in wanted:
-                continue
-            try:
-                if spec is None:
-                    raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream
-                value = from_jsonable(spec.value_type, json.loads(record.data))
-            except ValueError as error:
-                if name not in unusable:
-                    _log.warning("%s: values of %s are left out: %s", path, name, error)
-                unusable.add(name)
-                continue
-            yield spec, value
+
+    def read(topic: str, data: bytes) -> tuple[StreamSpec, Any] | None:
+        spec = spec_of_topic(topic)
+        name = spec.name if spec is not None else topic
+        try:
+            if spec is None:
+                raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream
+            return spec, from_jsonable(spec.value_type, json.loads(data))
+        except (ValueError, RecursionError) as error:
+            if name not in unusable:
+                _log.warning("%s: values of %s are left out: %s", path, name, error)
+            unusable.add(name)
+            return None
+
+    return read
 
 
-def _records(path: Path) -> Iterator[Any]:
-    """Records until the file ends or breaks off."""
-    from mcap.stream_reader import StreamReader
-
+def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
     try:
+        index = mcap_blocks.read_index(path)
         file = path.open("rb")
     except OSError as error:
         raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if index.damaged_bytes:
+        _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
+    topics = {number: channel.topic for number, channel in index.channels.items()}
+    if wanted:
+        specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
+        topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in wanted}
+    numbers = {number for channel in topics for number in index.blocks_of.get(channel, ())}
+    read = value_reader(path)
     with file:
-        records = iter(StreamReader(file, record_size_limit=path.stat().st_size).records)
-        while True:
+        for number in sorted(numbers):
             try:
-                record = next(records)
-            except StopIteration:
-                return
-            except Exception as error:
-                # Cut or damaged bytes raise errors of many kinds (struct, zstd, overflow, memory, mcap's own).
-                _log.info("%s breaks off at byte %d (%r)", path, file.tell(), error)
-                return
-            yield record
+                content = mcap_blocks.read_block(file, index, number)
+            except mcap_blocks.DamagedBlockError as error:
+                _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
+                continue
+            except OSError as error:
+                raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+            for message in mcap_blocks.messages_of(content):
+                topic = topics.get(message.channel)
+                found = None if topic is None else read(topic, content[message.start : message.end])
+                if found is not None:
+                    yield message.log_ns + session_from_utc_ns, *found

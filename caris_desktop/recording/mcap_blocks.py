@@ -1,0 +1,336 @@
+"""Reads ``events.mcap`` block by block: by its index where it has one, else by looking at all of it once.
+
+A block is a chunk with its compressed messages, or a run of messages outside of chunks. See https://mcap.dev/spec
+for the records; what is damaged or cut is left out, never guessed.
+"""
+
+import logging
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+_log = logging.getLogger(__name__)
+MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
+_KNOWN = range(1, 16)
+_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")
+_FOOTER_BODY = struct.Struct("<QQI")
+_TAIL_BYTES = _HEAD.size + _FOOTER_BODY.size + len(MAGIC)
+_INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
+_MAX_BLOCK_BYTES = 1 << 30
+_RUN_BYTES = 1 << 20
+# Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
+_ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", _HEAD.size + _CHUNK_HEAD.size - 4
+
+
+class Message(NamedTuple):
+    """One message of a block: ``content[start:end]`` is its data. Times are UTC nanoseconds."""
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    start: int
+    end: int
+
+
+class DamagedBlockError(ValueError):
+    """A block that cannot be unfolded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """``record`` and ``schema`` are the records as they are in the file, head and all."""
+
+    topic: str
+    record: bytes
+    schema: bytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockIndex:
+    """Where the blocks are. Arrays have one entry for each block, in the order of the file.
+
+    ``has_summary`` is True where the file's own index was used; ``damaged_bytes`` counts what was left out otherwise.
+    """
+
+    offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    starts_utc_ns: NDArray[np.int64]
+    ends_utc_ns: NDArray[np.int64]
+    channels: dict[int, Channel]
+    blocks_of: dict[int, NDArray[np.int64]]
+    has_summary: bool
+    damaged_bytes: int = 0
+
+    @property
+    def count(self) -> int:
+        return len(self.offsets)
+
+
+@dataclass(slots=True)
+class _Gathered:
+    """An index in the making."""
+
+    blocks: list[tuple[int, int, int, int]] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, bytes] = field(default_factory=dict)
+    numbers: list[NDArray[np.int64]] = field(default_factory=list)
+    at_blocks: list[NDArray[np.int64]] = field(default_factory=list)
+    damaged_bytes: int = 0
+
+    def add_block(self, block: tuple[int, int, int, int], channels: NDArray[np.int64]) -> None:
+        self.numbers.append(channels)
+        self.at_blocks.append(np.full(len(channels), len(self.blocks), np.int64))
+        self.blocks.append(block)
+
+    def add_declaration(self, opcode: int, record: bytes) -> None:
+        body = record[_HEAD.size :]
+        number = int.from_bytes(body[:2], "little")
+        if opcode == _SCHEMA:
+            self.schemas[number] = record
+        elif opcode == _CHANNEL:
+            length = int.from_bytes(body[4:8], "little")
+            topic = body[8 : 8 + length].decode("utf-8", "replace")
+            schema = self.schemas.get(int.from_bytes(body[2:4], "little"), b"")
+            self.channels[number] = Channel(topic, record, schema)
+
+    def index(self, *, has_summary: bool) -> BlockIndex:
+        table = np.array(self.blocks, np.int64).reshape(-1, 4)
+        numbers = np.concatenate(self.numbers) if self.numbers else np.zeros(0, np.int64)
+        at_blocks = np.concatenate(self.at_blocks) if self.at_blocks else np.zeros(0, np.int64)
+        order = np.lexsort((at_blocks, numbers))
+        numbers, at_blocks = numbers[order], at_blocks[order]
+        known, firsts = np.unique(numbers, return_index=True)
+        parts = np.split(at_blocks, firsts[1:])
+        return BlockIndex(
+            table[:, 0],
+            table[:, 1],
+            table[:, 2],
+            table[:, 3],
+            self.channels,
+            {int(number): part for number, part in zip(known, parts, strict=False)},
+            has_summary,
+            self.damaged_bytes,
+        )
+
+
+def read_index(path: Path) -> BlockIndex:
+    """The index of the file, or what one look at all of it gives where that is missing or damaged. Raises OSError."""
+    with path.open("rb") as file:
+        return _by_summary(file) or scan(file)
+
+
+def has_summary(path: Path) -> bool:
+    """Whether the file was finished: it ends as one with an index does. Raises OSError."""
+    with path.open("rb") as file:
+        return _summary_span(file) is not None
+
+
+def messages_of(content: bytes) -> Iterator[Message]:
+    """The messages of an unfolded block."""
+    at, end = 0, len(content)
+    while at + _HEAD.size <= end:
+        opcode, length = _HEAD.unpack_from(content, at)
+        body = at + _HEAD.size
+        at = body + length
+        if at > end:
+            return
+        if opcode == _MESSAGE and length >= _MESSAGE_HEAD.size:
+            channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, body)
+            yield Message(channel, sequence, log_ns, publish_ns, body + _MESSAGE_HEAD.size, at)
+
+
+def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
+    """The records of one block, unfolded. Raises DamagedBlockError, OSError."""
+    file.seek(int(index.offsets[number]))
+    record = file.read(int(index.lengths[number]))
+    if len(record) != index.lengths[number]:
+        raise DamagedBlockError("the file ends in the middle of it")
+    return unfolded(record)
+
+
+def unfolded(record: bytes) -> bytes:
+    """The records inside of a chunk's record; a run of messages as it is. Raises DamagedBlockError."""
+    if record[:1] != bytes([_CHUNK]):
+        return record
+    try:
+        _, _, size_bytes, crc, name_bytes = _CHUNK_HEAD.unpack_from(record, _HEAD.size)
+        at = _HEAD.size + _CHUNK_HEAD.size
+        compression = record[at : at + name_bytes]
+        (folded_bytes,) = struct.unpack_from("<Q", record, at + name_bytes)
+    except struct.error as error:
+        raise DamagedBlockError("its head is cut") from error
+    start = at + name_bytes + 8
+    content = record[start : start + folded_bytes]
+    if size_bytes > _MAX_BLOCK_BYTES:
+        raise DamagedBlockError(f"it would unfold to {size_bytes} bytes")
+    if compression == b"zstd":
+        import zstandard
+
+        try:
+            content = zstandard.ZstdDecompressor().decompress(content, max_output_size=size_bytes)
+        except zstandard.ZstdError as error:
+            raise DamagedBlockError(str(error)) from error
+    elif compression:
+        raise DamagedBlockError(f"it is compressed in an unknown way: {compression!r}")
+    if len(content) != size_bytes or (crc and zlib.crc32(content) != crc):
+        raise DamagedBlockError("its checksum is wrong")
+    return content
+
+
+def _summary_span(file: IO[bytes]) -> tuple[int, int, int] | None:
+    """Start, end and checksum of the summary."""
+    size_bytes = file.seek(0, 2)
+    if size_bytes < len(MAGIC) + _TAIL_BYTES:
+        return None
+    file.seek(size_bytes - _TAIL_BYTES)
+    tail = file.read(_TAIL_BYTES)
+    opcode, length = _HEAD.unpack_from(tail)
+    if tail[-len(MAGIC) :] != MAGIC or (opcode, length) != (_FOOTER, _FOOTER_BODY.size):
+        return None
+    start, _, crc = _FOOTER_BODY.unpack_from(tail, _HEAD.size)
+    end = size_bytes - _TAIL_BYTES
+    return (start, end, crc) if len(MAGIC) <= start < end else None
+
+
+def _by_summary(file: IO[bytes]) -> BlockIndex | None:
+    span = _summary_span(file)
+    if span is None:
+        return None
+    start, end, crc = span
+    file.seek(start)
+    summary = file.read(end - start + _TAIL_BYTES - len(MAGIC) - 4)
+    if crc and zlib.crc32(summary) != crc:
+        _log.warning("the index of %s is damaged", getattr(file, "name", "a recording"))
+        return None
+    gathered, at, messages = _Gathered(), 0, 0
+    try:
+        while at < end - start:
+            opcode, length = _HEAD.unpack_from(summary, at)
+            body = at + _HEAD.size
+            if opcode in (_SCHEMA, _CHANNEL):
+                gathered.add_declaration(opcode, summary[at : body + length])
+            elif opcode == _CHUNK_INDEX:
+                first_ns, last_ns, offset, size, map_bytes = _CHUNK_INDEX_HEAD.unpack_from(summary, body)
+                if offset + size > start:
+                    return None
+                entries = np.frombuffer(
+                    summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + _CHUNK_INDEX_HEAD.size
+                )
+                gathered.add_block((offset, size, first_ns, last_ns), entries["channel"].astype(np.int64))
+            elif opcode == 11:  # statistics
+                (messages,) = struct.unpack_from("<Q", summary, body)
+            at = body + length
+        # Without an index of its chunks, or of what lies in them, the file has to be looked at.
+        return None if messages and not sum(map(len, gathered.numbers)) else gathered.index(has_summary=True)
+    except (struct.error, ValueError, OverflowError):
+        return None
+
+
+def scan(file: IO[bytes]) -> BlockIndex:
+    """Look at the whole file: every block that is whole, also behind damage. Raises OSError."""
+    end = file.seek(0, 2)
+    file.seek(0)
+    gathered = _Gathered()
+    at = len(MAGIC) if file.read(len(MAGIC)) == MAGIC else 0
+    run: list[bytes] = []
+    run_at = at
+
+    def end_run() -> None:
+        if run:
+            _add_messages(gathered, b"".join(run), run_at)
+            run.clear()
+
+    while at < end:
+        file.seek(at)
+        head = file.read(_HEAD.size)
+        opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+        if opcode not in _KNOWN or length > end - at - _HEAD.size:
+            end_run()
+            found = _next_chunk(file, at + 1, end)
+            gathered.damaged_bytes += found - at
+            at = found
+            continue
+        if opcode in (_DATA_END, _FOOTER):
+            break
+        record_bytes = _HEAD.size + length
+        if opcode == _MESSAGE:
+            if not run or at - run_at > _RUN_BYTES:
+                end_run()
+                run_at = at
+            run.append(head + file.read(length))
+        elif opcode == _CHUNK:
+            end_run()
+            if not _add_chunk(gathered, head + file.read(length), at):
+                found = _next_chunk(file, at + 1, end)
+                gathered.damaged_bytes += found - at
+                at = found
+                continue
+        elif opcode in (_SCHEMA, _CHANNEL):
+            end_run()
+            gathered.add_declaration(opcode, head + file.read(length))
+        at += record_bytes
+    end_run()
+    return gathered.index(has_summary=False)
+
+
+def _add_chunk(gathered: _Gathered, record: bytes, at: int) -> bool:
+    try:
+        content = unfolded(record)
+    except DamagedBlockError as error:
+        _log.info("the chunk at byte %d is damaged: %s", at, error)
+        return False
+    _add_records(gathered, content, (at, len(record)))
+    return True
+
+
+def _add_messages(gathered: _Gathered, records: bytes, at: int) -> None:
+    _add_records(gathered, records, (at, len(records)))
+
+
+def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) -> None:
+    numbers: set[int] = set()
+    at, first_ns, last_ns = 0, 0, 0
+    while at + _HEAD.size <= len(content):
+        opcode, length = _HEAD.unpack_from(content, at)
+        body = at + _HEAD.size
+        if opcode in (_SCHEMA, _CHANNEL):
+            gathered.add_declaration(opcode, content[at : body + length])
+        elif opcode == _MESSAGE and length >= _MESSAGE_HEAD.size and body + length <= len(content):
+            number, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(content, body)
+            first_ns = log_ns if not numbers else min(first_ns, log_ns)
+            last_ns = max(last_ns, log_ns)
+            numbers.add(number)
+        at = body + length
+    if numbers:
+        largest = np.iinfo(np.int64).max
+        block = (*place, min(first_ns, largest), min(last_ns, largest))
+        gathered.add_block(block, np.array(sorted(numbers), np.int64))
+
+
+def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
+    """The first byte from ``at`` on where a chunk may begin; ``end`` where there is none."""
+    window = 1 << 22
+    while at < end:
+        file.seek(at)
+        content = file.read(window + _ZSTD_AT + len(_ZSTD))
+        found = content.find(_ZSTD)
+        while found >= 0:
+            start = found - _ZSTD_AT
+            if start >= 0 and content[start] == _CHUNK:
+                (length,) = struct.unpack_from("<Q", content, start + 1)
+                if at + start + _HEAD.size + length <= end:
+                    return at + start
+            found = content.find(_ZSTD, found + 1)
+        at += window
+    return end

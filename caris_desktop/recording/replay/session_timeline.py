@@ -1,0 +1,218 @@
+"""A recorded session by the moment its values reached the console: any moment, without reading the whole of it."""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
+from caris_desktop.recording import mcap_blocks
+from caris_desktop.recording.mcap_blocks import BlockIndex, DamagedBlockError, Message
+from caris_desktop.recording.session_header import SessionError
+from caris_desktop.recording.session_reader import Session, value_reader
+
+_log = logging.getLogger(__name__)
+_KEPT_BLOCKS = 64
+_KEPT_BLOCK_BYTES = 64 * 1024 * 1024
+_KEPT_VALUES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """An unfolded block. ``arrivals_ns`` is int64, one for each message, never falling."""
+
+    content: bytes
+    messages: tuple[Message, ...]
+    arrivals_ns: NDArray[np.int64]
+    channels: NDArray[np.int64]
+
+
+class SessionTimeline:
+    """Reads where it is asked to, on the session's own clock. One thread at a time; ``close`` when done.
+
+    A value's arrival is when it reached the console, which is what the panels showed it by. In the record arrivals
+    never fall; where they do (clocks of old recordings), a value counts as arrived together with those before it.
+    """
+
+    def __init__(self, session: Session) -> None:
+        """Raises SessionError when the record cannot be read."""
+        self.session = session
+        self._path = session.folder / "events.mcap"
+        try:
+            self._index: BlockIndex = mcap_blocks.read_index(self._path)
+            self._file: IO[bytes] = self._path.open("rb")
+        except OSError as error:
+            raise SessionError(f"{self._path} cannot be read: {error.strerror or error}.") from error
+        anchor = session.clock.anchor
+        self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
+        # When the last message of each block, and all before it, had arrived.
+        self._ends_ns = np.maximum.accumulate(self._index.ends_utc_ns + self._session_from_utc_ns)
+        self._topics = {number: channel.topic for number, channel in self._index.channels.items()}
+        specs = {number: spec_of_topic(topic) for number, topic in self._topics.items()}
+        self._specs: dict[int, StreamSpec] = {number: spec for number, spec in specs.items() if spec is not None}
+        self._read = value_reader(self._path)
+        self._blocks: OrderedDict[int, _Block | None] = OrderedDict()
+        self._kept_bytes = 0
+        self._values: OrderedDict[tuple[int, int], Any] = OrderedDict()
+
+    @property
+    def start_ns(self) -> int:
+        return self.session.started_ns
+
+    @property
+    def end_ns(self) -> int:
+        return max(self.session.ended_ns, self.session.started_ns)
+
+    def state_at(self, at_ns: int) -> list[Any]:
+        """What the panels showed at that moment: the newest value of each state stream, and of each of its keys.
+
+        Ordered by arrival. How old they are is for the reader to judge.
+        """
+        found = [
+            place
+            for number in self._channels(lambda spec: spec.delivery is Delivery.LATEST)
+            if (place := self._newest(number, at_ns)) is not None
+        ]
+        values = (self._value(*place) for place in sorted(found))
+        return [value for value in values if value is not None]
+
+    def between(
+        self, after_ns: int, until_ns: int, *, types: Iterable[type[Any]] | None = None
+    ) -> Iterator[tuple[int, Any]]:
+        """Arrival and value of everything (or of these types) that arrived after the one and not after the other."""
+        channels = self._channels_of(types)
+        first = int(np.searchsorted(self._ends_ns, after_ns, side="right"))
+        last = int(np.searchsorted(self._ends_ns, until_ns, side="right"))
+        for number in self._blocks_with(channels, first, min(last, self._index.count - 1)):
+            block = self._block(number)
+            if block is None:
+                continue
+            begin = int(np.searchsorted(block.arrivals_ns, after_ns, side="right"))
+            end = int(np.searchsorted(block.arrivals_ns, until_ns, side="right"))
+            for place in range(begin, end):
+                if block.messages[place].channel in channels:
+                    value = self._made(block, place)
+                    if value is not None:
+                        yield int(block.arrivals_ns[place]), value
+
+    def events_before(self, at_ns: int, limit: int, types: Iterable[type[Any]] | None = None) -> list[tuple[int, Any]]:
+        """Arrival and event of the newest ``limit`` events (of these types) up to that moment, oldest first."""
+        channels = self._channels_of(types, events_only=types is None)
+        last = min(int(np.searchsorted(self._ends_ns, at_ns, side="right")), self._index.count - 1)
+        found: list[tuple[int, Any]] = []
+        for number in reversed(self._blocks_with(channels, 0, last)):
+            block = self._block(number)
+            if block is None:
+                continue
+            end = int(np.searchsorted(block.arrivals_ns, at_ns, side="right"))
+            for place in range(end - 1, -1, -1):
+                if len(found) >= limit:
+                    return found[::-1]
+                if block.messages[place].channel in channels:
+                    value = self._made(block, place)
+                    if value is not None:
+                        found.append((int(block.arrivals_ns[place]), value))
+        return found[::-1]
+
+    def events(self, *types: type[Any]) -> list[tuple[int, Any]]:
+        """Arrival and value of every value of these types in the whole session, in the order of arrival."""
+        if not self._index.count:
+            return []
+        return list(self.between(-(2**62), int(self._ends_ns[-1]), types=types))
+
+    def close(self) -> None:
+        self._file.close()
+        self._blocks.clear()
+        self._values.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _channels(self, wanted: Callable[[StreamSpec], bool]) -> set[int]:
+        return {number for number, spec in self._specs.items() if wanted(spec)}
+
+    def _channels_of(self, types: Iterable[type[Any]] | None, *, events_only: bool = False) -> set[int]:
+        if types is not None:
+            names = {BY_TYPE[value_type].name for value_type in types}
+            return self._channels(lambda spec: spec.name in names)
+        return self._channels(lambda spec: not events_only or spec.delivery is Delivery.LOSSLESS)
+
+    def _blocks_with(self, channels: set[int], first: int, last: int) -> list[int]:
+        """Numbers of the blocks from ``first`` to ``last`` with anything of these channels, rising."""
+        parts = []
+        for channel in channels:
+            blocks = self._index.blocks_of.get(channel)
+            if blocks is not None:
+                parts.append(blocks[np.searchsorted(blocks, first) : np.searchsorted(blocks, last, side="right")])
+        return np.unique(np.concatenate(parts)).tolist() if parts else []
+
+    def _newest(self, channel: int, at_ns: int) -> tuple[int, int] | None:
+        """Block and place of the newest message of the channel that had arrived."""
+        blocks = self._index.blocks_of.get(channel)
+        if blocks is None:
+            return None
+        last = int(np.searchsorted(self._ends_ns, at_ns, side="right"))
+        for number in blocks[: np.searchsorted(blocks, last, side="right")][::-1].tolist():
+            block = self._block(number)
+            if block is None:
+                continue
+            end = int(np.searchsorted(block.arrivals_ns, at_ns, side="right"))
+            places = np.flatnonzero(block.channels[:end] == channel)
+            if len(places):
+                return number, int(places[-1])
+        return None
+
+    def _value(self, number: int, place: int) -> Any | None:
+        """As :meth:`_made`, kept: a map stands for a whole session and is made once."""
+        if (number, place) in self._values:
+            self._values.move_to_end((number, place))
+            return self._values[number, place]
+        block = self._block(number)
+        value = None if block is None else self._made(block, place)
+        self._values[number, place] = value
+        if len(self._values) > _KEPT_VALUES:
+            self._values.popitem(last=False)
+        return value
+
+    def _made(self, block: _Block, place: int) -> Any | None:
+        message = block.messages[place]
+        found = self._read(self._topics[message.channel], block.content[message.start : message.end])
+        return None if found is None else found[1]
+
+    def _block(self, number: int) -> _Block | None:
+        """None for a damaged one, which is left out."""
+        if number in self._blocks:
+            self._blocks.move_to_end(number)
+            return self._blocks[number]
+        block = self._unfolded(number)
+        self._blocks[number] = block
+        self._kept_bytes += len(block.content) if block is not None else 0
+        while len(self._blocks) > 1 and (len(self._blocks) > _KEPT_BLOCKS or self._kept_bytes > _KEPT_BLOCK_BYTES):
+            _, gone = self._blocks.popitem(last=False)
+            self._kept_bytes -= len(gone.content) if gone is not None else 0
+        return block
+
+    def _unfolded(self, number: int) -> _Block | None:
+        try:
+            content = mcap_blocks.read_block(self._file, self._index, number)
+        except DamagedBlockError as error:
+            _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
+            return None
+        except OSError as error:
+            raise SessionError(f"{self._path} cannot be read: {error.strerror or error}.") from error
+        messages = tuple(mcap_blocks.messages_of(content))
+        logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
+        if number:
+            logged_ns = np.maximum(logged_ns, self._ends_ns[number - 1])
+        channels = np.array([message.channel for message in messages], np.int64)
+        return _Block(content, messages, np.maximum.accumulate(logged_ns), channels)
