@@ -1,0 +1,558 @@
+"""Reads the containers that ROS messages come in, one message at a time, cut or not: bags of ROS 1 and 2, MCAP.
+
+Each file is read from front to back and never written; what it unfolds to is bounded before it is unfolded. Formats:
+https://wiki.ros.org/Bags/Format/2.0, https://mcap.dev/spec, https://github.com/ros2/rosbag2.
+"""
+
+import bz2
+import heapq
+import io
+import logging
+import re
+import shutil
+import sqlite3
+import struct
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, NamedTuple, Protocol
+from urllib.parse import quote
+
+_log = logging.getLogger(__name__)
+MAX_MESSAGE_BYTES = 128 * 1024 * 1024
+_MAX_CHUNK_BYTES = 256 * 1024 * 1024
+_MAX_HEADER_BYTES = 1024 * 1024
+_MAX_METADATA_BYTES = 16 * 1024 * 1024
+_MAX_UNFOLDED_FILE_BYTES = 1 << 38
+_ROS1_MAGIC, _MCAP_MAGIC, _SQLITE_MAGIC, _ZSTD_MAGIC = (
+    b"#ROSBAG V2.0\n",
+    b"\x89MCAP0\r\n",
+    b"SQLite format 3\x00",
+    b"\x28\xb5\x2f\xfd",
+)
+# Writers finish their messages nearly in order; this far back one may still belong.
+_REORDER_NS, _REORDER_BYTES = 1_000_000_000, 64 * 1024 * 1024
+
+
+class BagError(Exception):
+    """A bag that cannot be used; the text is for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class BagChannel:
+    """One topic as one kind of message. ``type`` is spelled ``package/msg/Name``; ``encoding`` ros1, cdr, json...
+
+    ``definition`` is the text that the file carries of the type, in the form ``definition_form``: ros1msg, ros2msg,
+    ros2idl, or whatever else the file says; empty where it carries none.
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str = ""
+    definition_form: str = ""
+
+
+class BagMessage(NamedTuple):
+    """One message. ``at_ns`` is when it was recorded, by the clock of the bag; ``fraction`` of the bag is read."""
+
+    at_ns: int
+    channel: BagChannel
+    data: bytes
+    fraction: float
+
+
+@dataclass(slots=True)
+class ReadNotes:
+    """What a reader has to say of the file, in sentences, each once."""
+
+    sentences: list[str] = field(default_factory=list)
+
+    def add(self, sentence: str) -> None:
+        if sentence not in self.sentences:
+            self.sentences.append(sentence)
+
+
+class Bag(Protocol):
+    """A bag. ``kind`` is for people."""
+
+    kind: str
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        """All messages from the first on, as they lie in the file. Raises BagError, OSError."""
+
+
+def looks_like_bag(path: Path) -> bool:
+    """Whether ``path`` is, by its beginning, something that :func:`open_bag` reads."""
+    try:
+        if path.is_dir():
+            return not (path / "session.json").exists() and bool(_storage_files(path))
+        with path.open("rb") as file:
+            return file.read(16).startswith((_ROS1_MAGIC, _MCAP_MAGIC, _SQLITE_MAGIC))
+    except OSError:
+        return False
+
+
+def open_bag(path: Path, *, scratch: Path) -> Bag:
+    """The bag at ``path``. ``scratch`` is a folder where files that were compressed whole are unfolded.
+
+    Raises
+    ------
+    BagError
+        If it is none that can be read.
+    """
+    try:
+        if path.is_dir():
+            return _open_folder(path, scratch)
+        size_bytes = path.stat().st_size
+        with path.open("rb") as file:
+            start = file.read(16)
+    except FileNotFoundError as error:
+        raise BagError(f"{path} does not exist.") from error
+    except OSError as error:
+        raise BagError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if not size_bytes:
+        raise BagError(f"{path} is empty: nothing was ever recorded in it.")
+    if start.startswith(_ROS1_MAGIC):
+        return Ros1Bag(path)
+    if start.startswith(_MCAP_MAGIC):
+        return McapBag(path)
+    if start.startswith(_SQLITE_MAGIC):
+        return SqliteBag(path)
+    if start.startswith(b"#ROSBAG V1"):
+        raise BagError(f"{path} is a bag of an old format. Bring it up to date with 'rosbag fix', then import it.")
+    if start.startswith(_ZSTD_MAGIC):
+        raise BagError(f"{path} is one compressed file of a rosbag2. Import its folder, the one with metadata.yaml.")
+    raise BagError(f"{path} is no bag: it does not begin as a ROS 1 bag, an MCAP file or a rosbag2 database does.")
+
+
+def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
+    """Bring messages that lie up to a second out of order into the order of their times, in bounded memory."""
+    waiting: list[tuple[int, int, BagMessage]] = []
+    newest_ns, waiting_bytes = 0, 0
+    for number, message in enumerate(messages):
+        heapq.heappush(waiting, (message.at_ns, number, message))
+        newest_ns = max(newest_ns, message.at_ns)
+        waiting_bytes += len(message.data)
+        while waiting[0][0] <= newest_ns - _REORDER_NS or waiting_bytes > _REORDER_BYTES:
+            _, _, oldest = heapq.heappop(waiting)
+            waiting_bytes -= len(oldest.data)
+            yield oldest
+            if not waiting:
+                break
+    while waiting:
+        yield heapq.heappop(waiting)[2]
+
+
+def type_spelling(name: str) -> str:
+    """``sensor_msgs/msg/LaserScan``, however the file spells the type's name."""
+    parts = [part for part in name.replace("::", "/").split("/") if part not in ("", "msg")]
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
+
+
+# ROS 1
+
+
+class Ros1Bag:
+    """A bag of ROS 1, format 2.0. Read without its index, so that one that was never closed is read too."""
+
+    kind = "ROS 1 bag"
+    _MESSAGE, _HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        size_bytes = self._path.stat().st_size
+        channels: dict[int, BagChannel] = {}
+        with self._path.open("rb") as file:
+            file.seek(len(_ROS1_MAGIC))
+            while True:
+                at = file.tell()
+                try:
+                    record = self._next(file, wanted=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
+                    if record is None:
+                        return
+                    fields, data = record
+                    content = self._unfolded(fields, data) if fields["op"][0] == self._CHUNK else b""
+                except _CutError as error:
+                    notes.add(f"The bag breaks off or is damaged at byte {at} ({error}); what comes before was read.")
+                    return
+                kind = fields["op"][0]
+                if kind == self._HEADER and fields.get("index_pos", b"")[:8] == bytes(8):
+                    notes.add("The bag was never closed properly; its messages were read without its index.")
+                fraction = min(1.0, file.tell() / size_bytes)
+                if kind == self._CHUNK:
+                    try:
+                        yield from self._of_chunk(io.BytesIO(content), channels, fraction)
+                    except _CutError as error:
+                        notes.add(f"A part of the bag at byte {at} is damaged ({error}); the rest of it was left out.")
+                elif kind == self._CONNECTION:
+                    self._connect(fields, data, channels)
+                elif kind == self._MESSAGE:
+                    yield from self._message(fields, data, channels, fraction)
+
+    def _of_chunk(self, chunk: IO[bytes], channels: dict[int, BagChannel], fraction: float) -> Iterator[BagMessage]:
+        while (record := self._next(chunk, wanted=(self._CONNECTION, self._MESSAGE))) is not None:
+            fields, data = record
+            if fields["op"][0] == self._CONNECTION:
+                self._connect(fields, data, channels)
+            elif fields["op"][0] == self._MESSAGE:
+                yield from self._message(fields, data, channels, fraction)
+
+    def _next(self, file: IO[bytes], *, wanted: tuple[int, ...]) -> tuple[dict[str, bytes], bytes] | None:
+        """The next record; the data of one that is not wanted is left out."""
+        head = file.read(4)
+        if not head:
+            return None
+        fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
+        if len(fields.get("op", b"")) != 1:
+            raise _CutError("a record without a kind")
+        length = _u32(file.read(4))
+        if fields["op"][0] in wanted:
+            return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES)
+        file.seek(length, io.SEEK_CUR)
+        return fields, b""
+
+    def _unfolded(self, fields: dict[str, bytes], data: bytes) -> bytes:
+        compression = fields.get("compression", b"none").decode("ascii", "replace")
+        size_bytes = _u32(fields.get("size", b""))
+        return _unfolded(data, {"none": "", "bz2": "bz2", "lz4": "lz4"}.get(compression, compression), size_bytes)
+
+    def _connect(self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
+        told = _ros1_fields(data)
+        channels[_u32(fields.get("conn", b""))] = BagChannel(
+            topic=_topic(fields.get("topic", b"").decode("utf-8", "replace")),
+            type=type_spelling(told.get("type", b"").decode("utf-8", "replace")),
+            encoding="ros1",
+            definition=told.get("message_definition", b"").decode("utf-8", "replace"),
+            definition_form="ros1msg",
+        )
+
+    def _message(
+        self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel], fraction: float
+    ) -> Iterator[BagMessage]:
+        channel = channels.get(_u32(fields.get("conn", b"")))
+        time = fields.get("time", b"")
+        if channel is None or len(time) != 8:
+            raise _CutError("a message of no topic")
+        seconds, nanoseconds = struct.unpack("<LL", time)
+        yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
+
+
+def _ros1_fields(content: bytes) -> dict[str, bytes]:
+    fields, at = {}, 0
+    while at < len(content):
+        length = _u32(content[at : at + 4])
+        name, equals, value = content[at + 4 : at + 4 + length].partition(b"=")
+        if not equals or at + 4 + length > len(content):
+            raise _CutError("a field that cannot be read")
+        fields[name.decode("utf-8", "replace")] = value
+        at += 4 + length
+    return fields
+
+
+# MCAP
+
+
+class McapBag:
+    """An MCAP file with ROS messages. Read without its index, so that one that was cut is read too."""
+
+    kind = "MCAP file"
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        from mcap.records import Channel, Chunk, Header, Message, Schema
+        from mcap.stream_reader import StreamReader
+
+        size_bytes = self._path.stat().st_size
+        schemas: dict[int, Any] = {}
+        channels: dict[int, BagChannel] = {}
+        with self._path.open("rb") as file:
+            reader = StreamReader(file, emit_chunks=True, record_size_limit=min(size_bytes, _MAX_CHUNK_BYTES))
+            records = iter(reader.records)
+            while True:
+                try:
+                    record = next(records)
+                    inner = self._of_chunk(record) if isinstance(record, Chunk) else [record]
+                except StopIteration:
+                    return
+                except Exception as error:
+                    # Cut or damaged bytes raise errors of many kinds (struct, zstd, memory, mcap's own).
+                    _log.info("%s breaks off at byte %d (%r)", self._path, file.tell(), error)
+                    why = _why(error)
+                    notes.add(
+                        f"The file breaks off or is damaged at about byte {file.tell()}{why}; what comes before was "
+                        "read."
+                    )
+                    return
+                fraction = min(1.0, file.tell() / size_bytes)
+                for item in inner:
+                    if isinstance(item, Header) and item.library.startswith("caris-desktop") and not item.profile:
+                        raise BagError(
+                            f"{self._path} is a part of a session of CARIS Desktop. Open the session's folder instead."
+                        )
+                    if isinstance(item, Schema):
+                        schemas[item.id] = item
+                    elif isinstance(item, Channel):
+                        channels[item.id] = self._channel(item, schemas.get(item.schema_id))
+                    elif isinstance(item, Message) and item.channel_id in channels:
+                        yield BagMessage(item.log_time, channels[item.channel_id], item.data, fraction)
+
+    def _channel(self, channel: Any, schema: Any) -> BagChannel:
+        encodings = {"ros1": "ros1", "cdr": "cdr", "json": "json"}
+        return BagChannel(
+            topic=_topic(channel.topic),
+            type=type_spelling(schema.name if schema is not None else ""),
+            encoding=encodings.get(channel.message_encoding, channel.message_encoding),
+            definition=schema.data.decode("utf-8", "replace") if schema is not None else "",
+            definition_form=schema.encoding if schema is not None else "",
+        )
+
+    def _of_chunk(self, chunk: Any) -> list[Any]:
+        from mcap.stream_reader import breakup_chunk
+
+        content = _unfolded(chunk.data, chunk.compression, chunk.uncompressed_size)
+        records: list[Any] = breakup_chunk(replace(chunk, compression="", data=content))
+        return records
+
+
+# rosbag2
+
+
+class SqliteBag:
+    """The database of a rosbag2. ``folded_messages``: each of them is compressed on its own."""
+
+    kind = "rosbag2 database"
+
+    def __init__(self, path: Path, *, folded_messages: bool = False) -> None:
+        self._path = path
+        self._folded = folded_messages
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        wal = self._path.with_name(f"{self._path.name}-wal")
+        if wal.exists() and wal.stat().st_size:
+            notes.add(f"{self._path.name} was not closed properly; what is only in {wal.name} was left out.")
+        # Immutable: SQLite makes no files of its own beside the bag.
+        address = f"file:{quote(str(self._path.absolute()))}?mode=ro&immutable=1"
+        try:
+            with closing(sqlite3.connect(address, uri=True)) as database:
+                yield from self._rows(database, notes)
+        except sqlite3.Error as error:
+            _log.info("%s", self._path, exc_info=True)
+            notes.add(f"{self._path.name} is damaged ({error}); what could be read of it was read.")
+
+    def _rows(self, database: sqlite3.Connection, notes: ReadNotes) -> Iterator[BagMessage]:
+        definitions: dict[str, tuple[str, str]] = {}
+        try:
+            rows = database.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            ).fetchall()
+            definitions = {str(row[0]): (str(row[1]), str(row[2])) for row in rows}
+        except sqlite3.OperationalError:
+            _log.debug("%s is of a version that carries no message definitions", self._path)
+        channels = {}
+        for number, topic, type_name, encoding in database.execute(
+            "SELECT id, name, type, serialization_format FROM topics"
+        ):
+            form, text = definitions.get(type_name, ("", ""))
+            channels[number] = BagChannel(_topic(topic), type_spelling(type_name), str(encoding), text, form)
+        (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
+        query = (
+            "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY timestamp, id"
+        )
+        for number, row in enumerate(database.execute(query, (MAX_MESSAGE_BYTES,)), start=1):
+            topic_id, at_ns, data = row
+            channel = channels.get(topic_id)
+            if channel is None:
+                continue
+            if not isinstance(data, bytes):
+                notes.add(f"A message of {channel.topic} is far too large; it was left out.")
+                continue
+            message = BagMessage(int(at_ns), channel, data, number / max(1, count))
+            yield from _unfolded_message(message, notes) if self._folded else (message,)
+
+
+class FolderBag:
+    """The files of a rosbag2 folder, one after another."""
+
+    def __init__(self, kind: str, parts: list[Bag], notes: ReadNotes) -> None:
+        self.kind = kind
+        self._parts = parts
+        self._notes = notes
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        for sentence in self._notes.sentences:
+            notes.add(sentence)
+        for number, part in enumerate(self._parts):
+            for message in part.messages(notes):
+                yield message._replace(fraction=(number + message.fraction) / len(self._parts))
+
+
+class _FoldedMessages:
+    """Wraps an MCAP part whose messages are compressed one by one."""
+
+    kind = "MCAP file"
+
+    def __init__(self, part: Bag) -> None:
+        self._part = part
+
+    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        for message in self._part.messages(notes):
+            yield from _unfolded_message(message, notes)
+
+
+def _open_folder(folder: Path, scratch: Path) -> Bag:
+    if (folder / "session.json").exists():
+        raise BagError(f"{folder} is a session already. Open it as it is.")
+    notes = ReadNotes()
+    metadata = _metadata(folder / "metadata.yaml")
+    if metadata is None:
+        files = _storage_files(folder)
+        mode = ""
+        if files:
+            notes.add("The folder has no metadata.yaml: the recording was not closed properly.")
+    else:
+        # Only the names: a path could lead out of the folder.
+        names = [PurePosixPath(str(name)).name for name in metadata.get("relative_file_paths") or ()]
+        files = [folder / name for name in names if (folder / name).is_file()]
+        mode = str(metadata.get("compression_mode") or "").lower()
+        notes_missing = [name for name in names if not (folder / name).is_file()]
+        if notes_missing:
+            notes.add(f"Files that metadata.yaml names are missing: {', '.join(notes_missing)}.")
+        if mode not in ("", "none") and str(metadata.get("compression_format")) != "zstd":
+            raise BagError(f"{folder} is compressed as {metadata.get('compression_format')}, which cannot be read.")
+    if not files:
+        raise BagError(f"{folder} is no rosbag2: it holds no .mcap or .db3 file.")
+    parts: list[Bag] = []
+    for path in files:
+        unfolded = _unfold_file(path, scratch) if path.suffix == ".zstd" else path
+        with unfolded.open("rb") as file:
+            start = file.read(16)
+        if start.startswith(_MCAP_MAGIC):
+            parts.append(_FoldedMessages(McapBag(unfolded)) if mode == "message" else McapBag(unfolded))
+        elif start.startswith(_SQLITE_MAGIC):
+            parts.append(SqliteBag(unfolded, folded_messages=mode == "message"))
+        elif not start:
+            notes.add(f"{path.name} is empty.")
+        else:
+            raise BagError(f"{path} is neither an MCAP file nor a rosbag2 database.")
+    return FolderBag("ROS 2 bag", parts, notes)
+
+
+def _metadata(path: Path) -> dict[str, Any] | None:
+    import yaml
+
+    try:
+        if path.stat().st_size > _MAX_METADATA_BYTES:
+            raise BagError(f"{path} is far too large to describe a bag.")
+        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+        information = told["rosbag2_bagfile_information"]
+        if not isinstance(information, dict):
+            raise TypeError("no description of a bag")  # noqa: TRY301 - told with the others
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError) as error:
+        raise BagError(f"{path} does not describe a bag ({type(error).__name__}).") from error
+    return information
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    """The storage files of a folder, the second after the first and the tenth after the ninth."""
+    found = [path for path in folder.iterdir() if re.search(r"\.(mcap|db3)(\.zstd)?$", path.name) and path.is_file()]
+    return sorted(found, key=lambda path: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", path.name)])
+
+
+def _unfold_file(path: Path, scratch: Path) -> Path:
+    import zstandard
+
+    target = scratch / path.stem
+    room = min(_MAX_UNFOLDED_FILE_BYTES, shutil.disk_usage(scratch).free // 2)
+    written = 0
+    try:
+        with path.open("rb") as file, target.open("wb") as out:
+            unfolding = zstandard.ZstdDecompressor(max_window_size=_MAX_CHUNK_BYTES).stream_reader(file)
+            while block := unfolding.read(1 << 20):
+                written += len(block)
+                if written > room:
+                    raise BagError(f"{path} unfolds to more than there is room for.")
+                out.write(block)
+    except zstandard.ZstdError as error:
+        raise BagError(f"{path} cannot be unfolded: {error}.") from error
+    return target
+
+
+# Bytes
+
+
+class _CutError(ValueError):
+    """Bytes that are missing, or not what they should be."""
+
+
+class _TooLargeError(ValueError):
+    """A part that would unfold to more than is accepted."""
+
+
+def _why(error: Exception) -> str:
+    limited = isinstance(error, _TooLargeError) or type(error).__name__ == "RecordLengthLimitExceeded"
+    return ": a part of it is far too large" if limited else ""
+
+
+def _unfolded_message(message: BagMessage, notes: ReadNotes) -> Iterator[BagMessage]:
+    try:
+        yield message._replace(data=_unfolded(message.data, "zstd", None))
+    except ValueError as error:
+        notes.add(f"A message of {message.channel.topic} was left out: {error}.")
+
+
+def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
+    """``data`` decompressed; ``size_bytes`` is what it should give. Raises ValueError for anything else."""
+    import zstandard
+
+    most = MAX_MESSAGE_BYTES if size_bytes is None else size_bytes
+    if most > _MAX_CHUNK_BYTES:
+        raise _TooLargeError(f"a part of {size_bytes} bytes")
+    try:
+        if compression == "":
+            content = data
+        elif compression == "zstd":
+            # Never by the size that the frame itself claims: that would be allocated at once.
+            unfolding = zstandard.ZstdDecompressor(max_window_size=_MAX_CHUNK_BYTES).stream_reader(io.BytesIO(data))
+            content = unfolding.read(most + 1)
+        elif compression == "lz4":
+            import lz4.frame
+
+            content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+        elif compression == "bz2":
+            content = bz2.BZ2Decompressor().decompress(data, max_length=most + 1)
+        else:
+            raise _CutError(f"an unknown compression {compression!r}")
+    except (zstandard.ZstdError, OSError, EOFError, RuntimeError) as error:
+        raise _CutError(f"it cannot be unfolded: {error}") from error
+    if len(content) > most:
+        raise _TooLargeError("a part that is larger than it says")
+    if size_bytes is not None and len(content) != size_bytes:
+        raise _CutError("a part that is shorter than it says")
+    return content
+
+
+def _exactly(file: IO[bytes], length: int, *, most: int) -> bytes:
+    if length > most:
+        raise _CutError(f"a record of {length} bytes")
+    content = file.read(length)
+    if len(content) != length:
+        raise _CutError("the end is missing")
+    return content
+
+
+def _u32(content: bytes) -> int:
+    if len(content) != 4:
+        raise _CutError("the end is missing")
+    return int.from_bytes(content, "little")
+
+
+def _topic(name: str) -> str:
+    return "/" + "/".join(part for part in name.split("/") if part)
