@@ -146,7 +146,8 @@ def export_all(
 ) -> ExportFinished:
     """Write everything that ``request`` asks for. What fails is told in the result and does not stop the rest.
 
-    ``on_written`` gets each session's folder when it is whole. Whatever interrupts this (KeyboardInterrupt, an exception of ``progress``) leaves whole exports only.
+    ``on_written`` gets each session's folder when it is whole. Whatever interrupts this (KeyboardInterrupt, an
+    exception of ``progress``) leaves whole exports only.
     """
     told = _Throttled(progress)
     unknown = [name for name in request.formats if name not in BY_FORMAT]
