@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -46,6 +46,14 @@ _CHORD_MODIFIERS = (
     Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
 )
 _NOT_PART_OF_A_CHORD = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.ShiftModifier
+_MODIFIER_KEYS = (
+    Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr, Qt.Key.Key_CapsLock,
+    Qt.Key.Key_NumLock,
+)  # fmt: skip
+_LEFT_OVER = (
+    Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier,
+    Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier,
+)  # fmt: skip
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 # In a list or a drop-down letters look for lines and arrows move between them.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
@@ -76,6 +84,8 @@ class HoldToDrive(QObject):
     key_owner_changed = Signal(str)
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
+    mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
+    mark_released = Signal(str)  # and came up again, or can no longer be heard of
 
     def __init__(self, console: WizardIntents, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
@@ -86,6 +96,10 @@ class HoldToDrive(QObject):
         self._always_pressable: QWidget | None = None
         self._bare: dict[int | str, str] = {}
         self._chords: dict[tuple[int | str, int], str] = {}
+        self._mark_keys: dict[tuple[int, int], str] = {}
+        self._bare_mark_keys: dict[tuple[int, int], str] = {}
+        self._marking: dict[int, str] = {}
+        self._question: tuple[str, Callable[[str], None]] | None = None
         self._owned: dict[int, _Hold | None] = {}
         self._active: dict[int, _Hold] = {}
         self._arrows: set[str] = set()
@@ -113,9 +127,22 @@ class HoldToDrive(QObject):
 
     def close(self) -> None:
         """Stop listening; anything held is released."""
+        for identity in tuple(self._marking):
+            self._end_marking(identity)
         self.release_all("The window was closed")
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
+
+    def ask_next_key(self, letters: str, answer: Callable[[str], None]) -> None:
+        """Take the next key press before anything else sees it, if it is one of ``letters``.
+
+        ``answer`` gets the letter, or an empty text when another key came first, which does what it always does.
+        """
+        self._question = letters, answer
+
+    def ask_no_key(self) -> None:
+        """The answer is no longer waited for."""
+        self._question = None
 
     # ---- what is held
 
@@ -245,7 +272,14 @@ class HoldToDrive(QObject):
     def _take_keys(self) -> None:
         self._bare.clear()
         self._chords.clear()
+        self._mark_keys.clear()
+        self._bare_mark_keys.clear()
         for spec in self._actions.all_specs:
+            if spec.kind == "mark":
+                for keys, texts in ((self._mark_keys, spec.keys), (self._bare_mark_keys, spec.driving_keys)):
+                    for text in texts:
+                        chord = _chord(text)
+                        keys[int(chord.key()), chord.keyboardModifiers().value] = spec.id
             if spec.kind != "hold" and not spec.by_position:
                 continue
             for text in spec.driving_keys:
@@ -308,6 +342,20 @@ class HoldToDrive(QObject):
             event.accept()
             return True
         self._learn_letter(code, event)
+        if not repeated and self._answers(code, event):
+            if event.type() == QEvent.Type.KeyPress:
+                self._owned[identity] = None
+            event.accept()
+            return True
+        mark = None if repeated else self._mark_for(event)
+        if mark is not None:
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self._end_marking(identity)
+                self._owned[identity] = None
+                self._marking[identity] = mark
+                self.mark_pressed.emit(mark)
+            return True
         hold = self._hold_for(code, event)
         if hold is None:
             if repeated and event.type() == QEvent.Type.ShortcutOverride and not event.isAutoRepeat():
@@ -322,6 +370,40 @@ class HoldToDrive(QObject):
         if event.type() == QEvent.Type.KeyPress and not repeated:
             self._on_press(identity, hold)
         return True
+
+    def _answers(self, code: int | None, event: QKeyEvent) -> bool:
+        """Whether this key is the answer that was asked for; any other one ends the question."""
+        if self._question is None or event.key() in _MODIFIER_KEYS or not self._takes_keys():
+            return False
+        letters, answer = self._question
+        key = int(event.key())
+        letter = chr(key) if _is_latin(key) else position_of(sys.platform, code) or ""
+        # The fingers may still be on the modifiers of the chord before.
+        if letter and letter in letters and self._without_driving_alt(event) in _LEFT_OVER:
+            if event.type() == QEvent.Type.KeyPress:
+                self._question = None
+                answer(letter)
+            return True
+        self._question = None
+        answer("")
+        return False
+
+    def _mark_for(self, event: QKeyEvent) -> str | None:
+        """The action of kind "mark" that this key means now."""
+        if not self._takes_keys():
+            return None
+        where = int(event.key()), (self._without_driving_alt(event) & ~Qt.KeyboardModifier.KeypadModifier).value
+        mark = self._mark_keys.get(where)
+        if mark is None and self._actions.driving_focus:
+            mark = self._bare_mark_keys.get(where)
+        return mark if mark is not None and self._actions.available(mark) else None
+
+    def _without_driving_alt(self, event: QKeyEvent) -> Qt.KeyboardModifier:
+        """The modifiers of a key, less an Alt that is down because the wizard drives with it."""
+        modifiers = event.modifiers()
+        if any(not hold.bare for hold in self._active.values()):
+            modifiers &= ~Qt.KeyboardModifier.AltModifier
+        return modifiers
 
     def _is_slip(self, event: QKeyEvent) -> bool:
         """Alt with a character that nothing is bound to: beside the drive key, or a direction the robot lacks.
@@ -387,6 +469,7 @@ class HoldToDrive(QObject):
             return False
         if not repeated:
             del self._owned[identity]
+            self._end_marking(identity)
             if self._active.pop(identity, None) is not None:
                 self._send("keyboard")
         return True
@@ -394,6 +477,13 @@ class HoldToDrive(QObject):
     def _forget_keys_that_went_up_elsewhere(self) -> None:
         still_down = self._keys.still_down(set(self._owned))
         self._owned = {identity: hold for identity, hold in self._owned.items() if identity in still_down}
+        for identity in [identity for identity in self._marking if identity not in still_down]:
+            self._end_marking(identity)
+
+    def _end_marking(self, identity: int) -> None:
+        mark = self._marking.pop(identity, None)
+        if mark is not None:
+            self.mark_released.emit(mark)
 
     # ---- stops
 
@@ -536,6 +626,9 @@ class HoldToDrive(QObject):
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:
             self.release_all("Another program came to the front")
+            # The release of a held mark key goes to that program.
+            for identity in tuple(self._marking):
+                self._end_marking(identity)
         self._update_key_owner()
 
 
@@ -558,6 +651,10 @@ def _chord(text: str) -> QKeyCombination:
     # PySide's stubs do not know that a sequence can be indexed.
     chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
     return chord
+
+
+def _is_latin(key: int) -> bool:
+    return int(Qt.Key.Key_A) <= key <= int(Qt.Key.Key_Z)
 
 
 def _is_completion(popup: QWidget) -> bool:

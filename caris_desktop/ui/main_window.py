@@ -27,6 +27,7 @@ from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.gamepad_dialog import GamepadDialog
 from caris_desktop.ui.icons import icon
+from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panels.assistant import AssistantPanel
@@ -163,6 +164,7 @@ class MainWindow(QWidget):
         self._gamepad_dialog: GamepadDialog | None = None
         if gamepads is not None:
             self.use_gamepads(gamepads)
+        self.marking = Marking(self.theme, console, self.actions_table, self.hold, self)
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
         self._log: list[tuple[int, str, str]] = []
@@ -369,10 +371,25 @@ class MainWindow(QWidget):
         self._console.take_photo()
 
     def mark_moment(self) -> None:
-        self._console.mark("", "mark")
+        self.marking.mark_moment()
+
+    def mark_label(self, number: int) -> None:
+        self.marking.mark_label(number)
+
+    def toggle_stretch(self) -> None:
+        self.marking.toggle_stretch()
+
+    def mark_earlier(self) -> None:
+        self.marking.mark_earlier()
+
+    def withdraw_mark(self) -> None:
+        self.marking.withdraw_mark()
+
+    def write_note(self) -> None:
+        self.marking.write_note()
 
     def mark_wizard_error(self) -> None:
-        self._console.mark("", "wizard_error")
+        self.marking.mark_wizard_error()
 
     def show_command_palette(self) -> None:
         self._palette_overlay.open_with(self._entries())

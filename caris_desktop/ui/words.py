@@ -101,6 +101,54 @@ def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], 
     return " · ".join(part for part in parts if part)
 
 
+def long_duration(seconds: float) -> str:
+    """How long something lasts that is told roughly: 53 h, 5 h 20 min, 26 min, less than a minute."""
+    minutes = int(seconds // 60)
+    if minutes < 1:
+        return "less than a minute"
+    hours, rest = divmod(minutes, 60)
+    if not hours:
+        return f"{rest} min"
+    if hours >= 10 or not rest:
+        return f"{hours} h"
+    return f"{hours} h {rest} min"
+
+
+def stretch(seconds: float) -> str:
+    """How long a stretch goes on: 0:07, 12:43, 1:02:03."""
+    text = elapsed(seconds)
+    return text[1:] if text.startswith("0") else text
+
+
+_MISSING = {"frame": ("frame", "frames"), "audio": ("piece of sound", "pieces of sound"), "scan": ("scan", "scans")}
+_MISSING["audio_chunk"] = _MISSING["audio"]
+
+
+def missing(stream: str, count: int) -> str:
+    """3 frames were not recorded."""
+    one, many = _MISSING.get(stream, (f"value of {stream}", f"values of {stream}"))
+    return f"{count} {one} was not recorded" if count == 1 else f"{count} {many} were not recorded"
+
+
+def mark_sentence(mark: events.Marked) -> str:
+    """What a mark says, in the state it has now."""
+    if mark.kind == "note":
+        return (
+            "Note taken back" if mark.state == "withdrawn" else _with_detail("Note", f"“{shortened(mark.note, 120)}”")
+        )
+    what = "Wizard error marked" if mark.kind == "wizard_error" else "Marked"
+    label = mark.label
+    match mark.state:
+        case "withdrawn":
+            return f"Taken back: {label}" if label else "Mark taken back"
+        case "open":
+            return f"{label or 'A stretch'} began"
+    if mark.end_ns is not None and mark.start_ns is not None:
+        label = f"{label or 'a stretch'}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
+    note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
+    return _with_detail(what, label) + note
+
+
 def shortened(text: str, length: int = 48) -> str:
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 1].rstrip() + "…"
@@ -220,14 +268,16 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
             return "People", f"Named {name_of(person_id)}"
         case events.PhotoTaken(file_name=file_name):
             return "Session", f"Photo taken ({file_name.rsplit('/', 1)[-1]})"
-        case events.Marked(kind="wizard_error", label=label):
-            return "Session", _with_detail("Wizard error marked", label)
-        case events.Marked(label=label):
-            return "Session", _with_detail("Marked", label)
+        case events.Marked():
+            return "Session", mark_sentence(event)
+        case events.RecordingPaused(paused=paused):
+            return "Session", "Recording paused" if paused else "Recording goes on"
+        case events.RobotChosen(title=title):
+            return "Session", f"Robot: {title}"
         case events.ScenarioOpened(title=title):
             return "Session", f"Scenario: {title}"
         case events.Gap(stream=stream, count=count, reason=reason):
-            return "Problems", _with_detail(f"{count} values of {stream} were not recorded", reason)
+            return "Problems", _with_detail(missing(stream, count), reason)
         case events.Problem(severity=severity, what=what, meaning=meaning):
             return ("Session" if severity == "info" else "Problems"), f"{_sentence(what)} {meaning}".strip()
         case events.SessionStarted(folder=folder):

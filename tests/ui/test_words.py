@@ -84,7 +84,7 @@ def name_of(person_id: str) -> str:
         (GamepadChanged(1, "id", "Pad", connected=False), ("Session", "Pad was unplugged")),
         (
             Gap(1, "frame", 3, "the disk was slow"),
-            ("Problems", "3 values of frame were not recorded: the disk was slow"),
+            ("Problems", "3 frames were not recorded: the disk was slow"),
         ),
         (Problem(1, "warning", "Late", "Slow.", "Wait."), ("Problems", "Late. Slow.")),
         (object(), None),

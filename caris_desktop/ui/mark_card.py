@@ -1,0 +1,405 @@
+"""The card that shows a mark for a few seconds: when, what, and how to correct it without a look at the keyboard."""
+
+import time
+
+from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+
+ERROR_KINDS = (
+    ("S", "slip", "Slip: I did what I did not mean"),
+    ("L", "late", "Late: I was too slow"),
+    ("W", "wrong branch", "Wrong branch: I chose the wrong step"),
+)
+"""Key, recorded label and words of each kind of wizard error."""
+
+WIDTH_PX = 520
+_SHOWN_MS = 6000
+_TAKEN_BACK_MS = 2500
+_BELOW_TOP_BAR_PX = 64
+
+
+class MarkCard(QWidget):
+    """Lies over the window under the top bar. Takes the focus only to write a note, and gives it back."""
+
+    earlier_requested = Signal()
+    withdraw_requested = Signal()
+    label_chosen = Signal(str)
+    error_kind_chosen = Signal(str)
+    end_requested = Signal(str)  # mark id
+    note_kept = Signal(str, str, float)  # text, mark id or empty, seconds ago
+
+    def __init__(self, theme: Theme, console: WizardIntents, actions: Actions, window: QWidget) -> None:
+        super().__init__(window)
+        self.setObjectName("mark_card")
+        # A click on the card is not a click on what lies below.
+        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self._window = window
+        self._mark: Marked | None = None
+        self._earlier_s = 0.0
+        self._held = False
+        self._asks = False
+        self._note_for = ""
+        self._note_began_s = 0.0
+        self._focus_before: QWidget | None = None
+        self._anchor: QWidget | None = None
+        self._title = QLabel()
+        self._title.setObjectName("mark_card_title")
+        self._title.setTextFormat(Qt.TextFormat.PlainText)
+        self._line = QLabel()
+        self._line.setObjectName("mark_card_line")
+        self._line.setTextFormat(Qt.TextFormat.PlainText)
+        self._line.setWordWrap(True)
+        close = self._button("mark_card_close", "", icon="x", look="ghost")
+        close.setAccessibleName("Close")
+        close.clicked.connect(self.close_card)
+        self._labels = FlowRow(gap_px=6)
+        self._label_buttons: list[ActionButton] = []
+        self._kinds = FlowRow(gap_px=6)
+        self._kind_buttons: list[tuple[str, str, ActionButton]] = []
+        for letter, label, text in ERROR_KINDS:
+            button = self._button(f"mark_card_{label.replace(' ', '_')}", text, key=letter, key_first=True)
+            button.clicked.connect(lambda _checked=False, chosen=label: self.error_kind_chosen.emit(chosen))
+            self._kinds.add(button)
+            self._kind_buttons.append((letter, label, button))
+        self._end = self._button("mark_card_end", "End it now", icon="stop")
+        self._end.clicked.connect(self._on_end)
+        self._earlier = self._button("mark_card_earlier", "3 s earlier", icon="rewind")
+        self._earlier.clicked.connect(self.earlier_requested)
+        self._add_note = self._button("mark_card_note", "Add a note", icon="note-pencil")
+        self._add_note.clicked.connect(self._on_add_note)
+        self._undo = self._button("mark_card_undo", "Take back", icon="arrow-u-up-left")
+        self._undo.clicked.connect(self.withdraw_requested)
+        self._correct = FlowRow(gap_px=6)
+        for button in (self._end, self._earlier, self._add_note, self._undo):
+            self._correct.add(button)
+        self.field = NoteField()
+        self.field.setObjectName("note_field")
+        self.field.setAccessibleName("Note")
+        self.field.setPlaceholderText("What happens now?")
+        self.field.setMaxLength(400)
+        self.field.setMinimumHeight(36)
+        self.field.returnPressed.connect(self._keep_note)
+        self._keep = self._button("note_keep", "Keep", key="Enter", look="primary")
+        self._keep.clicked.connect(self._keep_note)
+        leave = self._button("note_leave", "Leave", key="Esc")
+        leave.clicked.connect(self.close_card)
+        self._note_row = QWidget()
+        note_row = QHBoxLayout(self._note_row)
+        note_row.setContentsMargins(0, 0, 0, 0)
+        note_row.setSpacing(6)
+        note_row.addWidget(self.field, 1)
+        note_row.addWidget(self._keep)
+        note_row.addWidget(leave)
+        head = QHBoxLayout()
+        head.setSpacing(10)
+        column = QVBoxLayout()
+        column.setSpacing(1)
+        column.addWidget(self._title)
+        column.addWidget(self._line)
+        head.addLayout(column, 1)
+        head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(44, 10, 8, 12)
+        layout.setSpacing(8)
+        layout.addLayout(head)
+        for part in (self._labels, self._kinds, self._note_row, self._correct):
+            layout.addWidget(part)
+        self._away = QTimer(self, singleShot=True)
+        self._away.timeout.connect(self._on_away)
+        self._second = QTimer(self, interval=250)
+        self._second.timeout.connect(self._show_words)
+        console.state.marks.changed.connect(self._on_marks_changed)
+        actions.keys_changed.connect(self._show_keys)
+        theme.changed.connect(self._style)
+        window.installEventFilter(self)
+        self._style()
+        self._show_keys()
+        self.hide()
+
+    def _button(self, name: str, text: str, **more: object) -> ActionButton:
+        button = ActionButton(self._theme, text, height_px=30, text_px=tokens.STATUS_PX + 1, **more)  # type: ignore[arg-type]
+        button.setObjectName(name)
+        return button
+
+    def set_anchor(self, anchor: QWidget) -> None:
+        """The card opens below this part of the top bar."""
+        self._anchor = anchor
+
+    # ---- what is on show
+
+    @property
+    def mark_id(self) -> str:
+        """The mark on show; empty where there is none."""
+        return "" if self._mark is None else self._mark.mark_id
+
+    @property
+    def mark(self) -> Marked | None:
+        return self._mark
+
+    @property
+    def text(self) -> str:
+        """What the card says."""
+        return f"{self._title.text()}. {self._line.text()}".strip()
+
+    def show_mark(self, mark_id: str, *, earlier_s: float = 0.0, held: bool = False, asks: bool = False) -> None:
+        """Show this mark for a while; ``asks``: the next key says which wizard error it was."""
+        status = self._console.state.marks.value
+        known = (each for each in (status.last, *status.open) if each is not None)
+        mark = next((each for each in known if each.mark_id == mark_id), None)
+        if mark is None or self.writes_note:
+            return
+        self._earlier_s = earlier_s + (self._earlier_s if mark.mark_id == self.mark_id else 0.0)
+        self._mark, self._held, self._asks = mark, held, asks
+        self._note_row.hide()
+        self._fill()
+        self._open(_SHOWN_MS)
+
+    def show_taken_back(self, mark: Marked) -> None:
+        """The mark is gone."""
+        self._mark = None
+        self._earlier_s = 0.0
+        self._asks = False
+        if self.writes_note:
+            return
+        self._title.setText("Note taken back" if mark.kind == "note" else "Mark taken back")
+        self._line.setText(f"{mark.label or 'It'} does not count.")
+        for part in (self._labels, self._kinds, self._correct, self._note_row):
+            part.hide()
+        self._second.stop()
+        self._open(_TAKEN_BACK_MS)
+
+    def stop_asking(self) -> None:
+        if self._asks:
+            self._asks = False
+            self._show_keys()
+
+    def write_note(self, mark: Marked | None = None) -> None:
+        """Open the field for a note about this moment, or about ``mark``."""
+        if self.writes_note and mark is None:
+            self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+            return
+        focused = self._window.focusWidget()
+        if focused is not self.field:
+            self._focus_before = focused
+        self._note_began_s = time.monotonic()
+        self._note_for = "" if mark is None else mark.mark_id
+        at_ns = self._console.state.present.now_ns() if mark is None else _moment_ns(mark)
+        self._mark = None
+        self._title.setText(f"Note about {words.clock_time(at_ns, self._console.state.present.anchor)}")
+        self._line.setText("Alt still drives while you write.")
+        for part in (self._labels, self._kinds, self._correct):
+            part.hide()
+        self._second.stop()
+        self._away.stop()
+        self.field.setText("" if mark is None else mark.note)
+        self._note_row.show()
+        self._open(None)
+        self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    @property
+    def writes_note(self) -> bool:
+        return self.isVisible() and not self._note_row.isHidden()
+
+    def close_card(self) -> None:
+        """Hide; a note that was not kept is left."""
+        if self.isHidden():
+            return
+        had_focus = self.field.hasFocus()
+        self._note_row.hide()
+        self._mark = None
+        self._asks = False
+        self._earlier_s = 0.0
+        self._away.stop()
+        self._second.stop()
+        self.hide()
+        if had_focus and self._focus_before is not None and self._focus_before.isVisible():
+            self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    # ---- parts
+
+    def _fill(self) -> None:
+        mark = self._mark
+        if mark is None:
+            return
+        self._fill_labels(mark)
+        self._kinds.setVisible(mark.kind == "wizard_error")
+        self._correct.show()
+        self._end.setVisible(mark.state == "open" and not self._held)
+        self._add_note.setVisible(not self._held)
+        self._add_note.set_label("Change the note" if mark.note else "Add a note")
+        self._show_words()
+        self._show_keys()
+        if mark.state == "open":
+            self._second.start()
+        else:
+            self._second.stop()
+
+    def _fill_labels(self, mark: Marked) -> None:
+        labels = self._console.scenario.recording.labels if mark.kind == "mark" else ()
+        while len(self._label_buttons) < len(labels):
+            number = len(self._label_buttons) + 1
+            button = self._button(f"mark_card_label_{number}", "")
+            button.setCheckable(True)
+            button.clicked.connect(lambda _checked=False, index=number - 1: self._on_label(index))
+            self._labels.add(button)
+            self._label_buttons.append(button)
+        for index, button in enumerate(self._label_buttons):
+            shown = index < len(labels)
+            button.setVisible(shown)
+            if shown:
+                button.set_label(labels[index])
+                button.setChecked(labels[index] == mark.label)
+        self._labels.setVisible(bool(labels) and not self._held)
+
+    def _show_words(self) -> None:
+        mark = self._mark
+        if mark is None:
+            return
+        anchor = self._console.state.present.anchor
+        at = words.clock_time(_moment_ns(mark), anchor)
+        if mark.state == "open":
+            lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
+            self._title.setText(f"{mark.label or 'Stretch'} · {words.stretch(lasts_s)}")
+            how = "until you let go of the key" if self._held else f"until you end it{self._ending_key()}"
+            self._line.setText(f"Since {at}, {how}")
+        else:
+            what = {"wizard_error": "Wizard error", "note": "Note kept"}.get(mark.kind, "Marked")
+            label = f": {mark.label}" if mark.label else ""
+            self._title.setText(f"{what}{label}")
+            parts = [at]
+            if mark.end_ns is not None:
+                parts.append(f"lasted {words.age((mark.end_ns - _moment_ns(mark)) / 1e9)}")
+            if self._earlier_s:
+                parts.append(f"moved {self._earlier_s:.0f} s back")
+            if mark.note:
+                parts.append(f"“{words.shortened(mark.note, 60)}”")
+            self._line.setText(" · ".join(parts))
+        self.setAccessibleName(self.text)
+
+    def _ending_key(self) -> str:
+        key = self._actions.key_text("stretch")
+        return f" with {key}" if key else ""
+
+    def _show_keys(self) -> None:
+        self._end.set_key(self._actions.key_text("stretch"))
+        self._earlier.set_key(self._actions.key_text("mark_earlier"))
+        self._undo.set_key(self._actions.key_text("mark_undo"))
+        for letter, label, button in self._kind_buttons:
+            button.set_key(letter if self._asks else "")
+            button.setCheckable(True)
+            button.setChecked(self._mark is not None and self._mark.label == label)
+
+    def _on_marks_changed(self, _status: object) -> None:
+        status = self._console.state.marks.value
+        if self._mark is None or self.isHidden():
+            return
+        for mark in (status.last, *status.open):
+            if mark is not None and mark.mark_id == self.mark_id and mark != self._mark:
+                self._mark = mark
+                self._fill()
+                self._place()
+                return
+
+    def _on_label(self, index: int) -> None:
+        labels = self._console.scenario.recording.labels
+        if index < len(labels):
+            self.label_chosen.emit(labels[index])
+
+    def _on_add_note(self) -> None:
+        if self._mark is not None:
+            self.write_note(self._mark)
+
+    def _on_end(self) -> None:
+        if self.mark_id:
+            self.end_requested.emit(self.mark_id)
+            self._open(_SHOWN_MS)
+
+    def _keep_note(self) -> None:
+        text = " ".join(self.field.text().split())
+        mark_id, ago_s = self._note_for, time.monotonic() - self._note_began_s
+        self.close_card()
+        if text or mark_id:
+            self.note_kept.emit(text, mark_id, ago_s)
+
+    # ---- place and look
+
+    def _open(self, for_ms: int | None) -> None:
+        self._place()
+        self.show()
+        self._place()
+        self.raise_()
+        if for_ms is not None:
+            self._away.start(for_ms)
+
+    def _on_away(self) -> None:
+        if self.underMouse() or self._held:
+            self._away.start(1500)
+        else:
+            self.close_card()
+
+    def _place(self) -> None:
+        width = min(WIDTH_PX, self._window.width() - 16)
+        layout = self.layout()
+        if layout is None:
+            return
+        layout.invalidate()
+        layout.activate()
+        height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
+        left = 8 if self._anchor is None else self._anchor.mapTo(self._window, self._anchor.rect().topLeft()).x()
+        self.setGeometry(max(8, min(left, self._window.width() - width - 8)), _BELOW_TOP_BAR_PX, width, height)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return False
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._line.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._line.palette()
+        palette.setColor(self._line.foregroundRole(), self._theme.color("dim"))
+        self._line.setPalette(palette)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("blue"), 1.2))
+        painter.setBrush(self._theme.color("panel"))
+        rect = QRectF(self.rect()).adjusted(1, 1, -1, -1)
+        painter.drawRoundedRect(rect, tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX)
+        kind = "" if self._mark is None else self._mark.kind
+        name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
+        name = "warning" if kind == "wizard_error" else name
+        draw_icon(painter, QRectF(14, 13, 20, 20), name, self._theme.color("blue"))
+
+
+class NoteField(QLineEdit):
+    """Return belongs to the field, wherever it is a key of the window."""
+
+    def event(self, event: QEvent) -> bool:
+        if (
+            event.type() == QEvent.Type.ShortcutOverride
+            and isinstance(event, QKeyEvent)
+            and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        ):
+            event.accept()
+            return True
+        return super().event(event)
+
+
+def _moment_ns(mark: Marked) -> int:
+    return mark.stamp_ns if mark.start_ns is None else mark.start_ns

@@ -1,0 +1,195 @@
+"""Marks by hand: a tap is a moment, a held key a stretch; wizard errors, notes, and the card that shows them."""
+
+import time
+from dataclasses import dataclass
+
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.events import Marked, MarkKind
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.mark_card import ERROR_KINDS, MarkCard
+from caris_desktop.ui.theme import Theme
+
+HELD_AFTER_S = 0.4
+STEP_BACK_S = 3.0
+ANSWER_WITHIN_S = 5.0
+
+
+@dataclass(slots=True)
+class _Held:
+    mark_id: str
+    label: str
+    pressed_s: float
+    timer: QTimer
+    stretched: bool = False
+
+
+class Marking(QObject):
+    """Does what the mark actions of the table say, and shows each mark on the card for a while."""
+
+    def __init__(
+        self, theme: Theme, console: WizardIntents, actions: Actions, hold: HoldToDrive, window: QWidget
+    ) -> None:
+        super().__init__(window)
+        self._console = console
+        self._actions = actions
+        self._hold = hold
+        self._held: dict[str, _Held] = {}
+        self.card = MarkCard(theme, console, actions, window)
+        self.card.earlier_requested.connect(self.mark_earlier)
+        self.card.withdraw_requested.connect(self.withdraw_mark)
+        self.card.label_chosen.connect(self._on_label_chosen)
+        self.card.error_kind_chosen.connect(self._on_error_kind)
+        self.card.note_kept.connect(self._on_note_kept)
+        self.card.end_requested.connect(console.end_mark)
+        self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
+        self._answer_time.timeout.connect(self._on_answer_late)
+        self._error_id = ""
+        hold.mark_pressed.connect(self._on_key_pressed)
+        hold.mark_released.connect(self._on_key_released)
+        hold.escape_pressed.connect(self._on_escape)
+
+    # ---- keys
+
+    def _on_key_pressed(self, action_id: str) -> None:
+        spec = self._actions.spec(action_id)
+        if spec is None:
+            return
+        if spec.callback not in ("mark_moment", "mark_label"):
+            self._actions.run(action_id)
+            return
+        label = "" if spec.argument is None else self._label(spec.argument)
+        timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
+        timer.timeout.connect(lambda: self._on_held(action_id))
+        self._held[action_id] = _Held(self._mark(label), label, time.monotonic(), timer)
+        timer.start()
+
+    def _on_held(self, action_id: str) -> None:
+        """The key is down for long: the moment becomes a stretch that began with it."""
+        held = self._held.get(action_id)
+        if held is None or held.stretched:
+            return
+        held.stretched = True
+        self._console.withdraw_mark(held.mark_id)
+        held.mark_id = self._console.begin_mark(held.label, earlier_s=time.monotonic() - held.pressed_s)
+        self.card.show_mark(held.mark_id, held=True)
+
+    def _on_key_released(self, action_id: str) -> None:
+        held = self._held.pop(action_id, None)
+        if held is None:
+            return
+        held.timer.stop()
+        held.timer.deleteLater()
+        if held.stretched:
+            self._console.end_mark(held.mark_id)
+            self.card.show_mark(held.mark_id)
+
+    # ---- what the actions do
+
+    def mark_moment(self) -> None:
+        self._mark("")
+
+    def mark_label(self, number: int) -> None:
+        self._mark(self._label(number))
+
+    def toggle_stretch(self) -> None:
+        """End the newest stretch that no key holds open, or begin one."""
+        stretch = self.open_stretch()
+        if stretch is not None:
+            self._console.end_mark(stretch.mark_id)
+            self.card.show_mark(stretch.mark_id)
+        else:
+            self._no_question()
+            self.card.show_mark(self._console.begin_mark(""))
+
+    def open_stretch(self) -> Marked | None:
+        """The stretch that the key would end."""
+        held = {each.mark_id for each in self._held.values()}
+        going_on: tuple[Marked, ...] = self._console.state.marks.value.open
+        return next((mark for mark in reversed(going_on) if mark.mark_id not in held), None)
+
+    def mark_earlier(self) -> None:
+        last = self._last()
+        if last is not None:
+            self._console.change_mark(last.mark_id, earlier_s=STEP_BACK_S)
+            self.card.show_mark(last.mark_id, earlier_s=STEP_BACK_S)
+
+    def withdraw_mark(self) -> None:
+        last = self._last()
+        if last is not None:
+            self._no_question()
+            self._console.withdraw_mark(last.mark_id)
+            self.card.show_taken_back(last)
+
+    def mark_wizard_error(self) -> None:
+        """Mark it, and take the next key as an answer to what kind of error it was."""
+        self._error_id = self._mark("", "wizard_error")
+        self._hold.ask_next_key("".join(letter for letter, *_ in ERROR_KINDS), self._on_answer)
+        self._answer_time.start()
+        self.card.show_mark(self._error_id, asks=True)
+
+    def write_note(self) -> None:
+        """A note about this moment; what is marked is the press of the key, however long the writing takes."""
+        self._no_question()
+        self.card.write_note()
+
+    # ---- answers
+
+    def _on_answer(self, letter: str) -> None:
+        self._answer_time.stop()
+        label = next((label for key, label, _words in ERROR_KINDS if key == letter), "")
+        if label:
+            self._on_error_kind(label)
+        else:
+            self.card.close_card()
+
+    def _on_error_kind(self, label: str) -> None:
+        self._no_question()
+        mark_id = self.card.mark_id
+        if mark_id:
+            self._console.change_mark(mark_id, label=label)
+            self.card.show_mark(mark_id)
+
+    def _on_answer_late(self) -> None:
+        self._hold.ask_no_key()
+        self.card.stop_asking()
+
+    def _no_question(self) -> None:
+        self._answer_time.stop()
+        self._hold.ask_no_key()
+        self.card.stop_asking()
+
+    def _on_label_chosen(self, label: str) -> None:
+        mark_id = self.card.mark_id
+        if mark_id:
+            self._console.change_mark(mark_id, label=label)
+            self.card.show_mark(mark_id)
+
+    def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
+        """``mark_id`` is empty for a note of its own, ``ago_s`` how long ago its moment was."""
+        if mark_id:
+            self._console.change_mark(mark_id, note=text)
+        else:
+            mark_id = self._console.mark("", "note", earlier_s=ago_s, note=text)
+        self.card.show_mark(mark_id)
+
+    def _on_escape(self) -> None:
+        self._no_question()
+        self.card.close_card()
+
+    def _mark(self, label: str, kind: MarkKind = "mark") -> str:
+        self._no_question()
+        mark_id = self._console.mark(label, kind)
+        self.card.show_mark(mark_id)
+        return mark_id
+
+    def _last(self) -> Marked | None:
+        last: Marked | None = self._console.state.marks.value.last
+        return last
+
+    def _label(self, number: int) -> str:
+        labels = self._console.scenario.recording.labels
+        return labels[number - 1] if number <= len(labels) else ""

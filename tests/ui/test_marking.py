@@ -1,0 +1,263 @@
+"""Marks by keys: moments, stretches, corrections, notes and wizard errors, whoever has the focus."""
+
+import dataclasses
+
+import pytest
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.scenario.model import RecordingSettings
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.fake_console import FakeConsole
+
+LABELS = ("Interested", "Confused", "Laughs")
+CTRL, SHIFT, ALT, NONE = (
+    Qt.KeyboardModifier.ControlModifier,
+    Qt.KeyboardModifier.ShiftModifier,
+    Qt.KeyboardModifier.AltModifier,
+    Qt.KeyboardModifier.NoModifier,
+)
+
+
+@pytest.fixture
+def console() -> FakeConsole:
+    return FakeConsole(dataclasses.replace(samples.TOUR, recording=RecordingSettings(LABELS)))
+
+
+@pytest.fixture
+def window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme) -> MainWindow:
+    window = open_window(qtbot, console, settings, theme)
+    console.marks.clear()
+    return window
+
+
+@pytest.fixture(params=["speak_field", "video_view", "typing and driving", "the number pad drives"])
+def focused(request: pytest.FixtureRequest, window: MainWindow, console: FakeConsole) -> QWidget:
+    """Typing, driving, and typing while a drive key is held."""
+    widget = find(window, "video_view" if request.param == "video_view" else "speak_field")
+    widget.setFocus()
+    if request.param == "typing and driving":
+        QTest.keyPress(widget, Qt.Key.Key_W, ALT)
+    elif request.param == "the number pad drives":
+        QTest.keyPress(widget, Qt.Key.Key_Up, Qt.KeyboardModifier.KeypadModifier)
+    console.calls.clear()
+    return widget
+
+
+def alt_of(console: FakeConsole, window: MainWindow) -> Qt.KeyboardModifier:
+    """Alt is down in the middle of Alt+W, so that each key comes with it."""
+    return ALT if "drive_forward" in window.hold.held else NONE
+
+
+def present(console: FakeConsole) -> list[Marked]:
+    return [mark for mark in console.marks.values() if mark.state != "withdrawn"]
+
+
+def hold(qtbot: QtBot, widget: QWidget, key: Qt.Key, modifiers: Qt.KeyboardModifier, console: FakeConsole) -> None:
+    """Hold the key until the stretch has begun, with the repeats of the keyboard, and let go."""
+    QTest.keyPress(widget, key, modifiers)
+    for _ in range(3):
+        repeat = QKeyEvent(QEvent.Type.KeyPress, key, modifiers, "", True)
+        QApplication.sendEvent(widget, repeat)
+    qtbot.waitUntil(lambda: bool(console.named("begin_mark")), timeout=2000)
+    QTest.keyRelease(widget, key, modifiers)
+
+
+def test_a_tap_marks_the_moment_at_once(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+    held = window.hold.held
+    alt = alt_of(console, window)
+    QTest.keyPress(focused, Qt.Key.Key_M, CTRL | alt)
+    assert console.calls == [("mark", ("", "mark"))], "at the press, not at the release"
+    QTest.keyRelease(focused, Qt.Key.Key_M, CTRL | alt)
+    QTest.keyClick(focused, Qt.Key.Key_F2, SHIFT | alt)
+    assert console.calls == [("mark", ("", "mark")), ("mark", ("Confused", "mark"))]
+    assert window.hold.held == held, "driving goes on"
+    assert "Marked: Confused" in window.marking.card.text
+    assert QApplication.focusWidget() is focused, "the card takes no focus"
+
+
+def test_a_held_key_is_a_stretch(qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+    hold(qtbot, focused, Qt.Key.Key_F1, SHIFT | alt_of(console, window), console)
+    assert [name for name, _ in console.calls] == ["mark", "withdraw_mark", "begin_mark", "end_mark"]
+    (stretch,) = present(console)
+    assert (stretch.label, stretch.state) == ("Interested", "done")
+    assert stretch.start_ns is not None
+    assert stretch.end_ns is not None
+    assert (stretch.end_ns - stretch.start_ns) / 1e9 > 0.3, "it began with the press"
+
+
+def test_the_bare_key_marks_with_the_driving_focus(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyPress(view, Qt.Key.Key_W)
+    hold(qtbot, view, Qt.Key.Key_M, NONE, console)
+    assert window.hold.held == {"drive_forward"}
+    assert [mark.state for mark in present(console)] == ["done"]
+    QTest.keyRelease(view, Qt.Key.Key_W)
+
+
+def test_a_stretch_by_two_presses(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+    alt = alt_of(console, window)
+    QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
+    assert console.state.marks.value.open
+    assert "Stretch · 0:0" in window.marking.card.text
+    QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
+    assert [name for name, _ in console.calls] == ["begin_mark", "end_mark"]
+    assert not console.state.marks.value.open
+
+
+def test_it_was_earlier_and_earlier_still(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+    alt = alt_of(console, window)
+    QTest.keyClick(focused, Qt.Key.Key_F1, SHIFT | alt)
+    (mark,) = present(console)
+    QTest.keyClick(focused, Qt.Key.Key_J, CTRL | alt)
+    QTest.keyClick(focused, Qt.Key.Key_J, CTRL | alt)
+    (moved,) = present(console)
+    assert moved.start_ns == mark.stamp_ns - 6_000_000_000
+    assert "moved 6 s back" in window.marking.card.text
+    QTest.keyClick(focused, Qt.Key.Key_J, CTRL | SHIFT | alt)
+    assert present(console) == []
+    assert "taken back" in window.marking.card.text
+
+
+def test_a_note_keeps_the_moment_of_its_key(
+    qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole
+) -> None:
+    held = window.hold.held if focused.objectName() != "video_view" else frozenset()
+    QTest.keyClick(focused, Qt.Key.Key_N, CTRL | alt_of(console, window))
+    field = find(window, "note_field")
+    assert field.hasFocus()
+    QTest.keyPress(field, Qt.Key.Key_A, ALT)
+    assert window.hold.held == held | {"turn_left"}, "driving by Alt goes on"
+    QTest.keyRelease(field, Qt.Key.Key_A, ALT)
+    qtbot.wait(60)
+    QTest.keyClicks(field, "looks at the door")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    (note,) = present(console)
+    assert (note.kind, note.note) == ("note", "looks at the door")
+    assert note.start_ns is not None
+    assert note.start_ns <= note.stamp_ns - 60_000_000
+    assert QApplication.focusWidget() is focused
+
+
+def test_escape_leaves_a_note(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClick(field, Qt.Key.Key_N, CTRL)
+    note = find(window, "note_field")
+    QTest.keyClicks(note, "nothing")
+    QTest.keyClick(note, Qt.Key.Key_Escape)
+    assert console.calls == [("stop", None)]
+    assert not window.marking.card.isVisible()
+    assert field.hasFocus()
+
+
+def test_a_wizard_error_takes_two_keystrokes(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+    held, alt = window.hold.held, alt_of(console, window)
+    for key, modifiers, label in (
+        (Qt.Key.Key_S, NONE, "slip"),
+        (Qt.Key.Key_L, SHIFT, "late"),
+        # The finger that drives forward cannot press W anew.
+        *(() if alt else ((Qt.Key.Key_W, CTRL | SHIFT, "wrong branch"),)),
+    ):
+        console.calls.clear()
+        console.marks.clear()
+        QTest.keyClick(focused, Qt.Key.Key_M, CTRL | SHIFT | alt)
+        (error,) = present(console)
+        assert (error.kind, error.label) == ("wizard_error", "")
+        QTest.keyClick(focused, key, modifiers | alt)
+        (told,) = present(console)
+        assert (told.label, told.start_ns) == (label, error.stamp_ns)
+        assert window.hold.held == held
+        assert [name for name, _ in console.calls] == ["mark", "change_mark"]
+        assert find(window, "speak_field").property("text") == "", "the letter is not typed"
+    QTest.keyClick(focused, Qt.Key.Key_L, alt)
+    assert len(console.named("change_mark")) == 1, "the next one is a letter again"
+
+
+def test_any_other_key_does_what_it_always_does(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    for key, modifiers, expected in (
+        (Qt.Key.Key_F2, NONE, ("say", ("Please follow me.", "phrase"))),
+        (Qt.Key.Key_P, CTRL, ("take_photo", None)),
+    ):
+        console.calls.clear()
+        QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
+        QTest.keyClick(field, key, modifiers)
+        assert console.calls == [("mark", ("", "wizard_error")), expected]
+        assert not window.marking.card.isVisible()
+        QTest.keyClick(field, Qt.Key.Key_S)
+    QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
+    QTest.keyClick(field, Qt.Key.Key_A)
+    QTest.keyClick(field, Qt.Key.Key_L)
+    assert field.property("text") == "ssal"
+    QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
+    QTest.keyPress(field, Qt.Key.Key_W, ALT)
+    assert window.hold.held == {"drive_forward"}
+    QTest.keyRelease(field, Qt.Key.Key_W, ALT)
+
+
+def test_the_answer_is_waited_for_five_seconds(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
+    assert window.marking._answer_time.interval() == 5000
+    window.marking._answer_time.timeout.emit()
+    QTest.keyClick(field, Qt.Key.Key_S)
+    assert field.property("text") == "s"
+    assert console.named("change_mark") == []
+
+
+def test_the_card_corrects_a_mark_with_the_mouse(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_M)
+    click(qtbot, find(window, "mark_card_label_3"))
+    click(qtbot, find(window, "mark_card_earlier"))
+    (mark,) = present(console)
+    assert (mark.label, mark.start_ns) == ("Laughs", mark.start_ns)
+    click(qtbot, find(window, "mark_card_note"))
+    QTest.keyClicks(find(window, "note_field"), "at the arm")
+    click(qtbot, find(window, "note_keep"))
+    (mark,) = present(console)
+    assert (mark.label, mark.note, mark.kind) == ("Laughs", "at the arm", "mark")
+    click(qtbot, find(window, "mark_card_undo"))
+    assert present(console) == []
+    assert view.hasFocus()
+
+
+def test_labels_that_the_scenario_does_not_have_have_no_key(window: MainWindow, console: FakeConsole) -> None:
+    assert window.actions_table.spec("label_3") is not None
+    assert window.actions_table.spec("label_4") is None
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_F4, SHIFT)
+    assert console.calls == []
+
+
+def test_a_stretch_ends_when_another_program_gets_the_release(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyPress(field, Qt.Key.Key_F1, SHIFT)
+    qtbot.waitUntil(lambda: bool(console.named("begin_mark")), timeout=2000)
+    window.hold._on_application_state_changed(Qt.ApplicationState.ApplicationInactive)
+    assert not console.state.marks.value.open
+    assert [mark.state for mark in present(console)] == ["done"]
+
+
+def test_nothing_is_marked_while_paused(window: MainWindow, console: FakeConsole) -> None:
+    console.pause_session(paused=True)
+    console.calls.clear()
+    field = find(window, "speak_field")
+    for key, modifiers in ((Qt.Key.Key_M, CTRL), (Qt.Key.Key_F1, SHIFT), (Qt.Key.Key_N, CTRL), (Qt.Key.Key_R, CTRL)):
+        QTest.keyClick(field, key, modifiers)
+    assert console.calls == []
+    assert not window.marking.card.isVisible()
