@@ -1,12 +1,22 @@
-"""How far two coders agree: Cohen's kappa, per unit of time and per annotation."""
+"""How far two coders agree: Cohen's kappa, per unit of time and per annotation.
 
+Cohen, J. (1960). A coefficient of agreement for nominal scales. Educational and Psychological Measurement, 20, 37-46.
+Per unit of time every stretch counts by its length, also the ones where both coders saw nothing; per annotation each
+annotation counts once, and one without a counterpart counts as a disagreement.
+"""
+
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.editing import AnnotationError, coders_of, tier_of
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 
-NOTHING = ""  # the code of a unit of time where a coder has no annotation, or an annotation without a value
+NOTHING = ""  # the code of a unit of time without an annotation
+UNNAMED = "(no value)"  # the code of an annotation that says nothing
 UNMATCHED = "(unmatched)"  # the code of an annotation that the other coder has no counterpart of
+LEAST_OVERLAP = 0.5
+_MOST_UNITS = 50_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +32,18 @@ class Agreement:
     kappa: float | None
     observed: float | None
 
+    @property
+    def count(self) -> int:
+        """How many codes of each coder were compared."""
+        return sum(map(sum, self.matrix))
+
 
 @dataclass(frozen=True, slots=True)
 class BoundaryOffsets:
-    """Second coder minus first, over the matched annotations, in milliseconds: of their starts and of their ends."""
+    """Second coder minus first, over the matched annotations, in milliseconds: of their starts and of their ends.
+
+    ``mean`` keeps the sign: positive where the second coder is later. ``worst`` is the largest, without sign.
+    """
 
     matched: int
     start_mean_ms: float
@@ -36,8 +54,10 @@ class BoundaryOffsets:
 
 @dataclass(frozen=True, slots=True)
 class TierAgreement:
-    """Two coders' tiers of one name compared. ``per_unit`` is by units of ``unit_ms``, ``per_annotation`` by
-    annotations whose boundaries lie within ``tolerance_ms`` of one another or that overlap by half.
+    """Two coders' tiers compared. ``per_unit`` is by units of ``unit_ms``.
+
+    ``per_annotation`` is by annotations: two match where both boundaries lie within ``tolerance_ms`` of one another,
+    or where they share at least half of the time that they cover together.
     """
 
     tier: str
@@ -50,8 +70,8 @@ class TierAgreement:
 
 
 def agreement(first: Sequence[str], second: Sequence[str]) -> Agreement:
-    """Cohen's kappa of two equally long sequences of codes."""
-    raise NotImplementedError
+    """Cohen's kappa of two sequences of codes, which stand side by side. Raises ValueError for unequal lengths."""
+    return _agreement(Counter(zip(first, second, strict=True)))
 
 
 def compare_tiers(
@@ -62,8 +82,22 @@ def compare_tiers(
     unit_ms: int = 100,
     tolerance_ms: int = 500,
 ) -> TierAgreement:
-    """Two tiers compared. Raises AnnotationError where one is not there."""
-    raise NotImplementedError
+    """Two tiers compared over the whole session. Raises AnnotationError for a tier that is not there."""
+    first, second = tier_of(document, first_tier_id), tier_of(document, second_tier_id)
+    one, other = document.of_tier(first_tier_id), document.of_tier(second_tier_id)
+    ended_ms = max([document.duration_ms, *(item.end_ms for item in (*one, *other))])
+    if unit_ms < 1 or tolerance_ms < 0 or ended_ms // unit_ms > _MOST_UNITS:
+        raise AnnotationError(f"Units of {unit_ms} ms with a tolerance of {tolerance_ms} ms cannot be compared.")
+    codes, offsets = _matched(one, other, tolerance_ms)
+    return TierAgreement(
+        tier=first.name if first.name == second.name else f"{first.name} / {second.name}",
+        coders=(first.coder or "record", second.coder or "record"),
+        unit_ms=unit_ms,
+        tolerance_ms=tolerance_ms,
+        per_unit=agreement(unit_codes(one, ended_ms, unit_ms), unit_codes(other, ended_ms, unit_ms)),
+        per_annotation=_agreement(codes),
+        offsets=offsets,
+    )
 
 
 def compare_coders(
@@ -75,10 +109,171 @@ def compare_coders(
     unit_ms: int = 100,
     tolerance_ms: int = 500,
 ) -> tuple[TierAgreement, ...]:
-    """All tiers that both coders have under one name, or the one named. Raises AnnotationError where there is none."""
-    raise NotImplementedError
+    """All tiers that both coders have under one name, or the one named ``tier``.
+
+    Raises AnnotationError where there is nothing to compare.
+    """
+    coders = coders_of(document)
+    for coder in (first, second):
+        if coder not in coders:
+            known = f"There are: {', '.join(coders)}." if coders else "Nobody has annotated this session yet."
+            raise AnnotationError(f"There are no annotations of {coder}. {known}")
+    theirs: dict[str, Tier] = {item.name: item for item in document.tiers if item.coder == second}
+    pairs = [
+        (mine, theirs[mine.name])
+        for mine in document.tiers
+        if mine.coder == first and mine.name in theirs and tier in ("", mine.name)
+    ]
+    if not pairs:
+        which = f"the tier “{tier}”" if tier else "a tier of the same name"
+        raise AnnotationError(
+            f"{first} and {second} do not both have {which}. Tiers are compared by their names: rename one of them."
+        )
+    return tuple(
+        compare_tiers(document, mine.tier_id, other.tier_id, unit_ms=unit_ms, tolerance_ms=tolerance_ms)
+        for mine, other in pairs
+    )
+
+
+def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -> list[str]:
+    """What a tier says in each unit of time: the code that holds at the middle of the unit."""
+    count = -(-ended_ms // unit_ms)
+    codes = [NOTHING] * count
+    for item in annotations:
+        # The middle of unit n is at (n + 1/2) * unit_ms.
+        first = max(0, -(-(2 * item.start_ms - unit_ms) // (2 * unit_ms)))
+        beyond = min(count, -(-(2 * item.end_ms - unit_ms) // (2 * unit_ms)))
+        codes[first:beyond] = [item.value or UNNAMED] * max(beyond - first, 0)
+    return codes
 
 
 def report(result: TierAgreement) -> str:
-    """The result in words and a table, for people."""
-    raise NotImplementedError
+    """The result in words and tables, for people."""
+    first, second = result.coders
+    units, items = result.per_unit, result.per_annotation
+    lines = [
+        f"Tier: {result.tier}",
+        f"Coders: {first} and {second}",
+        "",
+        f"Per unit of time ({result.unit_ms} ms; {units.count} units, those without an annotation included):",
+        f"  Cohen's kappa {_figure(units.kappa)}{_in_words(units.kappa)}, agreement {_percent(units.observed)}",
+        *_table(units, first, second),
+        "",
+        f"Per annotation (boundaries within {result.tolerance_ms} ms, or at least half of the time shared):",
+        f"  Cohen's kappa {_figure(items.kappa)}{_in_words(items.kappa)}, agreement {_percent(items.observed)}",
+        f"  {_matches(result)}",
+        *_table(items, first, second),
+    ]
+    if result.offsets is not None:
+        lines += [
+            "",
+            f"Boundaries of the matched ones, {second} minus {first}: "
+            f"start {result.offsets.start_mean_ms:+.0f} ms on average (at most {result.offsets.start_worst_ms:.0f} ms), "
+            f"end {result.offsets.end_mean_ms:+.0f} ms (at most {result.offsets.end_worst_ms:.0f} ms)",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _agreement(pairs: Counter[tuple[str, str]]) -> Agreement:
+    labels = tuple(sorted({label for pair in pairs for label in pair}))
+    matrix = tuple(tuple(pairs[one, other] for other in labels) for one in labels)
+    total = sum(map(sum, matrix))
+    if not total:
+        return Agreement((), (), None, None)
+    agreed = sum(matrix[index][index] for index in range(len(labels)))
+    of_first = [sum(row) for row in matrix]
+    of_second = [sum(column) for column in zip(*matrix, strict=True)]
+    # In whole numbers until the last step, so that the result is exact.
+    by_chance = sum(one * other for one, other in zip(of_first, of_second, strict=True))
+    kappa = None if by_chance == total * total else (agreed * total - by_chance) / (total * total - by_chance)
+    return Agreement(labels, matrix, kappa, agreed / total)
+
+
+def _matched(
+    first: Sequence[Annotation], second: Sequence[Annotation], tolerance_ms: int
+) -> tuple[Counter[tuple[str, str]], BoundaryOffsets | None]:
+    """The best pairs first, each annotation in one pair at most; what remains has no counterpart."""
+    candidates: list[tuple[float, int, int, int]] = []
+    begin = 0
+    for number, one in enumerate(first):
+        # Both sequences are in order and do not overlap: whatever ends too early for this one does for the next.
+        while begin < len(second) and second[begin].end_ms + tolerance_ms < one.start_ms:
+            begin += 1
+        for index in range(begin, len(second)):
+            other = second[index]
+            if other.start_ms > one.end_ms + tolerance_ms:
+                break
+            shared_ms = max(0, min(one.end_ms, other.end_ms) - max(one.start_ms, other.start_ms))
+            covered_ms = max(one.end_ms, other.end_ms) - min(one.start_ms, other.start_ms)
+            offset_ms = max(abs(one.start_ms - other.start_ms), abs(one.end_ms - other.end_ms))
+            if offset_ms <= tolerance_ms or shared_ms >= LEAST_OVERLAP * covered_ms:
+                candidates.append((-shared_ms / covered_ms, offset_ms, number, index))
+    codes: Counter[tuple[str, str]] = Counter()
+    taken_first: set[int] = set()
+    taken_second: set[int] = set()
+    starts_ms, ends_ms = [], []
+    for _, _, number, index in sorted(candidates):
+        if number in taken_first or index in taken_second:
+            continue
+        taken_first.add(number)
+        taken_second.add(index)
+        one, other = first[number], second[index]
+        codes[one.value or UNNAMED, other.value or UNNAMED] += 1
+        starts_ms.append(other.start_ms - one.start_ms)
+        ends_ms.append(other.end_ms - one.end_ms)
+    codes.update((one.value or UNNAMED, UNMATCHED) for n, one in enumerate(first) if n not in taken_first)
+    codes.update((UNMATCHED, other.value or UNNAMED) for n, other in enumerate(second) if n not in taken_second)
+    if not starts_ms:
+        return codes, None
+    return codes, BoundaryOffsets(
+        matched=len(starts_ms),
+        start_mean_ms=sum(starts_ms) / len(starts_ms),
+        start_worst_ms=max(map(abs, starts_ms)),
+        end_mean_ms=sum(ends_ms) / len(ends_ms),
+        end_worst_ms=max(map(abs, ends_ms)),
+    )
+
+
+def _figure(kappa: float | None) -> str:
+    return "not defined (one and the same code throughout, or none)" if kappa is None else f"{kappa:.3f}"
+
+
+def _in_words(kappa: float | None) -> str:
+    """After Landis and Koch (1977)."""
+    if kappa is None:
+        return ""
+    grades = ((0.0, "poor"), (0.2, "slight"), (0.4, "fair"), (0.6, "moderate"), (0.8, "substantial"))
+    return f" ({next((word for limit, word in grades if kappa <= limit), 'almost perfect')})"
+
+
+def _percent(share: float | None) -> str:
+    return "not defined" if share is None else f"{100 * share:.1f} %"
+
+
+def _matches(result: TierAgreement) -> str:
+    alone = [
+        sum(
+            row[column]
+            for one, row in zip(result.per_annotation.labels, result.per_annotation.matrix, strict=True)
+            for column, other in enumerate(result.per_annotation.labels)
+            if (one, other)[side] == UNMATCHED
+        )
+        for side in (1, 0)
+    ]
+    matched = result.offsets.matched if result.offsets is not None else 0
+    return f"{matched} matched, {alone[0]} only of {result.coders[0]}, {alone[1]} only of {result.coders[1]}"
+
+
+def _table(counts: Agreement, first: str, second: str) -> list[str]:
+    """Rows are the first coder's codes, columns the second's; columns are numbered so that long codes fit."""
+    if not counts.labels:
+        return []
+    names = [" ".join(label.split()) or "(nothing)" for label in counts.labels]
+    names = [name if len(name) <= 24 else f"{name[:23]}…" for name in names]
+    wide = max(len(name) for name in names)
+    figures = max(5, *(len(str(count)) for row in counts.matrix for count in row))
+    numbers = "".join(f"{number:>{figures + 1}}" for number in range(1, len(names) + 1))
+    lines = [f"  rows: {first}, columns: {second}", f"  {'':>{wide + 4}}{numbers}"]
+    for number, (name, row) in enumerate(zip(names, counts.matrix, strict=True), start=1):
+        lines.append(f"  {number:>3} {name:<{wide}}" + "".join(f"{count:>{figures + 1}}" for count in row))
+    return lines

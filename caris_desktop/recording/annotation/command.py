@@ -1,7 +1,13 @@
 """``caris-desktop agreement``: how far two coders of a session agree."""
 
 import argparse
+import sys
 from pathlib import Path
+
+from caris_desktop.recording.annotation.agreement import compare_coders, report
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.session_reader import SessionError, open_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -9,8 +15,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("first", metavar="CODER_A", help="the one coder")
     parser.add_argument("second", metavar="CODER_B", help="the other coder")
     parser.add_argument("--tier", default="", help="compare this tier only (default: all that both have)")
+    parser.add_argument("--unit", type=int, default=100, metavar="MS", help="unit of time (default: %(default)s ms)")
+    parser.add_argument(
+        "--tolerance",
+        type=int,
+        default=500,
+        metavar="MS",
+        help="how far boundaries of matching annotations may lie apart (default: %(default)s ms)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 when compared, 1 when not (stderr says why)."""
-    raise NotImplementedError
+    try:
+        session = open_session(args.session, repair=False)
+        document = load_documents(args.session, duration_ms=round(session.duration_s * 1000))
+        results = compare_coders(
+            document, args.first, args.second, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance
+        )
+    except (SessionError, AnnotationError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print("\n".join(report(result) for result in results), end="")
+    return 0

@@ -1,11 +1,554 @@
-"""Tiers made from the record of a session: what was said, driven, marked and seen, and every other kind of event."""
+"""Tiers made from the record of a session: what was said, driven, marked and seen, and every other kind of event.
 
-from collections.abc import Callable
+An event type that this file does not name becomes a tier of its own: moments, or stretches where it has ``start_ns``
+and ``end_ns``.
+"""
 
-from caris_desktop.recording.annotation.model import AnnotationDocument
+import dataclasses
+import json
+import logging
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import yaml
+
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    CommandSent,
+    CommandSource,
+    EmergencyStopChanged,
+    GoalChanged,
+    GuardChanged,
+    LinkChanged,
+    LinkQuality,
+    LlmExchange,
+    Marked,
+    PersonAppeared,
+    PersonLeft,
+    RecordingPaused,
+    ScenarioOpened,
+    TrafficMeasured,
+    UtteranceChanged,
+    UtteranceOrigin,
+)
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS
+from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
+from caris_desktop.recording.annotation.model import (
+    Annotation,
+    AnnotationDocument,
+    Tier,
+    Vocabulary,
+    VocabularyEntry,
+)
+from caris_desktop.recording.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.utterances import SpokenUtterance, spoken_of
+
+MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
+MARKS_VOCABULARY = "Wizard marks"
+ERRORS_VOCABULARY = "Wizard errors"
+WIZARD_ERRORS = ("slip", "late", "wrong branch")
+_HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
+_STILL_MPS, _STILL_RADPS = 0.02, 0.05
+_TROUBLE = ("connecting", "trouble", "lost")
+_LONGEST_SUMMARY = 300
+_MOTIONS = {
+    "standing": "No velocity was commanded.",
+    "forward": f"At least {_STILL_MPS} m/s forward, turning or not.",
+    "backward": f"At least {_STILL_MPS} m/s backward, turning or not.",
+    "sideways": f"At least {_STILL_MPS} m/s to the side and neither forward nor backward.",
+    "turning": f"At least {_STILL_RADPS} rad/s on the spot.",
+}
+# Measured every second: tables show these, not tiers.
+_MEASUREMENTS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured)
+_log = logging.getLogger(__name__)
 
 
 def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
-    """The record as tiers that nobody edits (``coder`` is empty). Raises SessionError."""
-    raise NotImplementedError
+    """The record as tiers that nobody edits (``coder`` is empty); those that would be empty are left out.
+
+    Stretches that overlap continue on a second tier of the same name with a number. ``progress`` takes 0..1.
+    Raises SessionError.
+    """
+    record = SessionRecord(session)
+    for number, (_, value) in enumerate(session.values(*SessionRecord.STREAMS)):
+        record.add(value)
+        if progress is not None and number % 2000 == 0:
+            progress(record.fraction_of(value.stamp_ns))
+    return record.tiers()
+
+
+def scenario_labels(content: str) -> tuple[str, ...]:
+    """The labels of the mark keys in the text of a scenario file; none where it cannot be read."""
+    try:
+        labels = yaml.safe_load(content)["recording"]["labels"]
+    except (yaml.YAMLError, KeyError, TypeError, RecursionError):
+        return ()
+    return tuple(str(label) for label in labels) if isinstance(labels, list) else ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Something on a tier; ``end_ns`` None: a moment."""
+
+    start_ns: int
+    end_ns: int | None
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A tier before times are in order and overlaps are resolved."""
+
+    name: str
+    stretches: list[_Stretch]
+    vocabulary: str = ""
+    participant: str = ""
+
+
+class SessionRecord:
+    """Takes the values of a session in the order of recording, and folds them. Keeps what tiers show, no more."""
+
+    STREAMS = tuple(spec.name for spec in EVENT_STREAMS if spec.value_type not in _MEASUREMENTS)
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._utterances: list[UtteranceChanged] = []
+        self._marks: list[Marked] = []
+        self._goals: dict[str, list[GoalChanged]] = {}
+        self._pauses: list[RecordingPaused] = []
+        self._people: list[PersonAppeared | PersonLeft] = []
+        self._exchanges: list[LlmExchange] = []
+        self._answers: list[AnswerUsed] = []
+        self._links: list[LinkChanged] = []
+        self._guards: list[GuardChanged] = []
+        self._emergencies: list[EmergencyStopChanged] = []
+        self._scenarios: list[ScenarioOpened] = []
+        self._motion = _Runs()
+        self._sources = _Runs()
+        self._others: dict[type[Any], list[_Stretch]] = {}
+        self._folded: dict[type[Any], Callable[[Any], None]] = {
+            UtteranceChanged: self._utterances.append,
+            Marked: self._marks.append,
+            CommandSent: self._add_command,
+            GoalChanged: lambda goal: self._goals.setdefault(goal.goal_id, []).append(goal),
+            RecordingPaused: self._add_pause,
+            PersonAppeared: self._people.append,
+            PersonLeft: self._people.append,
+            LlmExchange: self._exchanges.append,
+            AnswerUsed: self._answers.append,
+            LinkChanged: self._links.append,
+            GuardChanged: self._guards.append,
+            EmergencyStopChanged: self._emergencies.append,
+            ScenarioOpened: self._scenarios.append,
+        }
+
+    def add(self, value: Any) -> None:
+        """Values of no event stream are passed over."""
+        kind = type(value)
+        fold = self._folded.get(kind)
+        if fold is not None:
+            fold(value)
+        elif kind not in _MEASUREMENTS and kind in BY_TYPE and BY_TYPE[kind] in EVENT_STREAMS:
+            start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
+            if isinstance(start_ns, int) and isinstance(end_ns, int):
+                stretch = _Stretch(start_ns, max(start_ns, end_ns), _summary(value))
+            else:
+                stretch = _Stretch(value.stamp_ns, None, _summary(value))
+            self._others.setdefault(kind, []).append(stretch)
+
+    def fraction_of(self, stamp_ns: int) -> float:
+        """How far into the session that is, 0..1."""
+        whole_ns = max(self._session.ended_ns - self._session.started_ns, 1)
+        return min(max((stamp_ns - self._session.started_ns) / whole_ns, 0.0), 1.0)
+
+    def utterances(self) -> tuple[SpokenUtterance, ...]:
+        return spoken_of(
+            self._utterances,
+            ended_ns=self._session.ended_ns,
+            paused_ns=[pause.stamp_ns for pause in self._pauses if pause.paused],
+        )
+
+    def marks(self) -> tuple[FinalMark, ...]:
+        return final_marks_of(self._marks, ended_ns=self._session.ended_ns)
+
+    def tiers(self) -> AnnotationDocument:
+        """Everything that was added, as tiers."""
+        rows = [
+            *self._speech_rows(),
+            *self._mark_rows(),
+            *self._driving_rows(),
+            *self._people_rows(),
+            *self._assistant_rows(),
+            *self._console_rows(),
+        ]
+        for spec in EVENT_STREAMS:
+            if self._others.get(spec.value_type):
+                rows.append(_Row(_in_words(spec.value_type.__name__), self._others[spec.value_type]))
+        return self._document(rows)
+
+    def _speech_rows(self) -> Iterable[_Row]:
+        said = [item for item in self.utterances() if item.start_ns is not None]
+        who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard"}
+        for speaker, participant in who.items():
+            mine = [item for item in said if item.speaker == speaker]
+            yield _Row(
+                f"{speaker.capitalize()} speech",
+                [_Stretch(item.start_ns or 0, item.end_ns, item.text) for item in mine],
+                participant=participant,
+            )
+            if speaker == "robot":
+                yield _Row(
+                    "Robot speech origin",
+                    [_Stretch(item.start_ns or 0, item.end_ns, item.origin) for item in mine],
+                    "Speech origin",
+                    participant,
+                )
+
+    def _mark_rows(self) -> Iterable[_Row]:
+        marks = self.marks()
+        labelled = [mark for mark in marks if mark.kind == "mark"]
+        errors = [mark for mark in marks if mark.kind == "wizard_error"]
+        yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label) for mark in labelled], MARKS_VOCABULARY)
+        yield _Row(
+            ERRORS_VOCABULARY,
+            [_of_mark(mark, mark.label) for mark in errors],
+            ERRORS_VOCABULARY,
+            participant="Wizard",
+        )
+        notes = [(mark, mark.note or (mark.label if mark.kind == "note" else "")) for mark in marks]
+        yield _Row("Notes", [_of_mark(mark, text) for mark, text in notes if text])
+
+    def _driving_rows(self) -> Iterable[_Row]:
+        ended_ns = self._session.ended_ns
+        motion = self._motion.until(ended_ns)
+        if motion:
+            # Nothing commanded is standing: before the first command and wherever commands went silent.
+            motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
+        yield _Row("Motion", motion, "Motion", "Robot")
+        yield _Row("Driving source", self._sources.until(ended_ns), "Driving source", "Wizard")
+        yield _Row("Navigation goals", [_of_goal(goal, ended_ns) for goal in self._goals.values()], "", "Robot")
+
+    def _people_rows(self) -> Iterable[_Row]:
+        present = self._presence()
+        changes = sorted(
+            change
+            for spans in present.values()
+            for start_ns, end_ns in spans
+            for change in ((start_ns, 1), (end_ns, -1))
+        )
+        counts, here, since_ns = [], 0, 0
+        for stamp_ns, change in changes:
+            if here and stamp_ns > since_ns:
+                counts.append(_Stretch(since_ns, stamp_ns, str(here)))
+            here, since_ns = here + change, stamp_ns
+        yield _Row("People present", counts)
+        for number, spans in enumerate(present.values(), start=1):
+            person_id = list(present)[number - 1]
+            yield _Row(f"Person {number}", [_Stretch(*span, "present") for span in spans], "", person_id)
+
+    def _assistant_rows(self) -> Iterable[_Row]:
+        yield _Row(
+            "LLM exchanges",
+            [
+                _Stretch(item.asked_ns, item.stamp_ns, item.answer or f"({item.outcome}: {item.detail})")
+                for item in self._exchanges
+            ],
+            participant="Assistant",
+        )
+        yield _Row("LLM answer use", [_Stretch(item.stamp_ns, None, item.use) for item in self._answers], "Answer use")
+
+    def _console_rows(self) -> Iterable[_Row]:
+        ended_ns = self._session.ended_ns
+        trouble: list[_Stretch] = []
+        for link in dict.fromkeys(change.link for change in self._links):
+            changes = [change for change in self._links if change.link == link]
+            for change, end_ns in _until_next(changes, ended_ns):
+                if change.state in _TROUBLE:
+                    detail = f" ({change.detail})" if change.detail else ""
+                    trouble.append(_Stretch(change.stamp_ns, end_ns, f"{link}: {change.state}{detail}"))
+        yield _Row("Link trouble", trouble)
+        yield _Row(
+            "Obstacle guard",
+            [
+                _Stretch(change.stamp_ns, end_ns, change.state)
+                for change, end_ns in _until_next(self._guards, ended_ns)
+                if change.state not in ("absent", "clear")
+            ],
+        )
+        yield _Row(
+            "Emergency stop",
+            [
+                _Stretch(change.stamp_ns, end_ns, f"set by {change.by}")
+                for change, end_ns in _until_next(self._emergencies, ended_ns)
+                if change.latched
+            ],
+        )
+        yield _Row("Pauses", [_Stretch(start_ns, end_ns, "paused") for start_ns, end_ns in self._paused_spans()])
+        yield _Row(
+            "Scenario",
+            [
+                _Stretch(opened.stamp_ns, end_ns, opened.title or opened.file_name)
+                for opened, end_ns in _until_next(self._scenarios, ended_ns)
+            ],
+        )
+
+    def _add_command(self, command: CommandSent) -> None:
+        state = motion_of(command.twist)
+        self._motion.add(command.stamp_ns, state, held=state == "standing")
+        self._sources.add(command.stamp_ns, "" if state == "standing" else command.source)
+
+    def _add_pause(self, pause: RecordingPaused) -> None:
+        self._pauses.append(pause)
+        if pause.paused:
+            self._motion.stop(pause.stamp_ns)
+            self._sources.stop(pause.stamp_ns)
+
+    def _paused_spans(self) -> list[tuple[int, int]]:
+        return [
+            (pause.stamp_ns, end_ns)
+            for pause, end_ns in _until_next(self._pauses, self._session.ended_ns)
+            if pause.paused
+        ]
+
+    def _presence(self) -> dict[str, list[tuple[int, int]]]:
+        """When each person was there. Who was there before the recording has left without having appeared."""
+        started_ns, ended_ns = self._session.started_ns, self._session.ended_ns
+        spans: dict[str, list[tuple[int, int]]] = {}
+        since: dict[str, int] = {}
+        for event in self._people:
+            mine = spans.setdefault(event.person_id, [])
+            if isinstance(event, PersonAppeared):
+                since.setdefault(event.person_id, event.stamp_ns)
+            elif event.person_id in since:
+                mine.append((since.pop(event.person_id), event.stamp_ns))
+            elif not mine:
+                mine.append((started_ns, event.stamp_ns))
+        for person_id, start_ns in since.items():
+            spans[person_id].append((start_ns, ended_ns))
+        for person_id, span in self._seen_throughout().items():
+            spans.setdefault(person_id, [span])
+        return spans
+
+    def _seen_throughout(self) -> dict[str, tuple[int, int]]:
+        """Who neither came nor went during the recording is only in ``people.json``."""
+        try:
+            people = json.loads((self._session.folder / "people.json").read_text(encoding="utf-8"))["people"]
+            return {
+                str(row["person_id"]): (
+                    self._session.started_ns + round(row["first_seen_s"] * 1e9),
+                    self._session.started_ns + round(row["last_seen_s"] * 1e9),
+                )
+                for row in people
+            }
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _log.warning("%s: people.json is left out: %r", self._session.folder, error)
+            return {}
+
+    def _document(self, rows: list[_Row]) -> AnnotationDocument:
+        duration_ms = max(1, -(-(self._session.ended_ns - self._session.started_ns) // 1_000_000))
+        tiers: list[Tier] = []
+        annotations: list[Annotation] = []
+        for row in rows:
+            lanes = _lanes(
+                row.stretches,
+                started_ns=self._session.started_ns,
+                duration_ms=duration_ms,
+                joined=not row.vocabulary,
+            )
+            for number, lane in enumerate(lanes, start=1):
+                name = row.name if number == 1 else f"{row.name} ({number})"
+                tier_id = "record-" + re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+                tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
+                for start_ms, end_ms, value in lane:
+                    annotations.append(Annotation(f"r{len(annotations) + 1}", tier_id, start_ms, end_ms, value))
+        used: dict[str, set[str]] = {tier.vocabulary: set() for tier in tiers if tier.vocabulary}
+        vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
+        for annotation in annotations:
+            used.get(vocabulary_of_tier[annotation.tier_id], set()).add(annotation.value)
+        return AnnotationDocument(tuple(tiers), self._vocabularies(used), tuple(annotations), duration_ms)
+
+    def _vocabularies(self, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
+        labels = dict.fromkeys(
+            " ".join(plain_text(label).split())
+            for opened in self._scenarios
+            for label in scenario_labels(opened.content)
+        )
+        known: dict[str, tuple[str, dict[str, str]]] = {
+            MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
+            ERRORS_VOCABULARY: ("What the wizard did wrong.", dict.fromkeys(WIZARD_ERRORS, "")),
+            "Motion": ("How the robot was told to move.", _MOTIONS),
+            "Driving source": ("What the velocity came from.", dict.fromkeys(get_args(CommandSource), "")),
+            "Speech origin": ("Where the words came from.", dict.fromkeys(get_args(UtteranceOrigin), "")),
+            "Answer use": ("What became of the answer.", {"said": "", "edited": "", "dismissed": ""}),
+        }
+        vocabularies = []
+        for name, (description, entries) in known.items():
+            values = used.get(name, set())
+            if name in used or (name == MARKS_VOCABULARY and labels):
+                # Wizards mark with labels of their own too, and with none.
+                others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
+                vocabularies.append(
+                    Vocabulary(
+                        name, tuple(VocabularyEntry(*entry) for entry in {**entries, **others}.items()), description
+                    )
+                )
+        return tuple(vocabularies)
+
+
+def motion_of(twist: Twist2D) -> str:
+    """In a word of the vocabulary Motion."""
+    if abs(twist.forward_mps) >= _STILL_MPS:
+        return "forward" if twist.forward_mps > 0 else "backward"
+    if abs(twist.left_mps) >= _STILL_MPS:
+        return "sideways"
+    return "turning" if abs(twist.turn_radps) >= _STILL_RADPS else "standing"
+
+
+class _Runs:
+    """Joins equal values that follow one another; the empty one is a gap."""
+
+    def __init__(self) -> None:
+        self._runs: list[_Stretch] = []
+        self._value = ""
+        self._since_ns = self._last_ns = 0
+        self._held = False
+
+    def add(self, stamp_ns: int, value: str, *, held: bool = False) -> None:
+        """``held``: it stays so however long nothing is said."""
+        silent = not self._held and stamp_ns - self._last_ns > _HELD_NS
+        if value != self._value or silent:
+            self.stop(stamp_ns)
+            self._value, self._since_ns, self._held = value, stamp_ns, held
+        self._last_ns = stamp_ns
+
+    def stop(self, stamp_ns: int) -> None:
+        end_ns = stamp_ns if self._held else min(stamp_ns, self._last_ns + _HELD_NS)
+        if self._value and end_ns > self._since_ns:
+            self._runs.append(_Stretch(self._since_ns, end_ns, self._value))
+        self._value = ""
+
+    def until(self, ended_ns: int) -> list[_Stretch]:
+        if self._value:
+            self.stop(max(ended_ns, self._last_ns))
+        return self._runs
+
+
+def _filled(
+    runs: list[_Stretch], value: str, start_ns: int, end_ns: int, pauses: list[tuple[int, int]]
+) -> list[_Stretch]:
+    """The gaps of ``runs`` hold ``value``, but not while the recording paused; neighbours are joined."""
+    filled: list[_Stretch] = []
+    at_ns = start_ns
+    fixed = sorted([*runs, *(_Stretch(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns)
+    for run in [*fixed, _Stretch(end_ns, end_ns, "")]:
+        if run.start_ns > at_ns:
+            filled.append(_Stretch(at_ns, run.start_ns, value))
+        filled.append(run)
+        at_ns = max(at_ns, run.end_ns or run.start_ns)
+    joined: list[_Stretch] = []
+    for run in filled:
+        before = joined[-1] if joined else None
+        if before is not None and run.value == before.value and before.end_ns == run.start_ns:
+            joined[-1] = dataclasses.replace(before, end_ns=run.end_ns)
+        else:
+            joined.append(run)
+    return [run for run in joined if run.value and (run.end_ns or 0) > run.start_ns]
+
+
+def _start_ns(stretch: _Stretch) -> int:
+    return stretch.start_ns
+
+
+def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
+    """Each with the moment of the next one: states hold until then."""
+    ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns]
+    return [(change, max(change.stamp_ns, end_ns)) for change, end_ns in zip(changes, ends_ns, strict=True)]
+
+
+def _of_mark(mark: FinalMark, value: str) -> _Stretch:
+    return _Stretch(mark.start_ns, mark.end_ns, " ".join(value.split()))
+
+
+def _of_goal(changes: list[GoalChanged], ended_ns: int) -> _Stretch:
+    first, last = changes[0], changes[-1]
+    over = last.state in ("reached", "cancelled", "failed")
+    target = first.place or f"({first.target_in_map.x_m:.2f}, {first.target_in_map.y_m:.2f})"
+    return _Stretch(first.stamp_ns, last.stamp_ns if over else ended_ns, f"{target}: {last.state}")
+
+
+def _lanes(
+    stretches: list[_Stretch], *, started_ns: int, duration_ms: int, joined: bool
+) -> list[list[tuple[int, int, str]]]:
+    """Rows of (start, end, value) in which nothing overlaps, as few as needed.
+
+    Moments are as wide as MOMENT_MS, less where the next one on the same row follows sooner; ``joined`` makes moments
+    of one and the same millisecond one. What lies before the session or after it is brought to its edge.
+    """
+    lanes: list[list[tuple[int, int, str]]] = []
+    # For each lane, where its last item really ends: what was made wider than that can be cut again.
+    ends_ms: list[int] = []
+    for stretch in sorted(stretches, key=_start_ns):
+        value = plain_text(stretch.value)[:LONGEST_VALUE]
+        start_ms = min(max((stretch.start_ns - started_ns) // 1_000_000, 0), duration_ms - 1)
+        moment = stretch.end_ns is None or stretch.end_ns <= stretch.start_ns
+        end_ms = start_ms if moment else min(((stretch.end_ns or 0) - started_ns) // 1_000_000, duration_ms)
+        shown_ms = min(start_ms + MOMENT_MS, duration_ms) if moment else max(end_ms, start_ms + 1)
+        for number, lane in enumerate(lanes):
+            last_start_ms, last_shown_ms, last_value = lane[-1]
+            if joined and moment and last_start_ms == start_ms and ends_ms[number] == start_ms:
+                if value != last_value:
+                    lane[-1] = (last_start_ms, last_shown_ms, f"{last_value} | {value}"[:LONGEST_VALUE])
+                break
+            # An item is a millisecond wide at least, and the next one gives way for that if it can.
+            begin_ms = max(start_ms, last_start_ms + 1)
+            if ends_ms[number] <= start_ms and begin_ms < shown_ms:
+                lane[-1] = (last_start_ms, min(last_shown_ms, begin_ms), last_value)
+                lane.append((begin_ms, shown_ms, value))
+                ends_ms[number] = end_ms
+                break
+        else:
+            lanes.append([(start_ms, shown_ms, value)])
+            ends_ms.append(end_ms)
+    return lanes
+
+
+def _summary(value: Any) -> str:
+    """What an event says, in one line: its fields but for times and ids, without the names where there is only one."""
+    parts = [
+        (field.name, _cell(getattr(value, field.name)))
+        for field in dataclasses.fields(value)
+        if not field.name.endswith(("_ns", "_id")) and field.name != "sequence"
+    ]
+    parts = [(name, text) for name, text in parts if text]
+    text = parts[0][1] if len(parts) == 1 else ", ".join(f"{name.replace('_', ' ')}: {text}" for name, text in parts)
+    text = " ".join(text.split()) or _in_words(type(value).__name__)
+    return text if len(text) <= _LONGEST_SUMMARY else f"{text[: _LONGEST_SUMMARY - 1]}…"
+
+
+def _cell(value: Any) -> str:
+    match value:
+        case None | "":
+            return ""
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.3g}"
+        case Pose2D():
+            return f"({value.x_m:.2f}, {value.y_m:.2f})"
+        case str() | int():
+            return str(value)
+        case tuple() | list() | dict():
+            return f"{len(value)}" if value else ""
+        case _:
+            return str(value)
+
+
+def _in_words(type_name: str) -> str:
+    """``StopRequested`` as ``Stop requested``."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type_name).capitalize()
