@@ -463,7 +463,9 @@ def _metadata(path: Path) -> dict[str, Any] | None:
 def _storage_files(folder: Path) -> list[Path]:
     """The storage files of a folder, the second after the first and the tenth after the ninth."""
     found = [path for path in folder.iterdir() if re.search(r"\.(mcap|db3)(\.zstd)?$", path.name) and path.is_file()]
-    return sorted(found, key=lambda path: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", path.name)])
+    return sorted(
+        found, key=lambda path: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", path.name)]
+    )
 
 
 def _unfold_file(path: Path, scratch: Path) -> Path:

@@ -1,0 +1,499 @@
+"""A session as bags: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, the same standard messages in both."""
+
+import json
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema import to_jsonable
+from caris_desktop.domain.sensing import (
+    BatteryState,
+    CameraLens,
+    FrameRef,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PeopleInMap,
+    PlannedPath,
+    RobotPose,
+    StatusShown,
+)
+from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.recording.bag_messages import Ros, typed, typestore
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.video_frames import VideoFrames
+from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.ros.dialect import Dialect, encode_time
+from caris_desktop.ros.fields import Message, encode_header, encode_pose
+
+MAP, ODOM, BASE = "map", "odom", "base_link"
+SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
+IMAGE_HZ = 5.0
+_JPEG_QUALITY = 90
+_PLAIN = Dialect.ROS2  # of the plain messages here; what ROS 1 spells otherwise, bag_messages.typed finds
+_PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
+# Whole in a standard message, or about the console's own panels; all else is there as the JSON of its own schema too.
+_NO_JSON = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef, StatusShown)
+
+
+@dataclass(frozen=True, slots=True)
+class RosTopic:
+    """``latched``: whoever comes later still gets the newest message."""
+
+    name: str
+    type: str
+    latched: bool = False
+
+
+SCAN = RosTopic("/scan", "sensor_msgs/msg/LaserScan")
+ODOMETRY = RosTopic("/odom", "nav_msgs/msg/Odometry")
+POSE = RosTopic("/robot_pose", "geometry_msgs/msg/PoseStamped")
+GRID = RosTopic("/map", "nav_msgs/msg/OccupancyGrid", latched=True)
+PATH = RosTopic("/plan", "nav_msgs/msg/Path")
+GOAL = RosTopic("/goal_pose", "geometry_msgs/msg/PoseStamped")
+COMMAND = RosTopic("/cmd_vel", "geometry_msgs/msg/TwistStamped")
+BATTERY = RosTopic("/battery_state", "sensor_msgs/msg/BatteryState")
+PEOPLE = RosTopic("/people", "visualization_msgs/msg/MarkerArray")
+CLOCK = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+TF = RosTopic("/tf", "tf2_msgs/msg/TFMessage")
+TF_STATIC = RosTopic("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
+SESSION = RosTopic(SESSION_TOPIC, "std_msgs/msg/String", latched=True)
+
+_Out = Iterator[tuple[RosTopic, Message]]
+
+
+def write_rosbag2(
+    session: Session, out: Path, context: ExportContext, *, image_hz: float | None = IMAGE_HZ
+) -> list[Path]:
+    """Fill the folder ``out``. ``image_hz`` bounds the pictures of each camera; None takes every frame of the video.
+
+    Raises OSError, SessionError.
+    """
+    clock = robot_clock(session)
+    moments = _Moments(session, clock)
+    with ExitStack() as stack:
+        bags = stack.enter_context(_Bags(out))
+        frames = stack.enter_context(VideoFrames(session))
+        has_odometry = next(session.values("odometry"), None) is not None
+        translator = _Translator(moments, frames, has_odometry=has_odometry, image_hz=image_hz)
+        bags.write(SESSION, session.clock.anchor.utc_ns_at(session.started_ns), {"data": _session_json(session)})
+        duration_ns = max(1, session.ended_ns - session.started_ns)
+        for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
+            at_utc_ns = session.clock.anchor.utc_ns_at(arrival_ns)
+            for topic, message in translator.messages(spec, value, arrival_ns):
+                bags.write(topic, at_utc_ns, message)
+            if not number % 200:
+                context.progress(min(1.0, max(0.0, (arrival_ns - session.started_ns) / duration_ns)))
+        topics = bags.topics
+    readme = out / "README.md"
+    readme.write_text(_readme(session, clock, topics, moments, image_hz), encoding="utf-8")
+    return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]
+
+
+class _Moments:
+    """When values were measured, in UTC, and how well that is known."""
+
+    def __init__(self, session: Session, clock: RobotClock) -> None:
+        self._anchor = session.clock.anchor
+        self._clock = clock
+        self.worst_uncertainty_ns = 0
+        self.mapped = self.as_arrived = 0
+
+    def utc_ns(self, value: Any, arrival_ns: int) -> int:
+        """The moment of measurement by the robot's stamp where that can be mapped, else the value's own stamp."""
+        robot_stamp_ns = getattr(value, "robot_stamp_ns", None)
+        if robot_stamp_ns is not None:
+            measured = self._clock.measured(robot_stamp_ns, arrival_ns=arrival_ns)
+            if measured is not None:
+                self.mapped += 1
+                self.worst_uncertainty_ns = max(self.worst_uncertainty_ns, measured.uncertainty_ns)
+                return self._anchor.utc_ns_at(measured.stamp_ns)
+            self.as_arrived += 1
+        return self._anchor.utc_ns_at(value.stamp_ns)
+
+
+class _Translator:
+    """Turns recorded values, in the order of arrival, into messages."""
+
+    def __init__(self, moments: _Moments, frames: VideoFrames, *, has_odometry: bool, image_hz: float | None) -> None:
+        self._moments = moments
+        self._frames = frames
+        self._has_odometry = has_odometry
+        self._image_every_ns = 0 if image_hz is None else round(1e9 / image_hz)
+        self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=50)
+        self._static: dict[str, Message] = {}
+        self._image_due_ns: dict[str, int] = {}
+        self._speaking: set[str] = set()
+        self._by_type: dict[type[Any], Callable[[Any, int], _Out]] = {
+            LaserScan: self._scan,
+            Odometry: self._odometry_and_tf,
+            RobotPose: self._pose,
+            OccupancyGrid: lambda grid, at_ns: _one(
+                GRID, messages.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)
+            ),
+            PlannedPath: lambda path, at_ns: _one(
+                PATH, navigation_messages.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)
+            ),
+            BatteryState: self._battery,
+            CommandSent: lambda command, at_ns: _one(
+                COMMAND, messages.encode_twist_stamped(_PLAIN, command.twist, stamp_ns=at_ns, frame_id=BASE)
+            ),
+            GoalChanged: self._goal,
+            CameraLens: self._lens,
+            FrameRef: self._image,
+            PeopleInMap: self._people,
+            LinkQuality: self._link_quality,
+            UtteranceChanged: self._utterance,
+        }
+
+    def messages(self, spec: StreamSpec, value: Any, arrival_ns: int) -> _Out:
+        translate = self._by_type.get(type(value))
+        if translate is not None:
+            yield from translate(value, self._moments.utc_ns(value, arrival_ns))
+        if not isinstance(value, _NO_JSON):
+            data = json.dumps(to_jsonable(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+            yield RosTopic(f"{VALUE_TOPICS}{spec.name}", "std_msgs/msg/String"), {"data": data}
+
+    def _scan(self, scan: LaserScan, at_ns: int) -> _Out:
+        frame = scan.frame_id.lstrip("/") or "laser"
+        if frame != BASE:
+            yield from self._fixed(frame, _transform(BASE, frame, scan.robot_from_laser, at_ns=at_ns))
+        message = messages.encode_laser_scan(_PLAIN, scan, stamp_ns=at_ns, scan_time_s=0.0)
+        message["header"]["frame_id"] = frame
+        yield SCAN, message
+
+    def _odometry_and_tf(self, odometry: Odometry, at_ns: int) -> _Out:
+        self._odometry.append((at_ns, odometry.pose_in_odom))
+        yield ODOMETRY, messages.encode_odometry(_PLAIN, odometry, stamp_ns=at_ns, frame_id=ODOM, child_frame_id=BASE)
+        yield TF, messages.encode_tf_message(_PLAIN, [(ODOM, BASE, odometry.pose_in_odom)], stamp_ns=at_ns)
+
+    def _pose(self, pose: RobotPose, at_ns: int) -> _Out:
+        yield POSE, messages.encode_pose_stamped(_PLAIN, pose.pose_in_map, stamp_ns=at_ns, frame_id=MAP)
+        if not self._has_odometry:
+            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, BASE, pose.pose_in_map)], stamp_ns=at_ns)
+            return
+        in_odom = _interpolated(self._odometry, at_ns)
+        if in_odom is not None:
+            map_from_odom = pose.pose_in_map @ in_odom.inverse()
+            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=at_ns)
+
+    def _battery(self, battery: BatteryState, at_ns: int) -> _Out:
+        message = messages.encode_battery_state(_PLAIN, battery, stamp_ns=at_ns, voltage_v=math.nan)
+        unknown = {"power_supply_status": 0, "power_supply_health": 0, "power_supply_technology": 0}
+        yield BATTERY, {**message, **unknown, "temperature": math.nan}
+
+    def _goal(self, goal: GoalChanged, at_ns: int) -> _Out:
+        if goal.state == "requested":
+            yield GOAL, messages.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
+
+    def _lens(self, lens: CameraLens, at_ns: int) -> _Out:
+        model, frame = lens.model, _camera_frame(lens.camera)
+        if not model.on_head:
+            yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
+        seen = messages.Lens(model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px)
+        yield (
+            RosTopic(f"/camera/{_ros_name(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
+            {
+                **messages.encode_camera_info(_PLAIN, seen, stamp_ns=at_ns, frame_id=frame),
+                "d": [0.0] * 5,
+                "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+                "p": [seen.fx_px, 0.0, seen.cx_px, 0.0, 0.0, seen.fy_px, seen.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+            },
+        )
+
+    def _image(self, ref: FrameRef, at_ns: int) -> _Out:
+        if ref.stamp_ns < self._image_due_ns.get(ref.camera, 0):
+            return
+        image_bgr = self._frames.at(ref.camera, ref.stamp_ns)
+        if image_bgr is None:
+            return
+        # Half a period of slack, so that a camera of the same rate is not halved by its jitter.
+        self._image_due_ns[ref.camera] = max(
+            self._image_due_ns.get(ref.camera, 0) + self._image_every_ns, ref.stamp_ns + self._image_every_ns // 2
+        )
+        import cv2
+
+        _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        yield (
+            RosTopic(f"/camera/{_ros_name(ref.camera)}/image/compressed", "sensor_msgs/msg/CompressedImage"),
+            messages.encode_compressed_image(
+                _PLAIN, jpeg.tobytes(), stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(ref.camera)
+            ),
+        )
+
+    def _people(self, people: PeopleInMap, at_ns: int) -> _Out:
+        header = encode_header(_PLAIN, stamp_ns=at_ns, frame_id=MAP)
+        lifetime = encode_time(_PLAIN, round(_PERSON_SHOWN_S * 1e9))
+        markers = []
+        for number, person in enumerate(people.people):
+            shared = {"header": header, "id": number, "action": 0, "lifetime": lifetime, "frame_locked": False}
+            wide_m = max(0.3, 2.0 * person.spread_m)
+            markers.append(
+                {
+                    **shared,
+                    "ns": "people",
+                    "type": 3,  # a cylinder
+                    "pose": _upright(person.x_m, person.y_m, _PERSON_HEIGHT_M / 2),
+                    "scale": {"x": wide_m, "y": wide_m, "z": _PERSON_HEIGHT_M},
+                    "color": {"r": 0.2, "g": 0.6, "b": 1.0, "a": 0.6},
+                }
+            )
+            markers.append(
+                {
+                    **shared,
+                    "ns": "person_ids",
+                    "type": 9,  # text that faces the viewer
+                    "pose": _upright(person.x_m, person.y_m, _PERSON_HEIGHT_M + 0.2),
+                    "scale": {"x": 0.0, "y": 0.0, "z": 0.25},
+                    "color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0},
+                    "text": person.person_id,
+                }
+            )
+        yield PEOPLE, {"markers": markers}
+
+    def _link_quality(self, quality: LinkQuality, at_ns: int) -> _Out:
+        known = {
+            "round_trip_ms": quality.round_trip_ms,
+            "robot_clock_minus_session_clock_ms": quality.clock_offset_ms,
+            "uncertainty_ms": quality.clock_uncertainty_ms,
+        }
+        values = [{"key": key, "value": repr(value)} for key, value in known.items() if value is not None]
+        status = {"level": 0, "name": "robot clock", "message": "as measured by the link", "hardware_id": "link"}
+        yield (
+            CLOCK,
+            {
+                "header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=""),
+                "status": [{**status, "values": values}],
+            },
+        )
+
+    def _utterance(self, utterance: UtteranceChanged, _at_ns: int) -> _Out:
+        """The words once, when they are said; a recogniser tells them when they are finished."""
+        if utterance.utterance_id in self._speaking or utterance.state not in ("started", "finished"):
+            return
+        if utterance.speaker == "participant" and utterance.state == "started":
+            return
+        self._speaking.add(utterance.utterance_id)
+        yield RosTopic(f"/speech/{utterance.speaker}", "std_msgs/msg/String"), {"data": utterance.text}
+
+    def _fixed(self, frame: str, transform: Message) -> _Out:
+        """A transform of /tf_static, when it is first known and when it changes."""
+        if self._static.get(frame) != transform["transform"]:
+            self._static[frame] = transform["transform"]
+            yield TF_STATIC, {"transforms": [transform]}
+
+
+class _Bags:
+    """Both bags, written side by side; a context manager."""
+
+    def __init__(self, out: Path) -> None:
+        from rosbags.rosbag1 import Writer as Writer1
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+        from rosbags.rosbag2 import Writer as Writer2
+
+        self._ros1: Writer1 = Writer1(out / "session.bag")
+        self._ros1.set_compression(Writer1.CompressionFormat.LZ4)
+        # Version 8: the newest whose metadata ROS 2 Humble reads too.
+        self._ros2: Writer2 = Writer2(out / "ros2", version=8, storage_plugin=StoragePlugin.MCAP)
+        self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._connections: dict[RosTopic, tuple[Any, Any]] = {}
+        self.counts: dict[RosTopic, int] = {}
+        self._chunks = 0
+
+    def __enter__(self) -> "_Bags":
+        self._ros1.open()
+        try:
+            self._ros2.open()
+        except BaseException:
+            self._ros1.abort()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self._ros2.close()
+            self._ros1.close()
+        else:
+            self._ros2.abort()
+            self._ros1.abort()
+
+    @property
+    def topics(self) -> dict[RosTopic, int]:
+        """Each topic and how many messages it has."""
+        return dict(self.counts)
+
+    def write(self, topic: RosTopic, at_utc_ns: int, message: Message) -> None:
+        connections = self._connections.get(topic)
+        if connections is None:
+            connections = self._connections[topic] = self._connect(topic)
+        ros1, ros2 = (typed(typestore(ros), topic.type, message) for ros in _BOTH)
+        self._ros1.write(connections[0], at_utc_ns, typestore(1).serialize_ros1(ros1, topic.type))
+        self._ros2.write(connections[1], at_utc_ns, typestore(2).serialize_cdr(ros2, topic.type))
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+        if len(self._ros1.chunks) > self._chunks + 1:
+            self._forget_written_chunks()
+
+    def _connect(self, topic: RosTopic) -> tuple[Any, Any]:
+        return (
+            self._ros1.add_connection(
+                topic.name, topic.type, typestore=typestore(1), latching=1 if topic.latched else None
+            ),
+            self._ros2.add_connection(
+                topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=[_quality(latched=topic.latched)]
+            ),
+        )
+
+    def _forget_written_chunks(self) -> None:
+        """The writer keeps the place of every message, but of written chunks needs only how many there were."""
+        for chunk in self._ros1.chunks[self._chunks : -1]:
+            chunk.connections = {number: range(len(places)) for number, places in chunk.connections.items()}  # type: ignore[misc]
+        self._chunks = len(self._ros1.chunks) - 1
+
+
+_BOTH: tuple[Ros, Ros] = (1, 2)
+
+
+def _quality(*, latched: bool) -> Any:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    forever = QosTime(0, 0)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=forever,
+        lifespan=forever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def _one(topic: RosTopic, message: Message) -> _Out:
+    yield topic, message
+
+
+def _session_json(session: Session) -> str:
+    """What heads the session, without what names places in its folder or on the network."""
+    kept = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
+    head = {name: session.header[name] for name in kept if name in session.header}
+    return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
+
+
+def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D | None:
+    """The pose at a moment: between its neighbours, or the nearest where it lies outside."""
+    if not poses:
+        return None
+    known = list(poses)
+    index = bisect_left([stamp_ns for stamp_ns, _ in known], at_ns)
+    if index == 0 or index == len(known):
+        return known[min(index, len(known) - 1)][1]
+    (before_ns, before), (after_ns, after) = known[index - 1], known[index]
+    share = (at_ns - before_ns) / max(1, after_ns - before_ns)
+    return Pose2D(
+        before.x_m + share * (after.x_m - before.x_m),
+        before.y_m + share * (after.y_m - before.y_m),
+        before.heading_rad + share * math.remainder(after.heading_rad - before.heading_rad, 2.0 * math.pi),
+    )
+
+
+def _transform(parent: str, child: str, pose: Pose2D, *, at_ns: int) -> Message:
+    (transform,) = messages.encode_tf_message(_PLAIN, [(parent, child, pose)], stamp_ns=at_ns)["transforms"]
+    return dict(transform)
+
+
+def _camera_transform(model: CameraModel, frame: str, *, at_ns: int) -> Message:
+    """Of the optical frame (REP 103: z forward, x right, y down)."""
+    half_heading, half_tilt = model.heading_rad / 2.0, model.tilt_rad / 2.0
+    heading = np.array([math.cos(half_heading), 0.0, 0.0, math.sin(half_heading)])
+    tilt = np.array([math.cos(half_tilt), 0.0, math.sin(half_tilt), 0.0])
+    w, x, y, z = _product(_product(heading, tilt), np.array([0.5, -0.5, 0.5, -0.5])).tolist()
+    return {
+        "header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=BASE),
+        "child_frame_id": frame,
+        "transform": {
+            "translation": {"x": model.x_m, "y": model.y_m, "z": model.z_m},
+            "rotation": {"x": x, "y": y, "z": z, "w": w},
+        },
+    }
+
+
+def _product(one: Any, other: Any) -> Any:
+    """Of two quaternions w, x, y, z."""
+    scalar = one[0] * other[0] - one[1:] @ other[1:]
+    vector = one[0] * other[1:] + other[0] * one[1:] + np.cross(one[1:], other[1:])
+    return np.array([scalar, *vector])
+
+
+def _upright(x_m: float, y_m: float, z_m: float) -> Message:
+    pose = encode_pose(Pose2D(x_m, y_m, 0.0))
+    pose["position"]["z"] = z_m
+    return pose
+
+
+def _ros_name(camera: str) -> str:
+    """As a part of a topic's name: letters, digits and underscores, no digit first."""
+    plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in camera).strip("_")
+    return plain if plain and not plain[0].isdigit() else f"camera_{plain}"
+
+
+def _camera_frame(camera: str) -> str:
+    return f"{_ros_name(camera)}_optical_frame"
+
+
+def _readme(
+    session: Session, clock: RobotClock, topics: dict[RosTopic, int], moments: _Moments, image_hz: float | None
+) -> str:
+    anchor = session.clock.anchor
+    summary = clock.summary(utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns)
+    if summary is None:
+        robot = "The link never measured the robot's clock: stamps are when values reached the console."
+    else:
+        robot = (
+            f"Stamps of the robot ({moments.mapped} of {moments.mapped + moments.as_arrived} stamped values) were "
+            f"mapped to UTC by {summary.estimates} measurements of its clock, which was {summary.utc_offset_s:+.3f} s "
+            f"off and drifted {summary.drift_ms_per_min:+.2f} ms/min. Each lies within "
+            f"{moments.worst_uncertainty_ns / 1e6:.1f} ms of the true moment."
+        )
+    pictures = "every frame" if image_hz is None else f"at most {image_hz:g} pictures per second"
+    rows = "\n".join(
+        f"| `{topic.name}` | `{topic.type.replace('/msg/', '/')}` | {count} |"
+        for topic, count in sorted(topics.items(), key=lambda item: item[0].name)
+    )
+    return f"""# Session {session.folder.name} as ROS bags
+
+`ros2/` is a rosbag2 (MCAP, CDR, message definitions inside): `ros2 bag play ros2`. `session.bag` is the same for
+ROS 1: `rosbag play --clock session.bag`. Both hold the same messages.
+
+## Clocks
+- The time of a message in the bag is when the value reached the console, in UTC by the clock of that computer.
+- `header.stamp` is when it was measured or sent, in UTC by the same clock. {robot}
+- Stamps inside the JSON of `{VALUE_TOPICS}...` are nanoseconds of the session's monotonic clock; `{SESSION_TOPIC}`
+  holds what maps them to UTC: utc_ns + (stamp_ns - monotonic_ns).
+
+## Frames
+REP 105: `{MAP}` -> `{ODOM}` -> `{BASE}` -> laser; `{MAP}` -> `{BASE}` where the robot sent no odometry. Metres and
+radians. Cameras: optical frames, {pictures} of each (JPEG); the videos themselves are in the session.
+
+## Topics
+`{VALUE_TOPICS}STREAM` are values and events for which there is no standard message, as JSON in `std_msgs/String`, in
+the schema that the channels of the session's `events.mcap` carry. `{COMMAND.name}` are the velocities as they were
+sent; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are opaque ids.
+
+| topic | type | messages |
+| --- | --- | --- |
+{rows}
+"""
