@@ -11,7 +11,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="caris-desktop",
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
-        epilog="Other commands: simulate, rehearse, export, robots, check. Each has its own --help.",
+        epilog=(
+            "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, robots, check. "
+            "Each has its own --help."
+        ),
     )
     parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")
     add_console_arguments(parser)

@@ -11,7 +11,11 @@ from caris_desktop.app.arguments import build_parser
 COMMANDS = {
     "simulate": ("caris_desktop.simulator.command", "a simulated robot behind a rosbridge websocket"),
     "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
-    "export": ("caris_desktop.recording.command", "a recorded session as files for analysis"),
+    "replay": ("caris_desktop.app.replay_command", "a recorded session in the console's window"),
+    "export": ("caris_desktop.recording.command", "recorded sessions as files for analysis"),
+    "sessions": ("caris_desktop.recording.sessions_command", "the sessions of a study, found by what was said in them"),
+    "statistics": ("caris_desktop.recording.statistics_command", "figures over all sessions of a study"),
+    "agreement": ("caris_desktop.recording.annotation.command", "how far two coders of a session agree"),
     "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }

@@ -63,6 +63,11 @@ def log_file() -> Path:
     return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
 
 
+def imports_dir() -> Path:
+    """Where bags of others are kept as sessions."""
+    return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "imported bags"
+
+
 def find_scenario(name_or_path: str) -> Scenario:
     """Raises StartError."""
     try:

@@ -22,6 +22,7 @@ from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
+from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
@@ -49,7 +50,7 @@ class ConsoleRun:
         self._arguments = arguments
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
-        _check_screen()
+        check_screen()
         existing = QApplication.instance()
         self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
         self.application.setApplicationName("CARIS Desktop")
@@ -75,6 +76,8 @@ class ConsoleRun:
             gamepads=self.console.gamepads,
             explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
         )
+        self.library = LiveSessionLibrary(study.path, self.console.problem, self.console)
+        self.window.use_library(self.library)
         self.window.layout_save_requested.connect(self._on_layout_save_requested)
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
@@ -89,6 +92,7 @@ class ConsoleRun:
 
     def close(self) -> None:
         self.window.close()
+        self.library.shutdown()
         self.console.shutdown()
         if self._garbage is not None:
             self._garbage.stop()
@@ -185,7 +189,7 @@ def run(arguments: argparse.Namespace) -> int:
         console_run.close()
 
 
-def _check_screen() -> None:
+def check_screen() -> None:
     """Without a screen Qt would end the program with words that help nobody. Raises StartError."""
     places = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in places):

@@ -179,11 +179,18 @@ class ReplayControls(Protocol):
     then), ``coding`` the annotations of every coder as an AnnotationDocument.
     """
 
-    playback: LiveValue
-    overview: LiveValue
-    coding: LiveValue
-    thumbnail_made: SignalInstance
-    """(camera, at_ns, image_bgr): a thumbnail that was asked for."""
+    @property
+    def playback(self) -> LiveValue: ...
+
+    @property
+    def overview(self) -> LiveValue: ...
+
+    @property
+    def coding(self) -> LiveValue: ...
+
+    @property
+    def thumbnail_made(self) -> SignalInstance:
+        """(camera, at_ns, image_bgr): a thumbnail that was asked for."""
 
     @property
     def session(self) -> Session: ...

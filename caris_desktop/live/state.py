@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import LinkQuality
+from caris_desktop.domain.events import LinkChanged, LinkQuality
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -37,6 +37,13 @@ class PresentClock:
 
     now_ns: Callable[[], int] = clock.now_ns
     anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
+
+
+# What stands only as long as a link does.
+STREAMS_OF_LINK = {
+    "control": ("scan", "odometry", "pose", "map", "battery", "people_in_map", "path", "head", "readings"),
+    "media": ("frame", "map"),
+}
 
 
 class LiveStream(QObject):
@@ -174,6 +181,10 @@ class LiveState(QObject):
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)
 
+    def stream(self, name: str) -> LiveStream:
+        """The stream of this name in the stream table."""
+        return self._streams[name]
+
     def take(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
@@ -189,7 +200,13 @@ class LiveState(QObject):
         for stream in self._streams.values():
             stream.update_freshness()
 
+    def forget_what_came_over(self, event: LinkChanged) -> None:
+        """A link that is gone takes its latched values along; nothing old stays on show as live."""
+        if event.state != "connected":
+            for name in STREAMS_OF_LINK.get(event.link, ()):
+                self._streams[name].clear()
+
     def clear_robot_streams(self) -> None:
-        """The link is gone: latched values follow it, nothing old stays on show as live."""
-        for name in ("scan", "odometry", "pose", "map", "battery", "people_in_map", "path", "head", "readings"):
+        """The robot is gone, or another one."""
+        for name in STREAMS_OF_LINK["control"]:
             self._streams[name].clear()

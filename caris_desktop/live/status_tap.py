@@ -22,7 +22,9 @@ from caris_desktop.live.status import (
     LinkStatus,
     MapStatus,
     MarksStatus,
+    MicrophoneStatus,
     PerceptionStatus,
+    RecordingStatus,
     SpeechStatus,
 )
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
@@ -30,9 +32,9 @@ from caris_desktop.scenario.model import Place
 
 _log = logging.getLogger(__name__)
 
-# The values of LiveState that are recorded, and what they are made of. ``recording`` is the recorder's own,
-# ``scenario`` and ``robot`` are in their events.
+# The values of LiveState that are recorded, and what they are made of; ``scenario`` and ``robot`` are in their events.
 STATUS_TYPES: dict[str, Any] = {
+    "recording": RecordingStatus,
     "link": LinkStatus,
     "drive": DriveStatus,
     "speech": SpeechStatus,
@@ -48,6 +50,7 @@ STATUS_TYPES: dict[str, Any] = {
     "traffic": dict[str, TrafficMeasured],
     "gamepad": GamepadStatus,
     "marks": MarksStatus,
+    "microphone": MicrophoneStatus,
 }
 
 
@@ -60,7 +63,7 @@ class StatusTap(QObject):
         self._watches = [_Watch(name, getattr(state, name), self._on_changed, self) for name in STATUS_TYPES]
 
     def _on_changed(self, name: str, value: Any) -> None:
-        self._record(StatusShown(clock.now_ns(), name, to_jsonable(_without_names(value))))
+        self._record(StatusShown(clock.now_ns(), name, to_jsonable(_for_the_record(value))))
 
 
 class _Watch(QObject):
@@ -92,8 +95,10 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
     getattr(state, shown.name).set(value)
 
 
-def _without_names(value: Any) -> Any:
-    """Names of people stay in the study's database."""
+def _for_the_record(value: Any) -> Any:
+    """Names of people stay in the study's database, and paths of this computer on this computer."""
+    if isinstance(value, RecordingStatus):
+        return replace(value, folder=None)
     if isinstance(value, tuple) and value and isinstance(value[0], PersonRow):
         return tuple(row if is_unnamed_label(row.name) else replace(row, name="") for row in value)
     return value

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.scenario.model import SCENARIO_VERSION, LayoutNode, PanelLeaf, SplitNode, TabNode
 
 
 def layout_from_data(node: dict[str, Any]) -> LayoutNode:
@@ -14,6 +15,15 @@ def layout_from_data(node: dict[str, Any]) -> LayoutNode:
     children = tuple(layout_from_data(child) for child in node["children"])
     weights = node.get("weights", [1.0] * len(children))
     return SplitNode(node["split"], children, tuple(float(weight) for weight in weights))
+
+
+def checked_layout(node: Any) -> LayoutNode:
+    """As :func:`layout_from_data`, from data that nobody has checked. Raises ValueError."""
+    whole = {"version": SCENARIO_VERSION, "title": "-", "layout": node}
+    error = next(schema_validator("scenario.schema.json").iter_errors(whole), None)
+    if error is not None:
+        raise ValueError(f"not an arrangement of panels: {error.message[:200]}")
+    return layout_from_data(node)
 
 
 def layout_data(node: LayoutNode) -> dict[str, Any]:

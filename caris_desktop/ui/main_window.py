@@ -9,13 +9,13 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QEvent, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.intents import RobotChoice, WizardIntents
+from caris_desktop.live.intents import ReplayControls, RobotChoice, WizardIntents
 from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario
 from caris_desktop.study.trial import TrialDetails
@@ -41,6 +41,8 @@ from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.replay.replay_bar import ReplayBar
+from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.start_dialog import StartDialog
@@ -167,6 +169,7 @@ class MainWindow(QWidget):
         self.marking = Marking(self.theme, console, self.actions_table, self.hold, self)
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
+        self._replay_title = ""
         self._log: list[tuple[int, str, str]] = []
         self._dialog: StartDialog | None = None
         self._robot_dialog: RobotDialog | None = None
@@ -184,7 +187,12 @@ class MainWindow(QWidget):
         layout.addWidget(self._question)
         holder = QVBoxLayout()
         holder.setContentsMargins(8, 8, 8, 8)
-        holder.addWidget(self.dock_host)
+        self._middle = QSplitter(Qt.Orientation.Vertical)
+        self._middle.setObjectName("middle")
+        self._middle.setHandleWidth(8)
+        self._middle.setChildrenCollapsible(False)
+        self._middle.addWidget(self.dock_host)
+        holder.addWidget(self._middle)
         layout.addLayout(holder, 1)
         layout.addWidget(self._status_bar)
         self._problems = ProblemCards(self.theme, self.dock_host)
@@ -229,6 +237,23 @@ class MainWindow(QWidget):
             self._gamepads = gamepads
             self.hold.use_gamepads(gamepads)
 
+    def use_replay(self, replay: ReplayControls) -> None:
+        """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
+        timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
+        bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
+        self._middle.addWidget(timeline)
+        self._middle.setStretchFactor(0, 3)
+        self._middle.setStretchFactor(1, 1)
+        outer = self.layout()
+        if isinstance(outer, QVBoxLayout):
+            outer.insertWidget(outer.indexOf(self._status_bar), bar)
+        self.hold.escape_pressed.connect(timeline.give_up)
+        self._replay_title = f"Replay of {replay.session.folder.name}"
+        self.setWindowTitle(self._title(self._console.scenario))
+
+    def _title(self, scenario: Scenario) -> str:
+        return " · ".join(part for part in (self._replay_title, scenario.title, "CARIS Desktop") if part)
+
     # ---- what is on show
 
     @property
@@ -262,7 +287,7 @@ class MainWindow(QWidget):
         self._bind_driving_panels()
         self._top_bar.show_scenario()
         self._status_bar.refresh()
-        self.setWindowTitle(f"{scenario.title} · CARIS Desktop")
+        self.setWindowTitle(self._title(scenario))
         self._focus_first()
 
     def _make_panel(self, name: PanelName) -> Panel:

@@ -1,0 +1,142 @@
+"""Annotations of the session in replay: edited here, saved in the background; and the overview for the timeline."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.state import LiveValue
+from caris_desktop.recording.annotation.csv_import import read_csv
+from caris_desktop.recording.annotation.eaf_import import read_eaf
+from caris_desktop.recording.annotation.editing import (
+    AnnotationError,
+    check_document,
+    coders_of,
+    merge_documents,
+    tiers_of_coder,
+)
+from caris_desktop.recording.annotation.history import EditHistory
+from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.overview_of import build_overview
+from caris_desktop.recording.annotation.store import load_documents, save_coder
+from caris_desktop.recording.session_reader import Session
+
+_log = logging.getLogger(__name__)
+Tell = Callable[[str, str, str], None]
+"""What happened, what it means, what to do."""
+
+
+class CodingDesk(QObject):
+    """``coding`` holds the AnnotationDocument of all coders, ``overview`` the SessionOverview once it was made."""
+
+    _overview_made = Signal(object)
+    _save_failed = Signal(str)
+
+    def __init__(
+        self, session: Session, asyncio_thread: AsyncioThread, problem: Tell, parent: QObject | None = None
+    ) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._asyncio = asyncio_thread
+        self._problem = problem
+        self.overview = LiveValue(None, self)
+        self.coding = LiveValue(AnnotationDocument(), self)
+        self._history = EditHistory(AnnotationDocument())
+        self._saving = asyncio.Lock()
+        self._saved = AnnotationDocument()
+        self._unsaved: Future[None] | None = None
+        self._overview_made.connect(self.overview.set)
+        self._save_failed.connect(self._on_save_failed)
+
+    def start(self) -> None:
+        """Load what was coded before, and look through the session in the background."""
+        try:
+            document = load_documents(self._session.folder)
+        except AnnotationError as error:
+            self._problem(
+                "Annotations of this session cannot be read.", str(error), "They stay as they are; mend or move them."
+            )
+            document = AnnotationDocument()
+        self._history = EditHistory(document)
+        self._saved = document
+        self.coding.set(document)
+        self._asyncio.submit(self._look_through())
+
+    def close(self) -> None:
+        """Wait until everything is saved; a few seconds at most."""
+        if self._unsaved is not None:
+            wait([self._unsaved], timeout=5.0)
+
+    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
+        try:
+            document = self._history.apply(edit)
+        except AnnotationError as refusal:
+            return str(refusal)
+        self._show(document)
+        return ""
+
+    def undo(self) -> bool:
+        return self._step(self._history.undo)
+
+    def redo(self) -> bool:
+        return self._step(self._history.redo)
+
+    def import_annotations(self, path: Path, coder: str) -> str:
+        read = read_eaf if path.suffix.lower() == ".eaf" else read_csv
+        try:
+            imported = read(path, coder=coder)
+        except AnnotationError as refusal:
+            return str(refusal)
+
+        def take_over(document: AnnotationDocument) -> AnnotationDocument:
+            merged = merge_documents(document, imported)
+            check_document(merged)
+            return merged
+
+        return self.edit(take_over)
+
+    def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
+        before = self.coding.value
+        document = step()
+        if document == before:
+            return False
+        self._show(document)
+        return True
+
+    def _show(self, document: AnnotationDocument) -> None:
+        self.coding.set(document)
+        self._unsaved = self._asyncio.submit(self._save(document))
+
+    async def _save(self, document: AnnotationDocument) -> None:
+        async with self._saving:
+            if document is not self._history.document:
+                return  # a newer one is on its way here
+            for coder in sorted({*coders_of(document), *coders_of(self._saved)}):
+                if tiers_of_coder(document, coder) == tiers_of_coder(self._saved, coder):
+                    continue
+                try:
+                    await asyncio.to_thread(save_coder, self._session.folder, document, coder)
+                except (AnnotationError, OSError) as error:
+                    self._save_failed.emit(str(error))
+                    return
+            self._saved = document
+
+    async def _look_through(self) -> None:
+        try:
+            self._overview_made.emit(await asyncio.to_thread(build_overview, self._session))
+        except Exception:
+            # Nobody waits for this task, so nobody else would hear of it.
+            _log.exception("the overview of %s", self._session.folder)
+            self._save_failed.emit("")
+
+    def _on_save_failed(self, why: str) -> None:
+        if why:
+            self._problem("Your annotations are not saved.", why, "Make room or rights for the session's folder.")
+        else:
+            self._problem(
+                "The timeline cannot show what was recorded.", "Replay and coding still work.", "The log tells why."
+            )

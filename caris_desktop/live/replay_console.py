@@ -1,0 +1,381 @@
+"""A recorded session in the place of the running console: the same window shows it, and nothing can be driven.
+
+GUI thread, except where a method says otherwise.
+"""
+
+import bisect
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.events import (
+    CommandSource,
+    LayoutChanged,
+    MarkKind,
+    Problem,
+    RobotChosen,
+    ScenarioOpened,
+    Severity,
+    UtteranceOrigin,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.coding_desk import CodingDesk
+from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.playback_clock import PlaybackClock
+from caris_desktop.live.replay_player import ReplayPlayer
+from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
+from caris_desktop.live.state import LiveState, LiveValue, PresentClock
+from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.study.trial import TrialDetails
+
+_log = logging.getLogger(__name__)
+_REFUSE_EVERY_NS = 8_000_000_000
+# From a moment itself, "the next one" is another one.
+_SAME_MOMENT_NS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayParts:
+    """What is chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError for what this
+    version cannot read; ``start_scenario`` stands in until the record names one. ``name_of`` gives names of people.
+    """
+
+    start_scenario: Scenario
+    read_scenario: Callable[[ScenarioOpened], Scenario]
+    read_layout: Callable[[LayoutChanged], LayoutNode]
+    read_robot: Callable[[RobotChosen], RobotProfile]
+    name_of: Callable[[str], str | None]
+    end_ns: int
+    frame_times: Callable[[str], list[int]]
+    monotonic_ns: Callable[[], int]
+
+
+class ReplayConsole(QObject):
+    """Implements WizardIntents, refusing, and ReplayControls."""
+
+    session_exported = Signal(object)
+    thumbnail_made = Signal(str, object, object)
+
+    def __init__(self, parts: ReplayParts, session: Session, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._parts = parts
+        self._session = session
+        self._scenario = parts.start_scenario
+        self._layout: LayoutNode | None = None
+        self._refused_ns = 0
+        self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
+        anchor: ClockAnchor = session.clock.anchor
+        self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor))
+        self._frames = ReplayFrames()
+        self._asyncio = AsyncioThread()
+        self._player = ReplayPlayer(
+            session,
+            self._clock,
+            self._state,
+            self._frames,
+            name_of=parts.name_of,
+            frame_times=parts.frame_times,
+            parent=self,
+        )
+        self._player.standing_changed.connect(self._on_standing_changed)
+        self._coding = CodingDesk(session, self._asyncio, self._told, self)
+        self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
+        self._state.scenario.set(self._scenario)
+        self._state.places.set(self._scenario.places)
+
+    # Start and end
+
+    def start(self) -> None:
+        self._player.start()
+        self._thumbnails.start()
+        self._coding.start()
+
+    def shutdown(self) -> None:
+        """Save annotations and end the threads; blocks a few seconds at most."""
+        self._coding.close()
+        self._player.close()
+        self._thumbnails.close()
+        self._asyncio.stop()
+
+    # What the window reads
+
+    @property
+    def state(self) -> LiveState:
+        return self._state
+
+    @property
+    def scenario(self) -> Scenario:
+        return self._scenario
+
+    @property
+    def frames(self) -> ReplayFrames:
+        return self._frames
+
+    @property
+    def session(self) -> Session:
+        return self._session
+
+    @property
+    def playback(self) -> LiveValue:
+        return self._player.playback
+
+    @property
+    def overview(self) -> LiveValue:
+        return self._coding.overview
+
+    @property
+    def coding(self) -> LiveValue:
+        return self._coding.coding
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is on show is that of the position."""
+        return self._player.settled
+
+    # ReplayControls
+
+    def play(self) -> None:
+        self._player.play()
+
+    def pause(self) -> None:
+        self._player.pause()
+
+    def set_rate(self, rate: float) -> None:
+        self._player.set_rate(rate)
+
+    def seek(self, at_ns: int) -> None:
+        self._player.seek(at_ns)
+
+    def step(self, frames: int) -> None:
+        self._player.step(frames)
+
+    def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
+        overview: SessionOverview | None = self._coding.overview.value
+        if overview is None:
+            return False
+        moments = sorted(moment.at_ns for moment in overview.moments if moment.kind == kind)
+        position_ns = self._clock.position_ns()
+        if direction > 0:
+            index = bisect.bisect_right(moments, position_ns + _SAME_MOMENT_NS)
+        else:
+            # Behind a moment that has just begun lies the one before it.
+            index = bisect.bisect_left(moments, position_ns - (500_000_000 if self._clock.playing else 0)) - 1
+        if not 0 <= index < len(moments):
+            return False
+        self._player.seek(moments[index])
+        return True
+
+    def request_thumbnail(self, camera: str, at_ns: int) -> None:
+        self._thumbnails.request(camera, at_ns)
+
+    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
+        return self._coding.edit(edit)
+
+    def undo(self) -> bool:
+        return self._coding.undo()
+
+    def redo(self) -> bool:
+        return self._coding.redo()
+
+    def import_annotations(self, path: Path, coder: str) -> str:
+        return self._coding.import_annotations(path, coder)
+
+    def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
+        self.thumbnail_made.emit(camera, at_ns, image_bgr)
+
+    # What the record says of scenario, robot and panels
+
+    def _on_standing_changed(self, event: Any) -> None:
+        try:
+            if isinstance(event, ScenarioOpened):
+                self._show_scenario(replace(self._parts.read_scenario(event), sha256=event.sha256))
+            elif isinstance(event, LayoutChanged):
+                self._layout = self._parts.read_layout(event)
+                self._show_scenario(self._scenario)
+            elif isinstance(event, RobotChosen):
+                self._state.robot.set(self._parts.read_robot(event))
+        except ValueError as error:
+            _log.warning("%s of the session is not shown: %s", type(event).__name__, error)
+
+    def _show_scenario(self, scenario: Scenario) -> None:
+        shown = scenario if self._layout is None else replace(scenario, layout=self._layout)
+        if shown != self._scenario:
+            self._scenario = shown
+            self._state.scenario.set(shown)
+
+    # WizardIntents: what was done is done
+
+    def _refuse(self) -> None:
+        now_ns = self._parts.monotonic_ns()
+        if now_ns - self._refused_ns < _REFUSE_EVERY_NS:
+            return
+        self._refused_ns = now_ns
+        self._tell(
+            "info",
+            "This is a replay.",
+            "Nothing is sent to a robot, and the recording stays as it is.",
+            "Use the bar below to move through the session.",
+        )
+
+    def _told(self, what: str, meaning: str, advice: str) -> None:
+        self._tell("error", what, meaning, advice)
+
+    def _tell(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
+        _log.info("%s %s %s", what, meaning, advice)
+        self._state.event_happened.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
+
+    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+        self._refuse()
+
+    def release_drive(self, reason: str = "") -> None:
+        """Nothing is ever held."""
+
+    def set_speed_fraction(self, fraction: float) -> None:
+        self._refuse()
+
+    def stop(self) -> None:
+        """Nothing moves; Esc also closes what is open, so that it is not answered."""
+
+    def emergency_stop(self) -> None:
+        self._refuse()
+
+    def clear_emergency_stop(self) -> None:
+        self._refuse()
+
+    def set_guard(self, *, on: bool) -> None:
+        self._refuse()
+
+    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+        self._refuse()
+
+    def turn_head(self, *, pan: float, tilt: float) -> None:
+        if pan or tilt:
+            self._refuse()
+
+    def go_to_place(self, name: str) -> None:
+        self._refuse()
+
+    def go_to(self, target_in_map: Pose2D) -> None:
+        self._refuse()
+
+    def cancel_goal(self) -> None:
+        self._refuse()
+
+    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
+        self._refuse()
+
+    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
+        self._refuse()
+
+    def remove_place(self, name: str) -> None:
+        self._refuse()
+
+    def save_map(self, name: str) -> None:
+        self._refuse()
+
+    def load_map(self, name: str) -> None:
+        self._refuse()
+
+    def set_mapping(self, *, mapping: bool) -> None:
+        self._refuse()
+
+    def use_control(self, control_id: str, value: ControlValue) -> None:
+        self._refuse()
+
+    def robots(self) -> Sequence[RobotChoice]:
+        return ()
+
+    def use_robot(self, name: str) -> bool:
+        self._refuse()
+        return False
+
+    def say(self, text: str, origin: UtteranceOrigin) -> None:
+        self._refuse()
+
+    def silence(self) -> None:
+        self._refuse()
+
+    def ask_assistant(self, question: str) -> None:
+        self._refuse()
+
+    def cancel_assistant(self) -> None:
+        self._refuse()
+
+    def say_answer(self, text: str) -> None:
+        self._refuse()
+
+    def rename_person(self, person_id: str, name: str) -> None:
+        self._refuse()
+
+    def take_photo(self) -> None:
+        self._refuse()
+
+    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
+        self._refuse()
+        return ""
+
+    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
+        self._refuse()
+        return ""
+
+    def end_mark(self, mark_id: str) -> None:
+        """None was begun."""
+
+    def change_mark(
+        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
+    ) -> None:
+        self._refuse()
+
+    def withdraw_mark(self, mark_id: str) -> None:
+        self._refuse()
+
+    def suggested_details(self) -> TrialDetails:
+        return TrialDetails()
+
+    def expected_bytes_per_hour(self) -> float | None:
+        return None
+
+    def free_bytes(self) -> int | None:
+        return None
+
+    def microphones(self) -> Sequence[str]:
+        return ()
+
+    @property
+    def microphone(self) -> str | None:
+        return None
+
+    def use_microphone(self, name: str | None) -> None:
+        self._refuse()
+
+    def start_session(self, details: TrialDetails) -> None:
+        self._refuse()
+
+    def stop_session(self) -> None:
+        self._refuse()
+
+    def pause_session(self, *, paused: bool) -> None:
+        self._refuse()
+
+    def keep_layout(self, layout: LayoutNode) -> None:
+        """The record keeps its own."""
+
+    def export_session(self) -> None:
+        self._refuse()
+
+    def open_scenario(self, path: Path) -> bool:
+        self._refuse()
+        return False

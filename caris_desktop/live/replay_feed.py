@@ -1,0 +1,153 @@
+"""Reads a recorded session ahead of its replay, in a thread of its own, so that the window never waits for a disk."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.session_reader import Session
+
+_log = logging.getLogger(__name__)
+_AHEAD_NS = 1_500_000_000
+_SLICE_NS = 250_000_000
+_MAX_WAITING = 20_000
+_FRAMES_WITHIN_NS = 1_000_000_000
+_EVENTS_SHOWN = 400
+_LINK_CHANGES = 20
+# What happened once and holds until it happens again.
+_STANDING = (ScenarioOpened, LayoutChanged, RobotChosen, LinkQuality)
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """How everything stood at one moment: state values, what holds, the newest frame of each camera, and what had
+    happened, oldest first. ``generation`` counts the jumps. ``lost_ns`` says when each link was last not connected:
+    what came over it before was no longer on show.
+    """
+
+    generation: int
+    at_ns: int
+    values: tuple[Any, ...]
+    standing: tuple[Any, ...]
+    frames: tuple[FrameRef, ...]
+    events: tuple[Any, ...]
+    lost_ns: dict[str, int]
+
+
+@dataclass(slots=True)
+class _Ahead:
+    generation: int = 0
+    waiting: deque[tuple[int, Any]] = field(default_factory=deque)
+    read_until_ns: int = 0
+
+
+class ReplayFeed:
+    """``ready`` takes each Situation, ``failed`` a text; both are called in the reading thread."""
+
+    def __init__(self, session: Session, *, ready: Callable[[Situation], None], failed: Callable[[str], None]) -> None:
+        self._session = session
+        self._ready = ready
+        self._failed = failed
+        self._changed = threading.Condition()
+        self._ended = False
+        self._jump: tuple[int, int] | None = None
+        self._ahead = _Ahead()
+        self._position_ns = 0
+        self._rate = 1.0
+        self._end_ns = 0
+        self._thread = threading.Thread(target=self._run, name="replay-reader", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def jump(self, generation: int, at_ns: int) -> None:
+        """Find out how everything stood then; an unfinished jump is forgotten. What was read ahead is void."""
+        with self._changed:
+            self._jump = (generation, at_ns)
+            self._ahead = _Ahead(generation, read_until_ns=at_ns)
+            self._position_ns = at_ns
+            self._changed.notify()
+
+    def due(self, position_ns: int, rate: float) -> tuple[list[Any], bool]:
+        """What arrived up to ``position_ns``, in order, and whether the reading keeps up with that."""
+        due = []
+        with self._changed:
+            self._position_ns, self._rate = position_ns, rate
+            ahead = self._ahead
+            while ahead.waiting and ahead.waiting[0][0] <= position_ns:
+                due.append(ahead.waiting.popleft()[1])
+            keeps_up = ahead.read_until_ns >= min(position_ns, self._end_ns)
+            self._changed.notify()
+        return due, keeps_up
+
+    def close(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        try:
+            timeline = SessionTimeline(self._session)
+        except Exception as error:
+            _log.exception("the session %s cannot be read", self._session.folder)
+            self._failed(str(error))
+            return
+        self._end_ns = timeline.end_ns
+        try:
+            while self._work(timeline):
+                pass
+        except Exception as error:
+            _log.exception("reading the session %s", self._session.folder)
+            self._failed(str(error))
+        finally:
+            timeline.close()
+
+    def _work(self, timeline: SessionTimeline) -> bool:
+        with self._changed:
+            while not self._ended and self._jump is None and not self._room():
+                self._changed.wait()
+            if self._ended:
+                return False
+            jump, self._jump = self._jump, None
+            ahead = self._ahead
+        if jump is not None:
+            self._ready(_situation(timeline, *jump))
+            return True
+        until_ns = ahead.read_until_ns + _SLICE_NS
+        values = list(timeline.between(ahead.read_until_ns, until_ns))
+        with self._changed:
+            if ahead is self._ahead:
+                ahead.waiting.extend(values)
+                ahead.read_until_ns = until_ns
+        return True
+
+    def _room(self) -> bool:
+        ahead = self._ahead
+        wanted_ns = self._position_ns + round(_AHEAD_NS * max(1.0, self._rate))
+        return ahead.read_until_ns < min(wanted_ns, self._end_ns) and len(ahead.waiting) < _MAX_WAITING
+
+
+def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situation:
+    newest = {frame.camera: frame for _, frame in timeline.between(at_ns - _FRAMES_WITHIN_NS, at_ns, types=(FrameRef,))}
+    standing = [event for kind in _STANDING for _, event in timeline.events_before(at_ns, 1, types=(kind,))]
+    lost_ns = {
+        event.link: event.stamp_ns
+        for _, event in timeline.events_before(at_ns, _LINK_CHANGES, types=(LinkChanged,))
+        if event.state != "connected"
+    }
+    return Situation(
+        generation,
+        at_ns,
+        tuple(timeline.state_at(at_ns)),
+        tuple(standing),
+        tuple(sorted(newest.values(), key=lambda frame: frame.stamp_ns)),
+        tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN)),
+        lost_ns,
+    )

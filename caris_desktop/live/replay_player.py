@@ -1,0 +1,226 @@
+"""Plays a recorded session into LiveState, so that the panels show it as they showed it live. GUI thread."""
+
+import bisect
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+
+from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
+from caris_desktop.domain.sensing import FrameRef, StatusShown
+from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery
+from caris_desktop.live.playback_clock import PlaybackClock
+from caris_desktop.live.replay_feed import ReplayFeed, Situation
+from caris_desktop.live.replay_video import ReplayFrames, ReplayVideo
+from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, LiveValue
+from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.live.status_tap import show_status
+from caris_desktop.recording.session_reader import Session
+
+_log = logging.getLogger(__name__)
+_TICK_MS = 5
+_TELL_EVERY_TICKS = 8
+
+
+class ReplayPlayer(QObject):
+    """Play, pause, rate, seek and step; ``playback`` holds a PlaybackStatus.
+
+    ``standing_changed(event)`` brings the scenario, layout or robot that holds from now on, also after a jump.
+    """
+
+    standing_changed = Signal(object)
+    _situation_ready = Signal(object)
+    _frame_ready = Signal(int, object)
+    _failed = Signal(str)
+
+    def __init__(
+        self,
+        session: Session,
+        clock: PlaybackClock,
+        state: LiveState,
+        frames: ReplayFrames,
+        *,
+        name_of: Callable[[str], str | None],
+        frame_times: Callable[[str], list[int]],
+        parent: QObject | None = None,
+    ) -> None:
+        """``frame_times`` gives the stamps of a camera's frames, in order."""
+        super().__init__(parent)
+        self._session = session
+        self._clock = clock
+        self._state = state
+        self._name_of = name_of
+        self._frame_times = frame_times
+        self._generation = 0
+        self._awaits_situation = False
+        self._ticks = 0
+        self.playback = LiveValue(PlaybackStatus(session.folder.name, clock.start_ns, clock.end_ns), self)
+        self._situation_ready.connect(self._on_situation, Qt.ConnectionType.QueuedConnection)
+        self._frame_ready.connect(self._on_frame, Qt.ConnectionType.QueuedConnection)
+        self._failed.connect(self._on_failed, Qt.ConnectionType.QueuedConnection)
+        self._feed = ReplayFeed(session, ready=self._situation_ready.emit, failed=self._failed.emit)
+        self._video = ReplayVideo(session, frames, self._frame_ready.emit)
+        self._timer = QTimer(self)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._tick)
+
+    def start(self) -> None:
+        """Begin at the start, standing."""
+        self._feed.start()
+        self._video.start()
+        self.seek(self._clock.start_ns)
+
+    def close(self) -> None:
+        self._timer.stop()
+        self._feed.close()
+        self._video.close()
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is on show is that of the position, and no jump is under way."""
+        return not self._awaits_situation
+
+    def play(self) -> None:
+        if self._clock.position_ns() >= self._clock.end_ns:
+            self.seek(self._clock.start_ns)
+        self._clock.play()
+        self._timer.start(_TICK_MS)
+        self._tell()
+
+    def pause(self) -> None:
+        self._clock.pause()
+        self._timer.stop()
+        self._tell()
+
+    def set_rate(self, rate: float) -> None:
+        self._clock.set_rate(rate)
+        self._tell()
+
+    def seek(self, at_ns: int) -> None:
+        self._clock.seek(at_ns)
+        self._jump()
+
+    def step(self, frames: int) -> None:
+        self.pause()
+        shown: FrameRef | None = self._state.frame.value
+        times = self._frame_times(shown.camera) if shown is not None else []
+        if shown is None or not times:
+            self.seek(self._clock.position_ns() + frames * 100_000_000)
+            return
+        # A frame is on show from its arrival, which is a little after it was taken: aim behind both.
+        index = bisect.bisect_right(times, shown.stamp_ns) - 1 + frames
+        target_ns = times[min(len(times) - 1, max(0, index))]
+        self.seek(target_ns + self._delay_ns(shown))
+
+    def _delay_ns(self, shown: FrameRef) -> int:
+        return max(0, min(200_000_000, self._clock.position_ns() - shown.stamp_ns))
+
+    def _jump(self) -> None:
+        self._generation += 1
+        self._awaits_situation = True
+        self._feed.jump(self._generation, self._clock.position_ns())
+        self._tell()
+
+    def _tick(self) -> None:
+        if self._awaits_situation:
+            # Nothing is left out: the clock waits at the moment that was jumped to.
+            self._clock.seek(self.playback.value.position_ns)
+            return
+        position_ns = self._clock.position_ns()
+        due, keeps_up = self._feed.due(position_ns, self._clock.rate)
+        self._show(due)
+        if not keeps_up:
+            self._clock.seek(self.playback.value.position_ns)
+        if position_ns >= self._clock.end_ns:
+            self.pause()
+        self._ticks += 1
+        if self._ticks % _TELL_EVERY_TICKS == 0 or not keeps_up:
+            self._tell()
+
+    def _show(self, due: list[Any]) -> None:
+        """Events in order; of each stream the newest, as the window takes them live."""
+        latest: dict[str, Any] = {}
+        for value in due:
+            spec = BY_TYPE[type(value)]
+            if isinstance(value, FrameRef):
+                latest[f"frame/{value.camera}"] = value
+            elif spec.delivery is Delivery.LOSSLESS:
+                self._take_event(value)
+            else:
+                latest[spec.topic_of(value)] = value
+        for value in latest.values():
+            self._take_value(value)
+
+    def _take_event(self, event: Any) -> None:
+        if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged)):
+            self.standing_changed.emit(event)
+        elif isinstance(event, LinkChanged):
+            self._state.forget_what_came_over(event)
+        self._state.take(event)
+
+    def _take_value(self, value: Any) -> None:
+        if isinstance(value, FrameRef):
+            self._video.show(self._generation, value, self._clock.rate if self._clock.playing else 1.0)
+        elif isinstance(value, StatusShown):
+            self._take_status(value)
+        else:
+            self._state.take(value)
+
+    def _take_status(self, shown: StatusShown) -> None:
+        if shown.name == "recording":
+            shown = replace(shown, content={**shown.content, "folder": None})
+        show_status(self._state, shown, name_of=self._name_of)
+        if shown.name == "recording":
+            self._state.recording.set(replace(self._state.recording.value, folder=self._session.folder))
+
+    def _on_situation(self, situation: Situation) -> None:
+        if situation.generation != self._generation:
+            return
+        for event in situation.standing:
+            if isinstance(event, LinkQuality):
+                self._state.take(event)
+            else:
+                self.standing_changed.emit(event)
+        values = [value for value in situation.values if not _was_lost(value, situation.lost_ns)]
+        present = {BY_TYPE[type(value)].name for value in values}
+        for spec in STATE_STREAMS:
+            if spec.name not in present and spec.name != "frame":
+                self._state.stream(spec.name).clear()
+        self._state.time_jumped.emit(situation.events)
+        for value in values:
+            self._take_value(value)
+        frames = [ref for ref in situation.frames if not _was_lost(ref, situation.lost_ns)]
+        if not frames:
+            self._state.frame.clear()
+        for ref in frames:
+            self._video.show(self._generation, ref, 1.0)
+        self._awaits_situation = False
+        self._state.check_freshness()
+        self._tell()
+
+    def _on_frame(self, generation: int, ref: FrameRef) -> None:
+        if generation == self._generation:
+            self._state.take(ref)
+
+    def _on_failed(self, why: str) -> None:
+        self._clock.pause()
+        self._timer.stop()
+        self.playback.set(replace(self.playback.value, playing=False, detail=why))
+
+    def _tell(self) -> None:
+        self.playback.set(
+            replace(
+                self.playback.value,
+                position_ns=self._clock.position_ns(),
+                playing=self._clock.playing,
+                rate=self._clock.rate,
+            )
+        )
+
+
+def _was_lost(value: Any, lost_ns: dict[str, int]) -> bool:
+    """Whether the link that brings values of this stream was gone after this one."""
+    name = BY_TYPE[type(value)].name
+    return any(value.stamp_ns < at_ns and name in STREAMS_OF_LINK.get(link, ()) for link, at_ns in lost_ns.items())

@@ -1,0 +1,135 @@
+"""Frames of a recorded session for the panels, decoded in threads of their own."""
+
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session_reader import Session
+
+_log = logging.getLogger(__name__)
+_FRAMES_KEPT = 12
+_KEY_FRAMES_FROM_RATE = 3.0
+THUMBNAIL_WIDTH_PX = 160
+
+
+class ReplayFrames:
+    """FrameReader for the panels: the last frames that were decoded."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._images: OrderedDict[tuple[str, int], NDArray[np.uint8]] = OrderedDict()
+
+    def keep(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
+        with self._lock:
+            self._images[(ref.camera, ref.sequence)] = image_bgr
+            while len(self._images) > _FRAMES_KEPT:
+                self._images.popitem(last=False)
+
+    def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        with self._lock:
+            return self._images.get((ref.camera, ref.sequence))
+
+
+class ReplayVideo:
+    """Decodes the newest frame that was asked for of each camera. ``shown`` is called in the decoding thread."""
+
+    def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
+        self._session = session
+        self._frames = frames
+        self._shown = shown
+        self._changed = threading.Condition()
+        self._wanted: OrderedDict[str, tuple[int, FrameRef, float]] = OrderedDict()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="replay-video", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def show(self, generation: int, ref: FrameRef, rate: float) -> None:
+        with self._changed:
+            self._wanted[ref.camera] = (generation, ref, rate)
+            self._changed.notify()
+
+    def close(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        reader = VideoReader(self._session)
+        try:
+            while True:
+                with self._changed:
+                    while not self._wanted and not self._ended:
+                        self._changed.wait()
+                    if self._ended:
+                        return
+                    camera, (generation, ref, rate) = self._wanted.popitem(last=False)
+                try:
+                    frame = reader.frame_at(camera, ref.stamp_ns, nearest_key=rate > _KEY_FRAMES_FROM_RATE)
+                except Exception:
+                    _log.exception("the video of %s cannot be read", camera)
+                    continue
+                if frame is not None:
+                    self._frames.keep(ref, frame.image_bgr)
+                    self._shown(generation, ref)
+        finally:
+            reader.close()
+
+
+class ReplayThumbnails:
+    """Small pictures, the newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread."""
+
+    def __init__(self, session: Session, made: Callable[[str, int, NDArray[np.uint8]], None]) -> None:
+        self._session = session
+        self._made = made
+        self._changed = threading.Condition()
+        self._wanted: OrderedDict[tuple[str, int], None] = OrderedDict()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="replay-thumbnails", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def request(self, camera: str, at_ns: int) -> None:
+        with self._changed:
+            self._wanted[(camera, at_ns)] = None
+            self._wanted.move_to_end((camera, at_ns))
+            while len(self._wanted) > 200:
+                self._wanted.popitem(last=False)
+            self._changed.notify()
+
+    def close(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        reader = VideoReader(self._session)
+        try:
+            while True:
+                with self._changed:
+                    while not self._wanted and not self._ended:
+                        self._changed.wait()
+                    if self._ended:
+                        return
+                    camera, at_ns = self._wanted.popitem(last=True)[0]
+                try:
+                    image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX)
+                except Exception:
+                    _log.exception("a thumbnail of %s cannot be made", camera)
+                    continue
+                if image_bgr is not None:
+                    self._made(camera, at_ns, image_bgr)
+        finally:
+            reader.close()
