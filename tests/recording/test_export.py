@@ -1,21 +1,23 @@
 """Exports: what the tables hold, that each column is described, that nothing is overwritten."""
 
-import argparse
 import csv
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, PlacesChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, People, PersonBox, PlannedPath
 from caris_desktop.domain.streams import BY_TYPE, STREAMS
-from caris_desktop.recording import command as export_command
 from caris_desktop.recording.export import ExportError, export_session
-from caris_desktop.recording.exporters.csv import tables_of
+from caris_desktop.recording.exporters.tables import RowTimes, tables_of
+from caris_desktop.recording.robot_clock import RobotClock
+from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.driving import command, mark, pose, scan
 from tests.recording.test_session_reader import record
@@ -35,6 +37,7 @@ def session(tmp_path: Path) -> Path:
             People(now_ns, "front", 3, 640, 480, boxes, 12.0),
             People(now_ns, "front", 4, 640, 480, (), 12.0),
             BatteryState(now_ns, None),
+            PlannedPath(now_ns, None, np.array([[1.0, 2.5], [3.0, -4.0]], np.float32)),
             OccupancyGrid(now_ns, None, 0.05, Pose2D(0, 0, 0), np.zeros((3, 5), dtype=np.int8)),
             LlmExchange(
                 stamp_ns=now_ns,
@@ -85,6 +88,8 @@ def test_each_stream_becomes_a_tidy_table(session: Path, tmp_path: Path) -> None
     assert row["charge_fraction"] == ""
     (row,) = table(out / "map.csv")
     assert (row["cells_shape"], row["cells"]) == ("3x5", "")
+    (row,) = table(out / "path.csv")
+    assert (row["points_in_map"], row["points_in_map_shape"]) == ("1.0 2.5;3.0 -4.0", "2x2")
     (row,) = table(out / "event_llm_exchange.csv")
     assert (row["parameters"], row["first_token_session_s"]) == ('{"model": "m", "temperature": 0.4}', "")
     assert float(row["session_s"]) - float(row["asked_session_s"]) == pytest.approx(2.0, abs=1e-5)
@@ -98,16 +103,28 @@ def test_every_column_of_every_table_is_described(session: Path, tmp_path: Path)
     export_session(session, "csv", out)
     described = table(out / "data_dictionary.csv")
     columns = {(row["table"], row["column"]) for row in described}
-    for spec in STREAMS:
-        path = out / f"{spec.name.replace('/', '_')}.csv"
+    for path in out.iterdir():
         with path.open(encoding="utf-8", newline="") as file:
             head = next(csv.reader(file))
-        assert {(path.stem, name) for name in head} <= columns
+        assert {(path.stem, name) for name in ["", *head]} <= columns
         assert len(set(head)) == len(head)
+    assert {name for name, _ in columns} == {path.stem for path in out.iterdir()}, "kinds that occur, and no others"
     assert all(row["description"] for row in described)
-    units = {(row["table"], row["column"]): row["unit"] for row in described}
-    assert units["event_command_sent", "twist_turn_radps"] == "radians per second"
-    assert units["pose", "pose_in_map_x_m"] == "metres"
+    told = {(row["table"], row["column"]): (row["unit"], row["clock"]) for row in described}
+    assert told["event_command_sent", "twist_turn_radps"] == ("radians per second", "")
+    assert told["pose", "pose_in_map_x_m"] == ("metres", "")
+    assert told["pose", "robot_stamp_ns"] == ("nanoseconds", "robot")
+    assert told["pose", "measured_session_s"] == ("seconds", "session")
+    assert told["pose", "utc"] == ("", "UTC")
+
+
+def test_no_stream_has_two_columns_of_one_name_or_one_without_a_description() -> None:
+    tables = [table for spec in STREAMS for table in tables_of(spec)]
+    assert len({table.name for table in tables}) == len(tables)
+    for table_ in tables:
+        names = [column.name for column in table_.columns]
+        assert len(set(names)) == len(names), table_.name
+        assert all(column.description for column in table_.columns)
 
 
 def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
@@ -133,23 +150,16 @@ def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "out", "s"]
 
 
-def test_the_command_says_what_it_did(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = argparse.ArgumentParser()
-    export_command.add_arguments(parser)
-    assert export_command.run(parser.parse_args([str(session), "--to", "csv", str(tmp_path / "out")])) == 0
-    assert f"to {tmp_path / 'out'}" in capsys.readouterr().out
-    assert export_command.run(parser.parse_args([str(tmp_path), str(tmp_path / "out2")])) == 1
-    assert "is no session" in capsys.readouterr().err
+def rows(value: Any) -> list[dict[str, Any]]:
+    """The rows that a value makes in the table of its stream, without the time columns."""
+    table_ = tables_of(BY_TYPE[type(value)])[0]
+    times = RowTimes(SessionClock(ClockAnchor(0, 0), 0), RobotClock(()))
+    names = [column.name for column in table_.columns]
+    return [dict(zip(names, row, strict=True)) for row in table_.rows(value, times)]
 
 
-def test_paths_are_points_and_what_is_missing_is_empty() -> None:
-    (path,) = tables_of(BY_TYPE[PlannedPath])
-    points = np.array([[1.0, 2.5], [3.0, -4.0]], np.float32)
-    names = [column.name for column in path.columns]
-    row = dict(zip(names, next(path.rows(PlannedPath(1, None, points))), strict=True))
-    assert row["points_in_map"] == "1.0 2.5;3.0 -4.0"
-    (places,) = tables_of(BY_TYPE[PlacesChanged])
-    names = [column.name for column in places.columns]
-    assert names == ["name", "pose_in_map_x_m", "pose_in_map_y_m", "pose_in_map_heading_rad"]
-    assert next(places.rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))) == ["Kitchen", 1.0, 2.0, 3.0]
-    assert next(places.rows(PlacesChanged(1, "Kitchen", None))) == ["Kitchen", None, None, None]
+def test_what_is_missing_is_empty() -> None:
+    (row,) = rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))
+    assert list(row.values())[3:] == ["Kitchen", 1.0, 2.0, 3.0]
+    (row,) = rows(PlacesChanged(1, "Kitchen", None))
+    assert list(row.values())[3:] == ["Kitchen", None, None, None]

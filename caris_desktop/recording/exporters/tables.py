@@ -1,0 +1,600 @@
+"""A session as tidy tables: which there are, what their columns mean, and their rows in one pass over the record.
+
+The tables of streams and events follow from the stream table; what is put together from several events (utterances,
+marks, annotations) is listed here.
+"""
+
+import dataclasses
+import json
+import logging
+import math
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+
+from caris_desktop.domain.schema import to_jsonable
+from caris_desktop.domain.streams import BY_NAME, StreamSpec
+from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.marks import FinalMark, final_marks
+from caris_desktop.recording.robot_clock import Measured, RobotClock, robot_clock
+from caris_desktop.recording.session_clock import SessionClock
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.utterances import SpokenUtterance, spoken
+
+_log = logging.getLogger(__name__)
+
+Kind = Literal[
+    "integer", "number", "text", "true or false", "json", "utc", "integers", "numbers", "texts", "points", "cells"
+]
+"""What the values of a column are in Python: utc is nanoseconds since 1970; numbers, points and cells are arrays."""
+ClockName = Literal["", "session", "UTC", "robot"]
+
+_UNITS = {
+    "ns": "nanoseconds",
+    "ms": "milliseconds",
+    "s": "seconds",
+    "m": "metres",
+    "mps": "metres per second",
+    "rad": "radians",
+    "radps": "radians per second",
+    "px": "pixels",
+    "hz": "hertz",
+    "bytes": "bytes",
+    "fraction": "0 to 1",
+}
+# Columns that precede or follow those of a value's own fields, here or in one of the formats.
+_RESERVED = ("session", "participant", "condition", "trial", "session_s", "utc", "stamp_ns", "number")
+_PROGRESS_EVERY_ROWS = 500
+
+
+@dataclass(frozen=True, slots=True)
+class RowTimes:
+    """Turns stamps into what the time columns show."""
+
+    clock: SessionClock
+    robot: RobotClock
+
+    def session_s(self, stamp_ns: int | None) -> float | None:
+        return None if stamp_ns is None else round(self.clock.session_s(stamp_ns), 6)
+
+    def measured(self, value: Any) -> Measured | None:
+        return self.robot.measured(value.robot_stamp_ns, arrival_ns=value.stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column. ``read`` takes the dataclass of a row; ``clock`` is the one that a time is told by."""
+
+    name: str
+    unit: str
+    kind: Kind
+    description: str
+    read: Callable[[Any, RowTimes], Any]
+    clock: ClockName = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table. ``items`` gives the rows, as dataclasses for ``columns``, that one recorded value makes.
+
+    The time columns, which tell ``stamp_ns`` of that value, precede them where the table is ``timed``.
+    """
+
+    name: str
+    description: str
+    own_columns: tuple[Column, ...]
+    items: Callable[[Any], Iterable[Any]] = lambda value: (value,)
+    timed: bool = True
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (TIME_COLUMNS if self.timed else ()) + self.own_columns
+
+    def rows(self, value: Any, times: RowTimes) -> Iterator[list[Any]]:
+        head = [column.read(value, times) for column in TIME_COLUMNS] if self.timed else []
+        for item in self.items(value):
+            yield [*head, *(column.read(item, times) for column in self.own_columns)]
+
+
+TIME_COLUMNS = (
+    Column(
+        "session_s",
+        "seconds",
+        "number",
+        "Time since the session began; negative: known before.",
+        lambda value, times: times.session_s(value.stamp_ns),
+        "session",
+    ),
+    Column(
+        "utc",
+        "",
+        "utc",
+        "The same moment in UTC, by the clock of this computer when the session began.",
+        lambda value, times: times.clock.anchor.utc_ns_at(value.stamp_ns),
+        "UTC",
+    ),
+    Column(
+        "stamp_ns",
+        "nanoseconds",
+        "integer",
+        "The same moment on the session's monotonic clock, for joining tables.",
+        lambda value, _times: value.stamp_ns,
+        "session",
+    ),
+)
+
+
+def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Table, list[Any]]]:
+    """All rows of all tables but the dictionary, in one pass; the rows of one table in the order of recording.
+
+    Tables that have no rows do not occur. Raises SessionError, OSError.
+    """
+    times = RowTimes(session.clock, robot_clock(session))
+    for value in _about(session, times.robot):
+        yield from _rows_of(SESSION_TABLE, value, times)
+    document, damaged = _annotations(session)
+    for problem in damaged:
+        yield from _rows_of(SESSION_TABLE, _Fact("not_exported", problem), times)
+    for utterance in spoken(session):
+        yield from _rows_of(UTTERANCES_TABLE, _UtteranceRow.of(utterance, session), times)
+    for mark in final_marks(session):
+        yield from _rows_of(MARKS_TABLE, _MarkRow.of(mark), times)
+    for annotation in _annotation_rows(document, session):
+        yield from _rows_of(ANNOTATIONS_TABLE, annotation, times)
+    whole_ns = max(1, session.ended_ns - session.started_ns)
+    tables: dict[str, tuple[Table, ...]] = {}
+    for number, (spec, value) in enumerate(session.values()):
+        if not isinstance(value.stamp_ns, int):
+            _log.warning("a value of %s has no usable stamp and is left out", spec.name)
+            continue
+        if spec.name not in tables:
+            tables[spec.name] = tables_of(spec)
+        for table in tables[spec.name]:
+            yield from _rows_of(table, value, times)
+        if number % _PROGRESS_EVERY_ROWS == 0:
+            context.progress(min(0.99, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
+
+
+def dictionary_rows(tables: Iterable[Table]) -> Iterator[list[Any]]:
+    """The rows of DICTIONARY_TABLE for these tables."""
+    for table in tables:
+        yield [table.name, "", "", "table", "", table.description]
+        for column in table.columns:
+            yield [table.name, column.name, column.unit, column.kind, column.clock, column.description]
+
+
+def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
+    """The table of one stream, and one for each of its fields that holds a list of records."""
+    name = spec.name.replace("/", "_")
+    tables = [Table(name, _doc(spec.value_type), tuple(_columns(spec.value_type)))]
+    for field, hint in _fields(spec.value_type):
+        item_type = _record_list(hint)
+        if item_type is not None:
+            tables.append(_list_table(name, field, item_type))
+    return tuple(tables)
+
+
+def all_stream_tables() -> Iterator[Table]:
+    """The tables of every stream that there is."""
+    for spec in BY_NAME.values():
+        yield from tables_of(spec)
+
+
+def plain_text(text: str) -> str:
+    """``text`` without what UTF-8 cannot hold: halves of characters, which JSON can."""
+    return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
+
+
+# Tables that are put together
+
+
+@dataclass(frozen=True, slots=True)
+class _Fact:
+    """One line on the session as a whole."""
+
+    key: str
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class _UtteranceRow:
+    """One utterance with the moments at which it was asked for, began and ended. The time columns tell when it began,
+    or was asked for where it was never said.
+    """
+
+    stamp_ns: int
+    utterance_id: str
+    speaker: str
+    text: str
+    origin: str
+    said: bool
+    state: str
+    duration_s: float | None
+    requested_ns: int | None
+    start_ns: int | None
+    end_ns: int | None
+    voice: str
+    detail: str
+
+    @classmethod
+    def of(cls, said: SpokenUtterance, session: Session) -> "_UtteranceRow":
+        known = (said.start_ns, said.requested_ns, session.started_ns)
+        lasted = said.start_ns is not None and said.end_ns is not None
+        return cls(
+            stamp_ns=next(stamp_ns for stamp_ns in known if stamp_ns is not None),
+            utterance_id=said.utterance_id,
+            speaker=said.speaker,
+            text=said.text,
+            origin=said.origin,
+            said=said.said,
+            state=said.state,
+            duration_s=round(((said.end_ns or 0) - (said.start_ns or 0)) / 1e9, 6) if lasted else None,
+            requested_ns=said.requested_ns,
+            start_ns=said.start_ns,
+            end_ns=said.end_ns,
+            voice=said.voice,
+            detail=said.detail,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _MarkRow:
+    """One mark as the wizard left it; withdrawn ones are only in event_marked. The time columns tell the moment meant.
+    ``open_at_end``: a stretch that nobody ended, so that it ends with the session.
+    """
+
+    stamp_ns: int
+    mark_id: str
+    label: str
+    kind: str
+    note: str
+    end_ns: int | None
+    duration_s: float | None
+    marked_ns: int
+    open_at_end: bool
+
+    @classmethod
+    def of(cls, mark: FinalMark) -> "_MarkRow":
+        duration_s = None if mark.end_ns is None else round((mark.end_ns - mark.start_ns) / 1e9, 6)
+        return cls(
+            mark.start_ns, mark.mark_id, mark.label, mark.kind, mark.note, mark.end_ns, duration_s, mark.marked_ns,
+            mark.open_at_end,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _AnnotationRow:
+    """One label that a coder gave to a stretch of the session. The time columns tell when it begins."""
+
+    stamp_ns: int
+    coder: str
+    tier: str
+    value: str
+    end_ns: int
+    duration_s: float
+    vocabulary: str
+    tier_id: str
+    annotation_id: str
+
+
+def _annotations(session: Session) -> tuple[AnnotationDocument, list[str]]:
+    from caris_desktop.recording.annotation.store import load_documents
+
+    damaged: list[str] = []
+    return load_documents(session.folder, on_damaged=damaged.append), damaged
+
+
+def _annotation_rows(document: AnnotationDocument, session: Session) -> Iterator[_AnnotationRow]:
+    tiers = {tier.tier_id: tier for tier in document.tiers}
+    for one in document.annotations:
+        tier = tiers[one.tier_id]
+        yield _AnnotationRow(
+            stamp_ns=session.started_ns + one.start_ms * 1_000_000,
+            coder=tier.coder,
+            tier=tier.name,
+            value=one.value,
+            end_ns=session.started_ns + one.end_ms * 1_000_000,
+            duration_s=(one.end_ms - one.start_ms) / 1e3,
+            vocabulary=tier.vocabulary,
+            tier_id=one.tier_id,
+            annotation_id=one.annotation_id,
+        )
+
+
+def _about(session: Session, robot: RobotClock) -> Iterator[_Fact]:
+    yield _Fact("folder", session.folder.name)
+    for key, value in _flat(session.header):
+        yield _Fact(key, _in_one_line(value))
+    yield _Fact("closed_properly", _in_one_line(session.closed_properly))
+    yield _Fact("recorded_s", _in_one_line(round(session.duration_s, 3)))
+    summary = robot.summary(utc_ns_at=session.clock.anchor.utc_ns, session_ns_at=session.clock.anchor.monotonic_ns)
+    if summary is None:
+        yield _Fact("robot_clock.estimates", "0")
+    else:
+        for field in dataclasses.fields(summary):
+            value = getattr(summary, field.name)
+            yield _Fact(f"robot_clock.{field.name}", str(round(value, 6)))
+
+
+def _flat(data: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and all(isinstance(item, dict) for item in value):
+            # Of its own files the session's folder tells better.
+            for number, item in enumerate(value if key != "files" else [], start=1):
+                yield from _flat(item, f"{prefix}{key}.{number}.")
+        elif not isinstance(value, list):
+            yield f"{prefix}{key}", value
+        elif key != "files":
+            yield f"{prefix}{key}", ";".join(map(str, value))
+
+
+def _in_one_line(value: Any) -> str:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _rows_of(table: Table, value: Any, times: RowTimes) -> Iterator[tuple[Table, list[Any]]]:
+    for row in table.rows(value, times):
+        yield table, row
+
+
+# Columns from the fields of dataclasses
+
+
+def _columns(value_type: type[Any], path: tuple[str, ...] = (), *, item: bool = False) -> Iterator[Column]:
+    """The columns of the fields of ``value_type``, which is found under ``path`` in a row.
+
+    An ``item`` of a list has no columns and tables beside it that tell its time or hold its own lists.
+    """
+    for name, hint in _fields(value_type):
+        if path or item or name != "stamp_ns":
+            yield from _columns_of_field((*path, name), hint, item=item)
+
+
+def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterator[Column]:
+    name = "_".join(path)
+    if name in _RESERVED:
+        name = f"value_{name}"
+    read = _reader(path)
+    hint, optional = _without_none(hint)
+    unit = _unit(path[-1])
+    words = _in_words(name, unit)
+    unknown = " Empty where it is not known." if optional else ""
+    origin = get_origin(hint)
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        yield from _columns(hint, path, item=item)
+    elif _record_list(hint) is not None and len(path) == 1 and not item:
+        yield Column(
+            f"{name}_count", "", "integer", f"How many; each is a row of the table of {name}.{unknown}",
+            lambda row, _: None if (records := read(row)) is None else len(records),
+        )  # fmt: skip
+    elif origin is np.ndarray:
+        yield from _columns_of_array(name, unit, hint, read)
+    elif name == "robot_stamp_ns" and not item:
+        yield from _columns_of_robot_stamp(unit, read)
+    else:
+        kind, description = _kind(hint)
+        clock: ClockName = "" if unit != _UNITS["ns"] else "robot" if path[-1].startswith("robot_") else "session"
+        convert = to_jsonable if kind == "json" else _plain
+        yield Column(
+            name, unit, kind, f"{words} {description}".strip() + unknown, lambda row, _: convert(read(row)), clock
+        )
+        if clock == "session":
+            yield Column(
+                f"{name.removesuffix('_ns')}_session_s",
+                "seconds",
+                "number",
+                f"{name} as time since the session began.{unknown}",
+                lambda row, times: times.session_s(read(row)),
+                clock,
+            )
+
+
+def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[Column]:
+    yield Column(
+        "robot_stamp_ns",
+        unit,
+        "integer",
+        "The robot's own stamp, on the robot's clock; empty where it sent none.",
+        lambda row, _: read(row),
+        "robot",
+    )
+    yield Column(
+        "measured_session_s",
+        "seconds",
+        "number",
+        "When the robot measured it, as time since the session began: the robot's stamp less the offset of its clock. "
+        "Empty where that is not known; session_s tells when it arrived.",
+        lambda row, times: None if (found := times.measured(row)) is None else times.session_s(found.stamp_ns),
+        "session",
+    )
+    yield Column(
+        "measured_uncertainty_s",
+        "seconds",
+        "number",
+        "Measured_session_s is right to within this, more or less.",
+        lambda row, times: None if (found := times.measured(row)) is None else round(found.uncertainty_ns / 1e9, 6),
+        "session",
+    )
+
+
+def _columns_of_array(name: str, unit: str, hint: Any, read: Callable[[Any], Any]) -> Iterator[Column]:
+    grid = np.dtype(get_args(get_args(hint)[1])[0]).kind in "iu"
+    points = name.startswith("points_") or "_points_" in name
+    kind: Kind = "cells" if grid else "points" if points else "numbers"
+    yield Column(
+        f"{name}_shape", "", "integers", "How many values; rows and columns of a grid, points and coordinates.",
+        lambda row, _: None if (array := read(row)) is None else list(array.shape),
+    )  # fmt: skip
+    yield Column(
+        f"{name}_min", unit, "number", "The smallest finite value.", lambda row, _: _smallest(read(row))
+    )  # fmt: skip
+    description = {
+        "cells": "The grid row by row, from its origin. Not in CSV files, for it is large.",
+        "points": "The points, x and y each.",
+        "numbers": "The values; inf: nothing was returned.",
+    }[kind]
+    yield Column(name, unit, kind, description, lambda row, _: read(row))
+
+
+def _fields(value_type: type[Any]) -> list[tuple[str, Any]]:
+    hints = typing.get_type_hints(value_type)
+    return [(field.name, hints[field.name]) for field in dataclasses.fields(value_type)]
+
+
+def _record_list(hint: Any) -> type[Any] | None:
+    if get_origin(hint) not in (tuple, list):
+        return None
+    item = get_args(hint)[0]
+    return item if isinstance(item, type) and dataclasses.is_dataclass(item) else None
+
+
+def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
+    """Its rows are (number, item)."""
+    columns = [_of_item(column) for column in _columns(item_type, item=True)]
+    index = Column("number", "", "integer", f"Which of the {field} of this moment, from 1.", lambda row, _: row[0])
+    return Table(
+        f"{parent}_{field}",
+        f"The {field} of {parent}, one row each. {_doc(item_type)}".strip(),
+        (index, *columns),
+        lambda value: enumerate(getattr(value, field) or (), start=1),
+    )
+
+
+def _of_item(column: Column) -> Column:
+    read = column.read
+    return dataclasses.replace(column, read=lambda row, times: read(row[1], times))
+
+
+def _without_none(hint: Any) -> tuple[Any, bool]:
+    """``hint`` without the None of an optional value, and whether there was one."""
+    if get_origin(hint) in (types.UnionType, typing.Union):
+        members = [member for member in get_args(hint) if member is not type(None)]
+        if len(members) == 1:
+            return members[0], True
+        return hint, len(members) < len(get_args(hint))
+    return hint, False
+
+
+def _reader(path: tuple[str, ...]) -> Callable[[Any], Any]:
+    """A record that may be missing has the columns of the record; they are empty then."""
+
+    def read(value: Any) -> Any:
+        for name in path:
+            if value is None:
+                return None
+            value = getattr(value, name)
+        return value
+
+    return read
+
+
+def _unit(name: str) -> str:
+    return _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+def _in_words(name: str, unit: str) -> str:
+    """``pose_in_map_x_m`` as ``Pose in map, x.``"""
+    words = name.rpartition("_")[0] if unit else name
+    frame = words.find("_in_")
+    if frame > 0:
+        end = words.find("_", frame + 4)
+        words = words if end < 0 else f"{words[:end]},{words[end:]}"
+    return f"{words.replace('_', ' ').capitalize()}."
+
+
+def _kind(hint: Any) -> tuple[Kind, str]:
+    """How a value is held, and what is allowed or how to read it. What fits no column of its own is JSON."""
+    origin = get_origin(hint)
+    if origin is Literal:
+        return "text", f"One of: {', '.join(map(str, get_args(hint)))}."
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return "text", f"One of: {', '.join(str(member.value) for member in hint)}."
+    if origin in (types.UnionType, typing.Union):
+        members = set(get_args(hint)) - {type(None)}
+        if members == {int, float}:
+            return "number", ""
+        if members <= {int, float, bool, str}:
+            return "text", "A number, true or false, or words."
+        return "json", "As JSON."
+    if origin in (tuple, list):
+        item = get_args(hint)[0]
+        kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
+        if item in kinds:
+            return kinds[item], "Several; in CSV files separated by semicolons."
+        return "json", "As JSON."
+    plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
+    return (plain[hint], "") if hint in plain else ("json", "As JSON.")
+
+
+def _plain(value: Any) -> Any:
+    return value.value if isinstance(value, Enum) else value
+
+
+def _smallest(array: Any) -> float | None:
+    if array is None:
+        return None
+    finite = array[np.isfinite(array)]
+    # By its digits: a float32 has fewer of them than the float it would become.
+    return None if finite.size == 0 else float(str(finite.min()))
+
+
+def _doc(value_type: type[Any]) -> str:
+    return " ".join((value_type.__doc__ or "").split())
+
+
+def _described(row_type: type[Any], name: str) -> Table:
+    return Table(name, _doc(row_type), tuple(_columns(row_type)))
+
+
+UTTERANCES_TABLE = _described(_UtteranceRow, "utterances")
+MARKS_TABLE = _described(_MarkRow, "marks")
+ANNOTATIONS_TABLE = _described(_AnnotationRow, "annotations")
+SESSION_TABLE = Table(
+    "session",
+    "The session as a whole: what heads it, how long it is, its videos and sound, and the robot's clock.",
+    (
+        Column("key", "", "text", "What is told.", lambda fact, _: fact.key),
+        Column("value", "", "text", "What it is; units are in the names of the keys.", lambda fact, _: fact.value),
+    ),
+    timed=False,
+)
+DICTIONARY_TABLE = Table(
+    "data_dictionary",
+    "Every table and every column.",
+    tuple(
+        Column(name, "", "text", description, lambda row, _: row)
+        for name, description in (
+            ("table", "The table."),
+            ("column", "Its column; empty in the row that describes the table itself."),
+            ("unit", "The unit, empty where there is none."),
+            ("type", "What the values are. In CSV files utc is ISO 8601, and lists are separated by semicolons."),
+            ("clock", "Of times: session (monotonic), UTC (this computer's at the start), or robot (its own)."),
+            ("description", "What it means."),
+        )
+    ),
+    timed=False,
+)
+
+
+def scalar_text(value: Any) -> str:
+    """A number, true or false, or words, so that they can be told apart again."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float) and math.isfinite(value) and value == int(value) and abs(value) < 1e15:
+        return f"{value:.1f}"
+    return plain_text(str(value))
+
+
+def json_text(value: Any) -> str:
+    """JSON that is the same for the same content."""
+    return plain_text(json.dumps(value, ensure_ascii=False, sort_keys=True))
