@@ -37,6 +37,9 @@ def read_header(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise SessionError(f"{folder} is no folder. A session is a folder with session.json and events.mcap in it.")
     path = folder / "session.json"
+    for name in ("session.json", "events.mcap"):
+        if not inside(folder, name):
+            raise SessionError(f"{folder / name} is a link that leads out of the session. It is not followed.")
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_HEADER_BYTES + 1)
@@ -59,6 +62,11 @@ def read_header(folder: Path) -> dict[str, Any]:
     if not (folder / "events.mcap").is_file():
         raise SessionError(f"{folder} holds no events.mcap: nothing of the session was saved.")
     return header
+
+
+def inside(folder: Path, name: str) -> bool:
+    """Whether a file of that name lies in ``folder`` itself, and not somewhere that a link leads to."""
+    return Path(name).name == name and (folder / name).resolve().parent == folder.resolve()
 
 
 def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:

@@ -60,6 +60,7 @@ from caris_desktop.recording.manifest import write_manifest
 from caris_desktop.recording.plain_files import PlainFiles
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.video_encoders import FASTEST
 from caris_desktop.recording.video_file import VideoFile, video_file_name
 
 SECOND_NS = 1_000_000_000
@@ -534,10 +535,12 @@ def _write_videos(folder: Path, plan: SessionPlan) -> list[dict[str, Any]]:
 def _write_video(folder: Path, plan: SessionPlan, camera: str) -> dict[str, Any]:
     width_px, height_px = plan.size_px
     path = folder / video_file_name(camera, set())
-    video = VideoFile(path, width_px=width_px, height_px=height_px, on_full=lambda: False)
+    video = VideoFile(
+        path, width_px=width_px, height_px=height_px, encoder=FASTEST, clock=_clock_of(plan), on_full=lambda: False
+    )
     number_of_camera = plan.cameras.index(camera)
-    for number, stamp_ns in enumerate(plan.frame_stamps_ns(camera).tolist()):
-        video.write(picture_of(number_of_camera, number, plan.size_px), stamp_ns=stamp_ns)
+    for number, (_, ref) in enumerate(_frames(plan, camera)):
+        video.write(picture_of(number_of_camera, number, plan.size_px), ref)
     video.close()
     return {
         "file_name": path.name,

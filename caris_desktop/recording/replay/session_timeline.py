@@ -20,6 +20,7 @@ _log = logging.getLogger(__name__)
 _KEPT_BLOCKS = 64
 _KEPT_BLOCK_BYTES = 64 * 1024 * 1024
 _KEPT_VALUES = 64
+_END_TOLD_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,9 @@ class SessionTimeline:
 
     @property
     def end_ns(self) -> int:
-        return max(self.session.ended_ns, self.session.started_ns)
+        """When the session ended, and its end had been told."""
+        told_ns = int(self._ends_ns[-1]) if self._index.count else 0
+        return max(self.session.started_ns, self.session.ended_ns, min(told_ns, self.session.ended_ns + _END_TOLD_NS))
 
     def state_at(self, at_ns: int) -> list[Any]:
         """What the panels showed at that moment: the newest value of each state stream, and of each of its keys.

@@ -1,0 +1,304 @@
+"""The videos of a session by the session's clock: which frame was on show at a moment, and its picture."""
+
+import logging
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.frame_times import NO_ROBOT_STAMP, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session_header import inside
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.video_file import video_file_name
+
+_log = logging.getLogger(__name__)
+# Decoding so many frames more costs less than going to another place in the file.
+_FRAMES_PER_SEEK = 4
+_NUMBERED = re.compile(r"(?P<first>.*?)(-(?P<number>\d+))?\.mp4")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """One frame of a camera's video. ``number`` counts all frames of that camera from 0, over all of its files."""
+
+    camera: str
+    number: int
+    stamp_ns: int
+    robot_stamp_ns: int | None
+    file_name: str
+    video_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A frame with its pixels: uint8 BGR, shape (height, width, 3)."""
+
+    info: RecordedFrame
+    image_bgr: NDArray[np.uint8]
+
+
+class VideoReader:
+    """Frames by moment or number. One thread at a time; ``close`` when done.
+
+    Files are opened when their first frame is asked for. One that cannot be read counts as having no frames, and
+    ``problems`` says so.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._videos: dict[str, list[_Video]] = {}
+        self._firsts: dict[str, NDArray[np.int64]] = {}
+        self._stamps: dict[str, NDArray[np.int64]] = {}
+        self.problems: list[str] = []
+        files = _files_of(session, self.problems)
+        for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):
+            self._videos.setdefault(camera, []).append(_Video(path, camera, first_ns))
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Those with video, in the order in which they began."""
+        return tuple(self._videos)
+
+    def frame_times_ns(self, camera: str) -> list[int]:
+        """The stamp of every frame of a camera, rising; empty for one without video."""
+        times_ns: list[int] = self._stamps_ns(camera).tolist()
+        return times_ns
+
+    def info_at(self, camera: str, stamp_ns: int) -> RecordedFrame | None:
+        """The frame on show at that moment: the newest until then. None before the first."""
+        number = int(np.searchsorted(self._stamps_ns(camera), stamp_ns, side="right")) - 1
+        return None if number < 0 else self._info(camera, number)
+
+    def frame_at(self, camera: str, stamp_ns: int, *, nearest_key: bool = False) -> Picture | None:
+        """As :meth:`info_at`, with the picture.
+
+        ``nearest_key`` gives the key frame at or before it, which is quick anywhere; the info says which that was.
+        """
+        found = self.info_at(camera, stamp_ns)
+        return None if found is None else self.frame(camera, found.number, nearest_key=nearest_key)
+
+    def frame(self, camera: str, number: int, *, nearest_key: bool = False) -> Picture | None:
+        """A frame by its number; None where there is none, or where it cannot be decoded."""
+        place = self._place(camera, number)
+        if place is None:
+            return None
+        video, at = place
+        decoded = video.decode(at, nearest_key=nearest_key)
+        if decoded is None:
+            return None
+        found, picture = decoded
+        info = self._info(camera, number - at + found)
+        return None if info is None else Picture(info, picture.to_ndarray(format="bgr24"))
+
+    def thumbnail(self, camera: str, stamp_ns: int, width_px: int) -> NDArray[np.uint8] | None:
+        """A small picture of about that moment: the key frame at or before it, ``width_px`` wide."""
+        found = self.info_at(camera, stamp_ns)
+        place = None if found is None else self._place(camera, found.number)
+        if found is None or place is None:
+            return None
+        video, at = place
+        decoded = video.decode(at, nearest_key=True)
+        if decoded is None:
+            return None
+        _, picture = decoded
+        height_px = max(1, round(picture.height * width_px / picture.width))
+        small = picture.reformat(width=width_px, height=height_px, format="bgr24", interpolation="AREA")
+        image_bgr: NDArray[np.uint8] = small.to_ndarray()
+        return image_bgr
+
+    def close(self) -> None:
+        for videos in self._videos.values():
+            for video in videos:
+                video.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _stamps_ns(self, camera: str) -> NDArray[np.int64]:
+        if camera not in self._stamps:
+            parts = [video.times.stamps_ns for video in self._known(camera)]
+            self._stamps[camera] = np.concatenate(parts) if parts else np.zeros(0, np.int64)
+        return self._stamps[camera]
+
+    def _known(self, camera: str) -> list["_Video"]:
+        """The camera's videos with their times read."""
+        videos = self._videos.get(camera, [])
+        if camera not in self._firsts:
+            for video in videos:
+                problem = video.prepare()
+                if problem:
+                    _log.warning("%s", problem)
+                    self.problems.append(problem)
+            counts = [video.times.count for video in videos]
+            self._firsts[camera] = np.cumsum([0, *counts])[:-1]
+        return videos
+
+    def _place(self, camera: str, number: int) -> tuple["_Video", int] | None:
+        videos = self._known(camera)
+        firsts = self._firsts[camera]
+        which = int(np.searchsorted(firsts, number, side="right")) - 1
+        # Of files without frames the last one is found; the one with the frame begins at the same number.
+        while which >= 0 and number - firsts[which] >= videos[which].times.count:
+            which -= 1
+        if which < 0 or number < 0:
+            return None
+        return videos[which], number - int(firsts[which])
+
+    def _info(self, camera: str, number: int) -> RecordedFrame | None:
+        place = self._place(camera, number)
+        if place is None:
+            return None
+        video, at = place
+        robot_stamp_ns = int(video.times.robot_stamps_ns[at])
+        return RecordedFrame(
+            camera=camera,
+            number=number,
+            stamp_ns=int(video.times.stamps_ns[at]),
+            robot_stamp_ns=None if robot_stamp_ns == NO_ROBOT_STAMP else robot_stamp_ns,
+            file_name=video.path.name,
+            video_s=float(video.times.video_s[at]),
+        )
+
+
+class _Video:
+    """One file. ``times`` is there after :meth:`prepare`; the file is opened for the first picture."""
+
+    def __init__(self, path: Path, camera: str, first_ns: int) -> None:
+        self.path = path
+        self.camera = camera
+        self.times = _NO_TIMES
+        self._first_ns = first_ns
+        self._container: Any = None
+        self._stream: Any = None
+        self._frames: Iterator[Any] = iter(())
+        self._at: tuple[int, Any] | None = None
+        self._failed = False
+
+    def prepare(self) -> str:
+        """Find out when the frames were taken; what is wrong with the file, if anything, in words for people."""
+        try:
+            self.times = read_frame_times(index_path(self.path))
+        except FileNotFoundError:
+            # Sessions of an older version have none; the video's own times are good to 11 µs.
+            return self._read_own_times()
+        except (OSError, ValueError) as error:
+            return self._read_own_times() or f"The frame times of {self.path.name} cannot be read: {error}."
+        return "" if self.path.is_file() else f"{self.path.name} is missing."
+
+    def decode(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
+        """Number and picture (of PyAV) of a frame, or of the key frame at or before it."""
+        if self._failed or not self._opened():
+            return None
+        try:
+            return self._decoded(number, nearest_key=nearest_key)
+        except Exception as error:
+            # PyAV raises errors of its own kinds, and a damaged file any of them.
+            _log.warning("%s cannot be read at frame %d: %s", self.path, number, error)
+            self._at, self._frames = None, iter(())
+            return None
+
+    def close(self) -> None:
+        if self._container is not None:
+            self._container.close()
+            self._container, self._stream, self._at, self._frames = None, None, None, iter(())
+
+    def _opened(self) -> bool:
+        if self._container is not None:
+            return True
+        import av
+
+        try:
+            self._container = av.open(str(self.path))
+            self._stream = self._container.streams.video[0]
+            self._stream.thread_type = "SLICE"
+        except (av.error.FFmpegError, OSError, IndexError) as error:
+            _log.warning("%s cannot be read: %s", self.path, error)
+            self._failed = True
+            return False
+        return True
+
+    def _read_own_times(self) -> str:
+        if not self._opened():
+            return f"{self.path.name} cannot be read: the session is shown without it."
+        tick_s = float(self._stream.time_base)
+        video_s = np.array([entry.timestamp for entry in self._stream.index_entries]) * tick_s
+        stamps_ns = self._first_ns + np.round(video_s * 1e9).astype(np.int64)
+        self.times = FrameTimes(video_s, stamps_ns, np.full(len(stamps_ns), NO_ROBOT_STAMP, np.int64))
+        return ""
+
+    def _decoded(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
+        entries = self._stream.index_entries
+        if number >= len(entries):
+            return None
+        tick = entries[number].timestamp
+        key = entries.search_timestamp(tick, backward=True)
+        wanted = key if nearest_key and key >= 0 else number
+        if self._at is not None and self._at[0] == wanted:
+            return self._at
+        ahead = None if self._at is None else wanted - self._at[0]
+        if ahead is None or ahead < 0 or ahead > wanted - key + _FRAMES_PER_SEEK:
+            self._container.seek(tick, stream=self._stream)
+            self._frames = self._container.decode(self._stream)
+        wanted_tick = entries[wanted].timestamp
+        self._at = None
+        for picture in self._frames:
+            if picture.pts is not None and picture.pts >= wanted_tick:
+                self._at = (wanted, picture)
+                return self._at
+        return None
+
+
+_NO_TIMES = FrameTimes(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
+def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, int]]:
+    """Path, camera and first stamp of each video: those that the header names, else those that lie there."""
+    told = session.header.get("videos")
+    files: dict[str, tuple[Path, str, int]] = {}
+    for entry in told if isinstance(told, list) else ():
+        try:
+            name, camera, first_ns = str(entry["file_name"]), str(entry["camera"]), int(entry["first_stamp_ns"])
+        except (KeyError, TypeError, ValueError):
+            problems.append(f"session.json names a video in a way that cannot be read: {str(entry)[:200]}")
+            continue
+        if not inside(session.folder, name):
+            problems.append(f"{name} does not lie in the session's folder. It is left out.")
+        elif not (session.folder / name).is_file():
+            problems.append(f"{name} is missing.")
+        else:
+            files[name] = (session.folder / name, camera, first_ns)
+    # Where the recording was cut off, the header does not name them.
+    others = [path for path in sorted(session.folder.glob("video-*.mp4")) if path.name not in files]
+    others = [path for path in others if inside(session.folder, path.name)]
+    if others and session.header.get("ended_ns") is None:
+        files |= {path.name: file for path in others if (file := _unnamed(session, path)) is not None}
+    return list(files.values())
+
+
+def _unnamed(session: Session, path: Path) -> tuple[Path, str, int] | None:
+    """A video that nobody names: its camera is one of those recorded, its beginning in its index or the record."""
+    cameras: dict[str, int] = {}
+    for _, value in session.values("frame"):
+        if isinstance(value, FrameRef) and value.camera not in cameras:
+            cameras[value.camera] = value.stamp_ns
+            if video_file_name(value.camera, set()) == path.name:
+                break
+    match = _NUMBERED.fullmatch(path.name)
+    first_name = path.name if match is None else f"{match['first']}.mp4"
+    of_name = {video_file_name(camera, set()): camera for camera in cameras}
+    camera = of_name.get(path.name) or of_name.get(first_name) or path.stem.removeprefix("video-")
+    try:
+        times = read_frame_times(index_path(path))
+    except (OSError, ValueError):
+        times = _NO_TIMES
+    return path, camera, int(times.stamps_ns[0]) if times.count else cameras.get(camera, session.started_ns)
