@@ -23,6 +23,8 @@ _LEVEL_EVERY_S = 0.2
 _TRY_AGAIN_S = 2.0
 _SILENT_S = 2.0
 _PLAUSIBLE_DELAY_S = 2.0
+# Sound systems change their buffers at the start, and with them when a sample was taken.
+_SETTLING_BLOCKS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class _Microphone:
         self._stream: Any = None
         self._rate_hz = SAMPLE_RATE_HZ
         self._heard_s = 0.0
+        self._settling = 0
         self._peak = 0
         self._level_told_s = 0.0
         self._failed = False
@@ -131,6 +134,9 @@ class _Microphone:
             self._fail("it went away")
             return
         self._heard_s = time.monotonic()
+        if self._settling:
+            self._settling -= 1
+            return
         stamp_ns, samples = block
         self._connection.send(AudioChunk(stamp_ns, SOURCE, self._rate_hz, samples))
         self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
@@ -162,7 +168,7 @@ class _Microphone:
             _log.info("the microphone %r was not opened", name, exc_info=True)
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
-        self._stream, self._heard_s, self._failed = stream, time.monotonic(), False
+        self._stream, self._heard_s, self._failed, self._settling = stream, time.monotonic(), False, _SETTLING_BLOCKS
         self._connection.send(MicrophoneOpened(str(info["name"]), self._rate_hz))
 
     def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
