@@ -105,18 +105,18 @@ def test_utterances_and_marks_are_rows_of_their_own(out: Path) -> None:
 def test_one_query_reads_a_whole_study(out: Path) -> None:
     answer = duckdb.sql(
         f"""
-        SELECT condition, participant, count(*) FILTER (said), sum(duration_s), abs(date_diff('minute', min(utc), now())) < 60
+        SELECT condition, participant, count(*) FILTER (said), sum(duration_s),
+               abs(date_diff('minute', min(utc), now())) < 60
         FROM '{out}/*/utterances.parquet' GROUP BY ALL ORDER BY condition
         """  # noqa: S608 - the path is ours
     ).fetchall()
     assert answer == [("A", "P0", 2, 3.5, True), ("B", "P1", 2, 3.5, True)]
-    nearest_m = duckdb.sql(f"SELECT min(list_min(ranges_m)) FROM '{out}/*/scan.parquet'").fetchone()  # noqa: S608
-    assert nearest_m is not None
-    assert nearest_m[0] == pytest.approx(0.583, abs=1e-3), "the first beam of each ten returned nothing"
+    ((nearest_m,),) = duckdb.sql(f"SELECT min(list_min(ranges_m)) FROM '{out}/*/scan.parquet'").fetchall()  # noqa: S608
+    assert nearest_m == pytest.approx(0.583, abs=1e-3), "the first beam of each ten returned nothing"
     described = duckdb.sql(
         f"SELECT unit FROM '{out}/one/data_dictionary.parquet' WHERE \"table\" = 'scan' AND \"column\" = 'ranges_m'"  # noqa: S608
-    ).fetchone()
-    assert described == ("metres",)
+    ).fetchall()
+    assert described == [("metres",)]
 
 
 def test_row_groups_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
