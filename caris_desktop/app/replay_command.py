@@ -1,6 +1,7 @@
 """``caris-desktop replay``: a recorded session, or somebody else's bag, in the console's window."""
 
 import argparse
+import functools
 import hashlib
 import json
 import logging
@@ -79,8 +80,7 @@ class ReplayRun:
         self.application.setApplicationVersion(__version__)
         self.settings = QSettings("caris-desktop", "console") if settings is None else settings
         session = open_session(_session_folder(arguments.session))
-        with VideoReader(session) as videos:
-            frame_times = {camera: videos.frame_times_ns(camera) for camera in videos.cameras}
+        self._videos = VideoReader(session)
         self._register = _register_of(session)
         self.console = ReplayConsole(
             ReplayParts(
@@ -90,7 +90,7 @@ class ReplayRun:
                 read_robot=_read_robot,
                 name_of=self._name_of,
                 end_ns=session.ended_ns,
-                frame_times=lambda camera: frame_times.get(camera, []),
+                frame_times=functools.cache(self._videos.frame_times_ns),
                 monotonic_ns=time.monotonic_ns,
             ),
             session,
@@ -107,6 +107,7 @@ class ReplayRun:
     def close(self) -> None:
         self.window.close()
         self.console.shutdown()
+        self._videos.close()
         if self._garbage is not None:
             self._garbage.stop()
 

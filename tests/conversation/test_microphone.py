@@ -1,4 +1,4 @@
-"""The microphone and the robot's voice on one clock: a microphone in front of the loudspeaker hears it when it is said."""
+"""The microphone and the robot's voice on one clock: beside the loudspeaker, one hears when the other speaks."""
 
 import multiprocessing
 import time

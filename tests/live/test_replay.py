@@ -1,0 +1,247 @@
+"""A recorded session in the place of the console: what is on show at each moment is what had arrived by then."""
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app.composition import find_scenario
+from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
+from caris_desktop.live.playback_clock import PlaybackClock
+from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session_reader import open_session
+from tests.support.recorded_session import MadeSession, make_session, number_in
+
+SECOND_NS = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+    return make_session(tmp_path_factory.mktemp("replay") / "session", seconds=12.0, keep=True)
+
+
+class Hands:
+    """A clock that the test moves."""
+
+    def __init__(self) -> None:
+        self.now_ns = 1
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+Replay = Callable[..., ReplayConsole]
+
+
+@pytest.fixture
+def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
+    consoles: list[ReplayConsole] = []
+    scenario = find_scenario("tour-guide")
+
+    def read_scenario(opened: ScenarioOpened) -> Any:
+        raise ValueError(f"{opened.title} is not read here")
+
+    def read_layout(changed: LayoutChanged) -> Any:
+        raise ValueError(f"{changed.layout} is not read here")
+
+    def read_robot(chosen: RobotChosen) -> Any:
+        raise ValueError(f"{chosen.name} is not read here")
+
+    def opened(monotonic_ns: Callable[[], int] = time.monotonic_ns, folder: Path | None = None) -> ReplayConsole:
+        session = open_session(folder or made.folder)
+        videos = VideoReader(session)
+        parts = ReplayParts(
+            start_scenario=scenario,
+            read_scenario=read_scenario,
+            read_layout=read_layout,
+            read_robot=read_robot,
+            name_of={"p-01": "Ada"}.get,
+            end_ns=session.ended_ns,
+            frame_times=functools.cache(videos.frame_times_ns),
+            monotonic_ns=monotonic_ns,
+        )
+        console = ReplayConsole(parts, session)
+        console.start()
+        consoles.append(console)
+        qtbot.waitUntil(lambda: console.settled, timeout=10_000)
+        return console
+
+    yield opened
+    for console in consoles:
+        console.shutdown()
+
+
+def _newest(made: MadeSession, kind: type[Any], at_ns: int, **fields: Any) -> Any:
+    return [
+        value
+        for arrived_ns, value in made.values
+        if arrived_ns <= at_ns
+        and isinstance(value, kind)
+        and all(getattr(value, name) == wanted for name, wanted in fields.items())
+    ][-1]
+
+
+def _shows_frame_of(console: ReplayConsole, at_ns: int, made: MadeSession) -> bool:
+    shown: FrameRef | None = console.state.frame.value
+    return shown is not None and shown.stamp_ns == _newest(made, FrameRef, at_ns).stamp_ns
+
+
+def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+    console = open_replay()
+    rng = np.random.default_rng(5)
+    for at_s in (7.3, 2.1, *rng.uniform(1.0, 11.5, 8)):
+        at_ns = made.plan.started_ns + round(float(at_s) * SECOND_NS)
+        console.seek(at_ns)
+        qtbot.waitUntil(lambda: console.settled, timeout=5_000)
+        state = console.state
+        assert state.present.now_ns() == at_ns
+        assert state.scan.value.stamp_ns == _newest(made, LaserScan, at_ns).stamp_ns
+        np.testing.assert_allclose(state.scan.value.ranges_m, _newest(made, LaserScan, at_ns).ranges_m, rtol=1e-6)
+        assert state.people.value == _newest(made, People, at_ns)
+        drive = _newest(made, StatusShown, at_ns, name="drive")
+        assert state.drive.value.target_forward_mps == pytest.approx(drive.content["target_forward_mps"])
+        qtbot.waitUntil(lambda: _shows_frame_of(console, at_ns, made), timeout=5_000)  # noqa: B023 - used at once
+        image_bgr = console.frames.read(state.frame.value)
+        assert image_bgr is not None
+        refs = [
+            value
+            for _, value in made.values
+            if isinstance(value, FrameRef) and value.camera == state.frame.value.camera
+        ]
+        number = [ref.stamp_ns for ref in refs].index(state.frame.value.stamp_ns)
+        assert number_in(image_bgr) == number, "the picture is that of the frame"
+        assert state.frame.freshness == "fresh"
+
+
+def test_playing_brings_every_event_once_in_order_and_in_time(
+    made: MadeSession, open_replay: Replay, qtbot: QtBot
+) -> None:
+    console = open_replay()
+    heard: list[tuple[int, Any]] = []
+    late_ms: list[float] = []
+    expected = [value for _, value in made.values if type(value).__module__.endswith("events")]
+    by_key = {(type(value), value.stamp_ns): arrived_ns for arrived_ns, value in made.values}
+
+    def on_event(event: Any) -> None:
+        heard.append((console.state.present.now_ns(), event))
+
+    def on_scan(scan: LaserScan) -> None:
+        late_ms.append((console.state.present.now_ns() - by_key[(LaserScan, scan.stamp_ns)]) / 1e6)
+
+    console.state.event_happened.connect(on_event)
+    console.set_rate(1.0)
+    console.play()
+    console.state.scan.changed.connect(on_scan)
+    qtbot.wait(3000)
+    console.set_rate(8.0)
+    console.state.scan.changed.disconnect(on_scan)
+    qtbot.waitUntil(lambda: not console.playback.value.playing, timeout=15_000)
+    assert console.playback.value.position_ns == console.playback.value.end_ns
+    began_ns = made.plan.started_ns
+    wanted = [value for value in expected if by_key[(type(value), value.stamp_ns)] > began_ns]
+    assert [event for _, event in heard if event in wanted] == wanted
+    assert len(late_ms) > 15
+    # 20 ms is what is promised; two shared processors now and then hold everything up for longer.
+    assert np.percentile(late_ms, 80) < 20.0, late_ms
+    assert min(late_ms) >= 0.0, "nothing is shown before it arrived"
+
+
+def test_stepping_goes_frame_by_frame(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+    console = open_replay()
+    console.seek(made.plan.started_ns + 5 * SECOND_NS)
+    qtbot.waitUntil(lambda: console.settled and console.state.frame.value is not None, timeout=5_000)
+    qtbot.waitUntil(lambda: _shows_frame_of(console, made.plan.started_ns + 5 * SECOND_NS, made), timeout=5_000)
+    shown: FrameRef = console.state.frame.value
+    times = [value.stamp_ns for _, value in made.values if isinstance(value, FrameRef) and value.camera == shown.camera]
+    index = times.index(shown.stamp_ns)
+    for step, wanted in ((1, index + 1), (1, index + 2), (-1, index + 1)):
+        console.step(step)
+        qtbot.waitUntil(
+            lambda: _newest_of(console, shown.camera) == times[wanted],  # noqa: B023 - used at once
+            timeout=5_000,
+        )
+    assert not console.playback.value.playing
+
+
+def _newest_of(console: ReplayConsole, camera: str) -> int | None:
+    """The stamp of the camera's frame that can be seen."""
+    ref: FrameRef | None = console.state.frame.value
+    return ref.stamp_ns if ref is not None and ref.camera == camera else None
+
+
+def test_nothing_can_be_driven(open_replay: Replay) -> None:
+    console = open_replay()
+    told: list[Any] = []
+    console.state.event_happened.connect(told.append)
+    console.drive(forward=1.0, left=0.0, turn=0.0, source="keyboard")
+    console.go_to_place("Kitchen")
+    console.emergency_stop()
+    assert [type(event) for event in told] == [Problem], "said once, not with every key"
+    assert "replay" in told[0].what
+
+
+def test_a_standing_replay_does_not_age(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+    console = open_replay()
+    console.seek(made.plan.started_ns + 6 * SECOND_NS)
+    qtbot.waitUntil(lambda: console.settled, timeout=5_000)
+    age_s = console.state.scan.age_s()
+    qtbot.wait(700)
+    assert console.state.scan.age_s() == age_s
+    assert console.state.scan.freshness == "fresh"
+
+
+def test_what_coders_do_is_saved_beside_the_recording(
+    made: MadeSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
+) -> None:
+    console = open_replay()
+    assert console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim")) == ""
+    tier_id = console.coding.value.tiers[0].tier_id
+    assert console.edit(lambda document: editing.add_annotation(document, tier_id, 1000, 2500, "looks away")) == ""
+    refusal = console.edit(lambda document: editing.add_annotation(document, tier_id, 2000, 3000, "twice"))
+    assert refusal and len(console.coding.value.annotations) == 1
+    assert console.undo() and not console.coding.value.annotations
+    assert console.redo()
+    console.shutdown()
+    assert load_documents(made.folder) == console.coding.value
+    assert [annotation.value for annotation in load_documents(made.folder).annotations] == ["looks away"]
+
+
+def test_jumps_go_to_marks_and_utterances(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+    console = open_replay()
+    qtbot.waitUntil(lambda: console.overview.value is not None, timeout=20_000)
+    utterances = sorted(moment.at_ns for moment in console.overview.value.moments if moment.kind == "utterance")
+    assert console.jump("utterance", 1) and console.state.present.now_ns() == utterances[0]
+    assert console.jump("utterance", 1) and console.state.present.now_ns() == utterances[1]
+    assert console.jump("utterance", -1) and console.state.present.now_ns() == utterances[0]
+    assert not console.jump("utterance", -1)
+    assert console.jump("mark", 1)
+
+
+def test_the_clock_runs_stands_and_stops_at_the_end() -> None:
+    hands = Hands()
+    clock = PlaybackClock(100, 10_100, now_ns=hands)
+    assert (clock.position_ns(), clock.playing) == (100, False)
+    hands.now_ns += 500
+    assert clock.position_ns() == 100
+    clock.play()
+    hands.now_ns += 500
+    assert clock.position_ns() == 600
+    clock.set_rate(4.0)
+    hands.now_ns += 500
+    assert clock.position_ns() == 2600
+    clock.pause()
+    hands.now_ns += 500
+    assert clock.position_ns() == 2600
+    clock.seek(99_999)
+    assert clock.position_ns() == 10_100
+    clock.set_rate(0.001)
+    assert clock.rate == 0.1
