@@ -225,8 +225,8 @@ TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
     _on_timeline("second_on", "One second on", "caret-right", "Right", callback="seek_by", argument=1.0),
     _on_timeline("tier_above", "Tier above", "caret-up", "Up", callback="select_tier", argument=-1),
     _on_timeline("tier_below", "Tier below", "caret-down", "Down", callback="select_tier", argument=1),
-    _on_timeline("timeline_larger", "Show less, larger", "magnifying-glass-plus", "+", "=", callback="zoom", argument=1),
-    _on_timeline("timeline_smaller", "Show more, smaller", "magnifying-glass-minus", "-", callback="zoom", argument=-1),
+    _on_timeline("timeline_larger", "Zoom in", "magnifying-glass-plus", "+", "=", callback="zoom", argument=1),
+    _on_timeline("timeline_smaller", "Zoom out", "magnifying-glass-minus", "-", callback="zoom", argument=-1),
     _on_timeline("timeline_fit", "Show the whole session", "arrows-out-line-horizontal", "F", callback="fit"),
 )  # fmt: skip
 

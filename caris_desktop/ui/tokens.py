@@ -60,6 +60,8 @@ class Colors:
     map_wall: str
     map_grid: str
     shadow: str
+    coders: tuple[str, ...]
+    """One for each coder of the annotations, in turn. Chips on them are written in ``panel``."""
 
 
 DARK = Colors(
@@ -102,6 +104,7 @@ DARK = Colors(
     map_wall="#78879f",
     map_grid="#262d38",
     shadow="#70000000",
+    coders=("#4cc2c4", "#b39bf8", "#eb9b66", "#ea86bf", "#a9c85c", "#7fb2f9"),
 )
 
 LIGHT = Colors(
@@ -144,6 +147,7 @@ LIGHT = Colors(
     map_wall="#4a586c",
     map_grid="#eef1f5",
     shadow="#38243447",
+    coders=("#0e7680", "#6a4cd0", "#a94e14", "#b02f7a", "#55720f", "#2360c2"),
 )
 
 

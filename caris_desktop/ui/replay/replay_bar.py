@@ -1,13 +1,38 @@
 """The bar of a replay: play, pause, rate, steps, jumps, and the whole session to scrub through."""
 
+from datetime import UTC, datetime
 from typing import Literal
 
-from PySide6.QtWidgets import QWidget
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.live.intents import ReplayControls
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import REPLAY_ACTIONS, Actions
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.replay.scrubber import Scrubber, moment_words
+from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+_HINT_MS = 2500
+
+
+def session_title(session: Session) -> tuple[str, str]:
+    """Whose session it is and when it was recorded: P07 and 21 Nov 2026 10:14."""
+    when = datetime.fromtimestamp(session.clock.anchor.utc_ns_at(session.started_ns) / 1e9, UTC).astimezone()
+    return session.trial.get("participant") or session.folder.name, f"{when.day} {when:%b %Y %H:%M}"
+
+
+def rate_text(rate: float) -> str:
+    return f"{rate:g}×"
 
 
 class ReplayBar(QWidget):
@@ -16,10 +41,82 @@ class ReplayBar(QWidget):
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("replay_bar")
+        self.setAccessibleName("Replay")
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._replay = replay
         self._state = state
         actions.add_rows(REPLAY_ACTIONS, self)
+        self._thumbnails = Thumbnails(replay, self)
+        self.scrubber = Scrubber(theme, self._thumbnails)
+        self.scrubber.seek_wanted.connect(self._on_seek_wanted)
+        self._title = ReplayTitle(theme, *session_title(replay.session))
+        self._play = ActionButton(theme, "Pause", icon="pause", look="primary", height_px=36)
+        self._play.setObjectName("replay_play")
+        self._play.bind(actions, "replay_play")
+        self._play.setFixedWidth(self._play.sizeHint().width())
+        self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", "To the previous mark")
+        self._next_mark = self._button(actions, "next_mark", "", "skip-forward", "To the next mark")
+        self._frame_back = self._button(actions, "frame_back", "", "caret-left", "One frame back")
+        self._frame_on = self._button(actions, "frame_on", "", "caret-right", "One frame on")
+        self._times = ReplayTimes(theme)
+        self._rate = DropDown(theme, "replay_rate", "Speed of the replay")
+        self._rate.setToolTip("How fast it plays. Slower with <, faster with >")
+        self._rate.setMinimumContentsLength(5)
+        for rate in RATES:
+            self._rate.addItem(rate_text(rate), rate)
+        self._rate.activated.connect(self._on_rate_chosen)
+        self._hint = QLabel()
+        self._hint.setObjectName("replay_hint")
+        self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
+        self._hint_end.timeout.connect(self._end_hint)
+        left = QHBoxLayout()
+        left.setSpacing(8)
+        left.addWidget(self._title)
+        left.addWidget(self._hint, 1)
+        middle = QHBoxLayout()
+        middle.setSpacing(8)
+        for button in (self._previous_mark, self._frame_back, self._play, self._frame_on, self._next_mark):
+            middle.addWidget(button)
+        right = QHBoxLayout()
+        right.setSpacing(12)
+        right.addStretch(1)
+        right.addWidget(self._times)
+        right.addWidget(self._rate)
+        row = QHBoxLayout()
+        row.setSpacing(16)
+        row.addLayout(left, 1)
+        row.addLayout(middle)
+        row.addLayout(right, 1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(8, 4, 8, 8)
+        column.setSpacing(0)
+        column.addWidget(self.scrubber)
+        column.addLayout(row)
+        row.setContentsMargins(8, 0, 8, 0)
+        replay.playback.changed.connect(self._on_playback_changed)
+        replay.overview.changed.connect(self._on_overview_changed)
+        theme.changed.connect(self._style)
+        self._style()
+        self._on_playback_changed(replay.playback.value)
+        self._on_overview_changed(replay.overview.value)
+
+    def _button(self, actions: Actions, action_id: str, text: str, icon: str, tip: str) -> ActionButton:
+        button = ActionButton(self._theme, text, icon=icon, height_px=36)
+        button.setObjectName(f"replay_{action_id}")
+        button.bind(actions, action_id)
+        button.setAccessibleName(tip)
+        button.setToolTip(tip)
+        return button
+
+    def sizeHint(self) -> QSize:
+        return QSize(900, 84)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._times.set_wall_shown(self.width() >= 1000)
+        self._title.set_date_shown(self.width() >= 820)
 
     # ---- what the table's actions do
 
@@ -34,7 +131,185 @@ class ReplayBar(QWidget):
 
     def jump(self, where: tuple[Literal["mark", "utterance"], Literal[-1, 1]]) -> None:
         kind, direction = where
-        self._replay.jump(kind, direction)
+        if not self._replay.jump(kind, direction):
+            self._say(f"No {'later' if direction > 0 else 'earlier'} {kind}")
 
     def change_rate(self, direction: int) -> None:
         """The next faster (1) or slower (-1) rate."""
+        rate: float = self._replay.playback.value.rate
+        others = [other for other in RATES if (other > rate if direction > 0 else other < rate)]
+        if others:
+            self._replay.set_rate(min(others) if direction > 0 else max(others))
+
+    # ---- what is on show
+
+    def _say(self, text: str) -> None:
+        self._hint.setText(text)
+        self._hint.setToolTip(text)
+        self._hint_end.start()
+
+    def _end_hint(self) -> None:
+        detail = self._replay.playback.value.detail
+        self._hint.setText(detail)
+        self._hint.setToolTip(detail)
+
+    def _on_seek_wanted(self, at_ns: int) -> None:
+        self._replay.seek(at_ns)
+
+    def _on_rate_chosen(self, index: int) -> None:
+        self._replay.set_rate(RATES[index])
+
+    def _words_of(self, at_ns: int) -> str:
+        clock = self._replay.session.clock
+        return moment_words(clock.session_s(at_ns) * 1000, clock.wall(at_ns))
+
+    def _on_overview_changed(self, overview: SessionOverview | None) -> None:
+        self.scrubber.show_overview(overview, self._words_of)
+        kinds = set() if overview is None else {moment.kind for moment in overview.moments}
+        wait = "is being looked for" if overview is None else "was set in this session"
+        for button, direction in ((self._previous_mark, "previous"), (self._next_mark, "next")):
+            button.setToolTip(f"To the {direction} mark" if "mark" in kinds else f"No mark {wait}")
+
+    def _on_playback_changed(self, playback: PlaybackStatus) -> None:
+        self.scrubber.show_session(playback.start_ns, playback.end_ns)
+        self.scrubber.show_position(playback.position_ns)
+        label, icon = ("Pause", "pause") if playback.playing else ("Play", "play")
+        if self._play.text() != label:
+            self._play.set_label(label, icon=icon)
+        clock = self._replay.session.clock
+        self._times.show_times(
+            clock.session_s(playback.position_ns),
+            clock.session_s(playback.end_ns),
+            clock.wall(playback.position_ns)[:8],
+        )
+        if playback.rate != self._rate.currentData():
+            self._show_rate(playback.rate)
+        if not self._hint_end.isActive() and playback.detail != self._hint.text():
+            self._end_hint()
+
+    def _show_rate(self, rate: float) -> None:
+        index = self._rate.findData(rate)
+        while self._rate.count() > len(RATES):
+            self._rate.removeItem(len(RATES))
+        if index < 0:
+            self._rate.addItem(rate_text(rate), rate)
+            index = self._rate.count() - 1
+        self._rate.setCurrentIndex(index)
+
+    def _style(self) -> None:
+        self._hint.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._hint.palette()
+        palette.setColor(self._hint.foregroundRole(), self._theme.color("dim"))
+        self._hint.setPalette(palette)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), self._theme.color("panel"))
+        painter.setPen(self._theme.color("line"))
+        painter.drawLine(0, 0, self.width(), 0)
+
+
+class ReplayTitle(QWidget):
+    """Says that this is a replay, and of what."""
+
+    def __init__(self, theme: Theme, participant: str, when: str) -> None:
+        super().__init__()
+        self.setObjectName("replay_title")
+        self.setAccessibleName(f"Replay of {participant}, recorded {when}")
+        self.setToolTip(f"A recorded session: {participant}, {when}. Nothing here moves the robot.")
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        self._theme = theme
+        self._participant, self._when = participant, when
+        self._date_shown = True
+        theme.changed.connect(self.update)
+
+    @property
+    def text(self) -> str:
+        parts = ("Replay", words.shortened(self._participant, 24), self._when if self._date_shown else "")
+        return " · ".join(part for part in parts if part)
+
+    def set_date_shown(self, shown: bool) -> None:
+        if shown != self._date_shown:
+            self._date_shown = shown
+            self.updateGeometry()
+            self.update()
+
+    def sizeHint(self) -> QSize:
+        metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        return QSize(round(metrics.horizontalAdvance(self.text)) + 44, 32)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(self._theme.color("blue_soft"))
+        painter.drawRoundedRect(QRectF(self.rect()), 16, 16)
+        draw_icon(painter, QRectF(12, 8, 16, 16), "clock-counter-clockwise", self._theme.color("blue"))
+        painter.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        painter.setPen(self._theme.color("text"))
+        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        painter.drawText(QRectF(34, 0, self.width() - 40, self.height()), flags, self.text)
+
+
+class ReplayTimes(QWidget):
+    """12:34.5 of 1:00:00, and what the clock on the wall showed. Digits keep their places while it plays."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("replay_times")
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        self._theme = theme
+        self._now = self._total = self._wall = ""
+        self._wall_shown = True
+        theme.changed.connect(self.update)
+
+    @property
+    def text(self) -> str:
+        return f"{self._now} of {self._total} · {self._wall}"
+
+    def set_wall_shown(self, shown: bool) -> None:
+        if shown != self._wall_shown:
+            self._wall_shown = shown
+            self.updateGeometry()
+
+    def show_times(self, now_s: float, total_s: float, wall: str) -> None:
+        now = f"{words.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"
+        if total_s >= 3600 and now_s < 3600:
+            now = f"0:{now}"
+        if (now, words.elapsed(total_s), wall) == (self._now, self._total, self._wall):
+            return
+        resized = len(now) != len(self._now) or len(words.elapsed(total_s)) != len(self._total)
+        self._now, self._total, self._wall = now, words.elapsed(total_s), wall
+        self.setAccessibleName(f"{self._now} of {self._total}, recorded at {wall}")
+        if resized:
+            self.updateGeometry()
+        self.update()
+
+    def _widths(self) -> tuple[float, float, float]:
+        """Room for the present time, the total, and the wall clock: that of the widest digits."""
+        now = QFontMetricsF(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        rest = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
+        wide = "".join("0" if letter.isdigit() else letter for letter in self._now)
+        return (
+            now.horizontalAdvance(wide) + 4,
+            rest.horizontalAdvance(f"of {self._total}") + 4,
+            rest.horizontalAdvance("at 00:00:00") + 4 if self._wall_shown else 0.0,
+        )
+
+    def sizeHint(self) -> QSize:
+        return QSize(round(sum(self._widths())) + 16, 32)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme, painter = self._theme, QPainter(self)
+        now, total, wall = self._widths()
+        right = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight)
+        left = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        painter.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        painter.setPen(theme.color("text"))
+        painter.drawText(QRectF(0, 0, now, self.height()), right, self._now)
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        painter.setPen(theme.color("dim"))
+        painter.drawText(QRectF(now + 6, 1, total, self.height()), left, f"of {self._total}")
+        if wall:
+            painter.drawText(QRectF(now + total + 14, 1, wall, self.height()), left, f"at {self._wall}")

@@ -1,0 +1,102 @@
+"""Small pictures of moments: asked for one at a time, kept for a while, told when they are there."""
+
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtGui import QImage
+
+from caris_desktop.live.intents import ReplayControls
+
+KEPT = 400
+_AT_ONCE = 3
+_GIVE_UP_S = 1.0
+
+Moment = tuple[str, int]
+"""Camera and session clock, nanoseconds."""
+
+
+class Thumbnails(QObject):
+    """``made`` tells that another picture is there.
+
+    Few requests are under way at a time, so that scrolling past a hundred pictures makes only those that are still
+    wanted when their turn comes: what the pointer is at first, then what is on show. A moment without a picture is
+    never answered; it is given up after a second.
+    """
+
+    made = Signal(str, object)  # camera, at_ns
+
+    def __init__(self, replay: ReplayControls, parent: QObject) -> None:
+        super().__init__(parent)
+        self._replay = replay
+        self._kept: OrderedDict[Moment, QImage] = OrderedDict()
+        self._first: Moment | None = None
+        self._shown: list[Moment] = []
+        self._asked: dict[Moment, float] = {}
+        self._given_up: set[Moment] = set()
+        self._patience = QTimer(self, interval=round(_GIVE_UP_S * 500))
+        self._patience.timeout.connect(self._give_up)
+        replay.thumbnail_made.connect(self._on_made)
+
+    def picture(self, camera: str, at_ns: int) -> QImage | None:
+        """The picture, if it is there; a null one where there was nothing to see."""
+        moment = (camera, at_ns)
+        found = self._kept.get(moment)
+        if found is not None:
+            self._kept.move_to_end(moment)
+        return found
+
+    def want(self, camera: str, at_ns: int) -> None:
+        """Needed next, before everything that is merely on show."""
+        self._first = (camera, at_ns)
+        self._ask()
+
+    def want_shown(self, moments: Sequence[Moment]) -> None:
+        """On show now, in place of what was on show before."""
+        self._shown = [moment for moment in moments if moment not in self._kept]
+        self._ask()
+
+    def _ask(self) -> None:
+        waiting = [self._first, *self._shown] if self._first is not None else self._shown
+        for moment in waiting:
+            if len(self._asked) >= _AT_ONCE and moment is not self._first:
+                break
+            if moment is None or moment in self._kept or moment in self._given_up or moment in self._asked:
+                continue
+            self._asked[moment] = time.monotonic()
+            self._replay.request_thumbnail(*moment)
+        if self._asked and not self._patience.isActive():
+            self._patience.start()
+
+    def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
+        moment = (camera, int(at_ns))
+        self._kept[moment] = _as_image(image_bgr)
+        while len(self._kept) > KEPT:
+            self._kept.popitem(last=False)
+        self._given_up.discard(moment)
+        if moment in self._shown:
+            self._shown.remove(moment)
+        self._asked.pop(moment, None)
+        self.made.emit(*moment)
+        self._ask()
+
+    def _give_up(self) -> None:
+        now_s = time.monotonic()
+        late = {moment for moment, asked_s in self._asked.items() if now_s - asked_s > _GIVE_UP_S}
+        self._given_up |= late
+        self._asked = {moment: asked_s for moment, asked_s in self._asked.items() if moment not in late}
+        self._ask()
+        if not self._asked:
+            self._patience.stop()
+
+
+def _as_image(image_bgr: NDArray[np.uint8] | None) -> QImage:
+    if image_bgr is None or not image_bgr.size:
+        return QImage()
+    height, width = image_bgr.shape[:2]
+    rows = np.ascontiguousarray(image_bgr)
+    # A QImage shares the array's memory, so it needs one of its own.
+    return QImage(rows.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy()

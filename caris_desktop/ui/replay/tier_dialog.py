@@ -1,0 +1,223 @@
+"""A new tier, or an existing one changed: whose it is, its name, and which labels it may hold."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
+from caris_desktop.ui import tokens
+from caris_desktop.ui.replay.timeline_model import vocabulary_named
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+FREE_TEXT = "Free text"
+OWN_LIST = "A list of labels…"
+SCENARIO_LABELS = "Labels of the scenario"
+
+
+@dataclass(frozen=True, slots=True)
+class TierWish:
+    """What the dialog asks for. ``vocabulary`` is None for free text."""
+
+    coder: str
+    name: str
+    vocabulary: Vocabulary | None
+
+
+def labels_of(text: str) -> tuple[VocabularyEntry, ...]:
+    """One label a line, its meaning after a colon."""
+    entries = []
+    for line in text.splitlines():
+        value, _, meaning = line.partition(":")
+        if value.strip():
+            entries.append(VocabularyEntry(" ".join(value.split()), meaning.strip()))
+    return tuple(entries)
+
+
+def text_of(vocabulary: Vocabulary) -> str:
+    """What ``labels_of`` reads."""
+    return "\n".join(
+        f"{entry.value}: {entry.description}" if entry.description else entry.value for entry in vocabulary.entries
+    )
+
+
+def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -> AnnotationDocument:
+    """The document as the dialog wants it: a new tier, or ``tier`` changed. Raises AnnotationError."""
+    name = ""
+    if wish.vocabulary is not None:
+        name = wish.vocabulary.name
+        present = vocabulary_named(document, name)
+        if present is None:
+            document = editing.add_vocabulary(document, wish.vocabulary)
+        elif present.entries != wish.vocabulary.entries:
+            document = editing.change_vocabulary(document, name, wish.vocabulary)
+    if tier is None:
+        return editing.add_tier(document, wish.name, wish.coder, name)
+    document = editing.rename_tier(document, tier.tier_id, wish.name)
+    return editing.set_tier_vocabulary(document, tier.tier_id, name) if name != tier.vocabulary else document
+
+
+class TierDialog(QDialog):
+    """Asks, and stays open with the reason where ``apply`` refuses."""
+
+    def __init__(
+        self,
+        theme: Theme,
+        document: AnnotationDocument,
+        parent: QWidget,
+        *,
+        apply: Callable[[TierWish], str],
+        tier: Tier | None = None,
+        coder: str = "",
+        scenario_labels: Sequence[str] = (),
+    ) -> None:
+        super().__init__(parent)
+        self.setObjectName("tier_dialog")
+        self.setWindowTitle("Add a tier" if tier is None else "Change the tier")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._theme = theme
+        self._document = document
+        self._apply = apply
+        self._scenario_labels = tuple(dict.fromkeys(label.strip() for label in scenario_labels if label.strip()))
+        heading = QLabel("What will be coded?" if tier is None else f"Tier {tier.name} of {tier.coder}")
+        heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._coder = DropDown(theme, "tier_coder", "Coder")
+        self._coder.setEditable(True)
+        self._coder.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._coder.setMinimumHeight(36)
+        self._coder.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
+        self._coder.addItems(editing.coders_of(document))
+        self._coder.setCurrentText(coder or (tier.coder if tier is not None else ""))
+        line = self._coder.lineEdit()
+        if line is not None:
+            line.setPlaceholderText("your name or initials")
+            line.setMaxLength(editing.LONGEST_NAME)
+        self._name = QLineEdit("" if tier is None else tier.name)
+        self._name.setObjectName("tier_name")
+        self._name.setAccessibleName("Name of the tier")
+        self._name.setPlaceholderText("for example Stance")
+        self._name.setMinimumHeight(36)
+        self._name.setMaxLength(editing.LONGEST_NAME)
+        self._labels = DropDown(theme, "tier_vocabulary", "Labels")
+        self._labels.setMinimumHeight(36)
+        self._labels.addItem(FREE_TEXT)
+        for vocabulary in document.vocabularies:
+            self._labels.addItem(f"{vocabulary.name} ({len(vocabulary.entries)} labels)", vocabulary.name)
+        if self._scenario_labels and vocabulary_named(document, SCENARIO_LABELS) is None:
+            self._labels.addItem(SCENARIO_LABELS)
+        self._labels.addItem(OWN_LIST)
+        if tier is not None and tier.vocabulary:
+            self._labels.setCurrentIndex(self._labels.findData(tier.vocabulary))
+        self._labels.currentIndexChanged.connect(self._on_labels_chosen)
+        self._list = QPlainTextEdit()
+        self._list.setObjectName("tier_labels")
+        self._list.setAccessibleName("Labels, one a line")
+        self._list.setPlaceholderText("One label a line, with its meaning after a colon:\ncurious: leans in, asks")
+        self._list.setTabChangesFocus(True)
+        self._list.setMinimumHeight(120)
+        self._refusal = QLabel()
+        self._refusal.setObjectName("tier_refusal")
+        self._refusal.setWordWrap(True)
+        self._refusal.setFont(theme.font(tokens.STATUS_PX))
+        palette = self._refusal.palette()
+        palette.setColor(self._refusal.foregroundRole(), theme.color("amber"))
+        self._refusal.setPalette(palette)
+        form = QFormLayout()
+        form.setHorizontalSpacing(16)
+        form.setVerticalSpacing(8)
+        form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        if tier is None:
+            form.addRow("Coder", self._coder)
+        else:
+            self._coder.setParent(self)
+            self._coder.hide()
+        form.addRow("Tier", self._name)
+        form.addRow("Labels", self._labels)
+        form.addRow("", self._list)
+        self._save = ActionButton(
+            theme, "Add tier" if tier is None else "Change", icon="check", key="Enter", look="primary", height_px=40
+        )
+        self._save.setObjectName("tier_save")
+        self._save.clicked.connect(self._on_save)
+        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=40)
+        cancel.setObjectName("tier_cancel")
+        cancel.clicked.connect(self.reject)
+        buttons = QHBoxLayout()
+        buttons.addWidget(cancel)
+        buttons.addStretch(1)
+        buttons.addWidget(self._save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 24, 24, 24)
+        layout.setSpacing(16)
+        layout.addWidget(heading)
+        layout.addLayout(form)
+        layout.addWidget(self._refusal)
+        layout.addStretch(1)
+        layout.addLayout(buttons)
+        self._name.returnPressed.connect(self._on_save)
+        if line is not None:
+            line.returnPressed.connect(self._on_save)
+        self._refusal.hide()
+        self._on_labels_chosen()
+        (self._name if self._coder.currentText() else self._coder).setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def sizeHint(self) -> QSize:
+        return QSize(480, 400)
+
+    def wish(self) -> TierWish:
+        coder, name = " ".join(self._coder.currentText().split()), " ".join(self._name.text().split())
+        return TierWish(coder, name, self._vocabulary(name))
+
+    def _chosen_name(self) -> str:
+        """Of an existing vocabulary; empty for the other choices."""
+        return str(self._labels.currentData() or "")
+
+    def _vocabulary(self, tier_name: str) -> Vocabulary | None:
+        if self._labels.currentText() == FREE_TEXT:
+            return None
+        entries = labels_of(self._list.toPlainText())
+        chosen = self._chosen_name()
+        if chosen:
+            present = vocabulary_named(self._document, chosen)
+            return Vocabulary(chosen, entries, "" if present is None else present.description)
+        if self._labels.currentText() == SCENARIO_LABELS:
+            return Vocabulary(SCENARIO_LABELS, entries)
+        name, number = tier_name, 2
+        while vocabulary_named(self._document, name) is not None:
+            name, number = f"{tier_name} {number}", number + 1
+        return Vocabulary(name, entries)
+
+    def _on_labels_chosen(self) -> None:
+        present = vocabulary_named(self._document, self._chosen_name())
+        if present is not None:
+            self._list.setPlainText(text_of(present))
+        elif self._labels.currentText() == SCENARIO_LABELS:
+            self._list.setPlainText("\n".join(self._scenario_labels))
+        else:
+            self._list.clear()
+        self._list.setVisible(self._labels.currentText() != FREE_TEXT)
+
+    def _on_save(self) -> None:
+        wish = self.wish()
+        if wish.vocabulary is not None and not wish.vocabulary.entries:
+            refusal = "Write at least one label, or choose free text."
+        else:
+            refusal = self._apply(wish)
+        self._refusal.setText(refusal)
+        self._refusal.setVisible(bool(refusal))
+        if not refusal:
+            self.accept()

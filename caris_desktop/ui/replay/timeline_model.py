@@ -1,0 +1,298 @@
+"""The timeline as plain values: which rows there are, where moments lie on the screen, what is visible and hit."""
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
+from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
+
+RowKind = Literal["pictures", "sound", "speed", "tier"]
+ROW_HEIGHTS_PX: Mapping[RowKind, int] = {"pictures": 56, "sound": 40, "speed": 40, "tier": 32}
+RECORD_ROW_PX = 24
+SHORTEST_MS = 40
+"""Of an annotation made by dragging: one frame of video."""
+
+_TICK_STEPS_MS = (
+    10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 15_000, 30_000, 60_000, 120_000, 300_000, 600_000, 900_000,
+    1_800_000, 3_600_000, 7_200_000,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class TimeScale:
+    """Where moments lie: ``start_ms`` at pixel 0, ``px_per_ms`` pixels for each millisecond."""
+
+    start_ms: float
+    px_per_ms: float
+
+    def to_px(self, at_ms: float) -> float:
+        return (at_ms - self.start_ms) * self.px_per_ms
+
+    def to_ms(self, x_px: float) -> float:
+        return self.start_ms + x_px / self.px_per_ms
+
+    def zoomed(self, factor: float, around_px: float, *, width_px: float, duration_ms: float) -> "TimeScale":
+        """The moment under ``around_px`` stays where it is, as far as the session reaches."""
+        around_ms = self.to_ms(around_px)
+        px_per_ms = _bounded_zoom(self.px_per_ms * factor, width_px, duration_ms)
+        return TimeScale(around_ms - around_px / px_per_ms, px_per_ms).bounded(width_px, duration_ms)
+
+    def bounded(self, width_px: float, duration_ms: float) -> "TimeScale":
+        """Nothing is shown before the session, and after it no more than is needed to fill the width."""
+        px_per_ms = _bounded_zoom(self.px_per_ms, width_px, duration_ms)
+        latest_ms = max(0.0, duration_ms - width_px / px_per_ms)
+        return TimeScale(min(max(0.0, self.start_ms), latest_ms), px_per_ms)
+
+
+MAX_PX_PER_MS = 2.0
+
+
+def whole_session(width_px: float, duration_ms: float) -> TimeScale:
+    return TimeScale(0.0, max(1.0, width_px) / max(1.0, duration_ms))
+
+
+def _bounded_zoom(px_per_ms: float, width_px: float, duration_ms: float) -> float:
+    smallest = whole_session(width_px, duration_ms).px_per_ms
+    return min(max(px_per_ms, smallest), max(MAX_PX_PER_MS, smallest))
+
+
+def tick_step_ms(px_per_ms: float, apart_px: float) -> int:
+    """The finest round step whose ticks are at least ``apart_px`` apart."""
+    return next((step for step in _TICK_STEPS_MS if step * px_per_ms >= apart_px), _TICK_STEPS_MS[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class RulerTick:
+    at_ms: int
+    label: str  # empty for a tick between two labels
+
+
+def ruler_ticks(scale: TimeScale, width_px: float) -> list[RulerTick]:
+    """Ticks from the first label before the visible part to its end."""
+    step = tick_step_ms(scale.px_per_ms, 88.0)
+    fine = max(1, step // (4 if step % 4 == 0 and step % 5 else 5))
+    first = int(scale.start_ms // step) * step
+    last_ms = scale.to_ms(width_px)
+    return [
+        RulerTick(at, ruler_text(at, step) if at % step == 0 else "")
+        for at in range(first, math.ceil(last_ms) + 1, fine)
+    ]
+
+
+def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
+    """2:03, 1:02:03, or 2:03.4 where the ruler is that fine."""
+    minutes, rest_ms = divmod(at_ms, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{hours}:{minutes:02}:{rest_ms // 1000:02}" if hours else f"{minutes}:{rest_ms // 1000:02}"
+    if step_ms >= 1000:
+        return text
+    return f"{text}.{rest_ms % 1000 // 100}" if step_ms >= 100 else f"{text}.{rest_ms % 1000 // 10:02}"
+
+
+def exact_text(at_ms: float) -> str:
+    """00:12.340, or 1:02:03.456 from an hour on."""
+    whole = round(at_ms)
+    sign, whole = ("-", -whole) if whole < 0 else ("", whole)
+    minutes, rest_ms = divmod(whole, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{hours}:{minutes:02}" if hours else f"{minutes:02}"
+    return f"{sign}{text}:{rest_ms // 1000:02}.{rest_ms % 1000:03}"
+
+
+def length_text(milliseconds: float) -> str:
+    """0.48 s, 12.3 s, 2 min 5 s."""
+    seconds = milliseconds / 1000
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s"
+
+
+class Track:
+    """The annotations of one tier in their order, found by time without walking through them."""
+
+    def __init__(self, annotations: Sequence[Annotation]) -> None:
+        self.annotations = annotations
+        self.starts_ms: NDArray[np.float64] = np.array([item.start_ms for item in annotations], np.float64)
+        self.ends_ms: NDArray[np.float64] = np.array([item.end_ms for item in annotations], np.float64)
+        self._reach_ms = np.maximum.accumulate(self.ends_ms) if len(annotations) else self.ends_ms
+
+    def between(self, first_ms: float, last_ms: float) -> range:
+        """Indices of those that reach into the stretch. What was recorded may overlap, a coder's does not."""
+        first = int(np.searchsorted(self._reach_ms, first_ms, "right"))
+        last = int(np.searchsorted(self.starts_ms, last_ms, "left"))
+        return range(first, max(first, last))
+
+    def at(self, at_ms: float) -> Annotation | None:
+        """The one at that moment; where several are, the one that began last."""
+        for index in reversed(self.between(at_ms, math.nextafter(at_ms, math.inf))):
+            if self.annotations[index].start_ms <= at_ms < self.annotations[index].end_ms:
+                return self.annotations[index]
+        return None
+
+    def beside(self, at_ms: float, direction: int) -> Annotation | None:
+        """The next one that starts after that moment, or the last one that starts before it."""
+        if direction > 0:
+            index = int(np.searchsorted(self.starts_ms, at_ms, "right"))
+        else:
+            index = int(np.searchsorted(self.starts_ms, at_ms, "left")) - 1
+        return self.annotations[index] if 0 <= index < len(self.annotations) else None
+
+
+def tracks_of(document: AnnotationDocument) -> dict[str, Track]:
+    """Each tier's track, in one pass: the annotations are sorted by tier."""
+    items = document.annotations
+    parts: dict[str, list[Annotation]] = {tier.tier_id: [] for tier in document.tiers}
+    for item in items:
+        parts.setdefault(item.tier_id, []).append(item)
+    return {tier_id: Track(part) for tier_id, part in parts.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row. ``key`` is its name among all rows and stays as long as the row does."""
+
+    key: str
+    kind: RowKind
+    name: str
+    source: str = ""  # camera or sound file
+    tier: Tier | None = None
+
+    @property
+    def coder(self) -> str:
+        return "" if self.tier is None else self.tier.coder
+
+    @property
+    def own(self) -> bool:
+        """Whether a coder made it, so that it can be edited."""
+        return bool(self.coder)
+
+    @property
+    def height_px(self) -> int:
+        return RECORD_ROW_PX if self.kind == "tier" and not self.own else ROW_HEIGHTS_PX[self.kind]
+
+
+def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> list[Row]:
+    """Pictures, sound, speed, the coders' own tiers, then what was recorded."""
+    rows: list[Row] = []
+    if overview is not None:
+        several = len(overview.cameras) > 1
+        for camera in overview.cameras:
+            rows.append(Row(f"pictures {camera}", "pictures", f"Video {camera}" if several else "Video", camera))
+        rows += [
+            Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms
+        ]
+        if len(overview.speed):
+            rows.append(Row("speed", "speed", "Speed"))
+    rows += [Row(f"tier {tier.tier_id}", "tier", tier.name, tier=tier) for tier in coding.tiers if tier.coder]
+    if overview is not None:
+        rows += [Row(f"record {tier.tier_id}", "tier", tier.name, tier=tier) for tier in overview.tiers.tiers]
+    return rows
+
+
+def sound_name(source: str) -> str:
+    """``audio-microphone.wav`` and ``microphone`` read Microphone."""
+    name = source.rsplit("/", 1)[-1].rsplit(".", 1)[0].removeprefix("audio-").replace("_", " ").replace("-", " ")
+    return name.capitalize() or "Sound"
+
+
+def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str], words: str) -> list[Row]:
+    """The rows on show: those that were moved where they were moved to, without hidden ones, filtered by ``words``.
+
+    A row that ``order`` does not name comes after the one that it follows by itself.
+    """
+    by_key = {row.key: row for row in rows}
+    keys = [key for key in order if key in by_key]
+    before = ""
+    for key in by_key:
+        if key not in keys:
+            keys.insert(keys.index(before) + 1 if before in keys else 0, key)
+        before = key
+    wanted = words.casefold().split()
+    return [
+        row
+        for row in (by_key[key] for key in keys)
+        if row.key not in hidden and all(word in f"{row.name} {row.coder}".casefold() for word in wanted)
+    ]
+
+
+def moved_key(keys: Sequence[str], key: str, position: int) -> list[str]:
+    """The keys with one of them at ``position`` among the others."""
+    others = [other for other in keys if other != key]
+    others.insert(min(max(0, position), len(others)), key)
+    return others
+
+
+def wave_columns(wave: Waveform, *, first_ns: int, ns_per_px: float, width_px: int) -> NDArray[np.float32]:
+    """Smallest and largest value for each pixel column from ``first_ns`` on, shape (width, 2); NaN without sound."""
+    columns = np.full((width_px, 2), np.nan, np.float32)
+    if not len(wave.peaks) or width_px <= 0:
+        return columns
+    edges = (first_ns + np.arange(width_px + 1) * ns_per_px - wave.first_ns) / wave.bucket_ns
+    lows = np.floor(edges[:-1]).astype(np.int64)
+    highs = np.maximum(np.ceil(edges[1:]).astype(np.int64), lows + 1)
+    inside = (highs > 0) & (lows < len(wave.peaks))
+    if not inside.any():
+        return columns
+    lows, highs = np.clip(lows[inside], 0, len(wave.peaks) - 1), np.clip(highs[inside], 1, len(wave.peaks))
+    smallest, largest = np.minimum.reduceat, np.maximum.reduceat
+    # Each pair of edges is one stretch; what lies between two pairs is computed too and left out.
+    pairs = np.empty(2 * len(lows), np.int64)
+    pairs[0::2], pairs[1::2] = lows, np.minimum(highs, len(wave.peaks) - 1)
+    columns[inside, 0] = smallest(wave.peaks[:, 0], pairs)[0::2]
+    columns[inside, 1] = largest(wave.peaks[:, 1], pairs)[0::2]
+    return columns
+
+
+def speed_columns(speed: NDArray[np.float32], scale: TimeScale, width_px: int) -> NDArray[np.float32]:
+    """The largest speed in m/s and turning speed in rad/s for each pixel column, shape (width, 2); NaN without any."""
+    columns = np.full((width_px, 2), np.nan, np.float32)
+    if not len(speed) or width_px <= 0:
+        return columns
+    edges = np.searchsorted(speed[:, 0], (scale.start_ms + np.arange(width_px + 1) / scale.px_per_ms) / 1000.0)
+    values = np.abs(speed[:, 1:])
+    filled = edges[1:] > edges[:-1]
+    if filled.any():
+        pairs = np.empty(2 * int(filled.sum()), np.int64)
+        pairs[0::2], pairs[1::2] = edges[:-1][filled], np.minimum(edges[1:][filled], len(speed) - 1)
+        columns[filled] = np.maximum.reduceat(values, pairs, axis=0)[0::2]
+    # Between two measurements that are close together the last one holds.
+    held = np.clip(edges[:-1] - 1, 0, len(speed) - 1)
+    lasting = ~filled & (edges[:-1] > 0) & (edges[:-1] < len(speed))
+    columns[lasting] = values[held[lasting]]
+    return columns
+
+
+def snapped(at_ms: float, moments_ms: Iterable[float], *, within_ms: float) -> float:
+    """The nearest of the moments, where one is near enough."""
+    nearest = min(moments_ms, key=lambda moment: abs(moment - at_ms), default=None)
+    return nearest if nearest is not None and abs(nearest - at_ms) <= within_ms else at_ms
+
+
+def runs(starts_px: NDArray[np.float64], ends_px: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Sorted stretches that touch or overlap within a pixel, joined: what can be seen of many tiny annotations."""
+    if not len(starts_px):
+        return []
+    lefts = np.floor(starts_px)
+    rights = np.maximum.accumulate(np.maximum(np.ceil(ends_px), lefts + 1))
+    breaks = np.flatnonzero(lefts[1:] > rights[:-1]) + 1
+    firsts = lefts[np.concatenate(([0], breaks))]
+    lasts = rights[np.concatenate((breaks - 1, [len(rights) - 1]))]
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+
+
+def vocabulary_named(coding: AnnotationDocument, name: str) -> Vocabulary | None:
+    return next((vocabulary for vocabulary in coding.vocabularies if vocabulary.name == name), None)
+
+
+def initials(coder: str) -> str:
+    """One or two letters for the coder's chip."""
+    parts = coder.split()
+    return "".join(part[0] for part in parts[:2]).upper() if len(parts) > 1 else coder[:1].upper()
