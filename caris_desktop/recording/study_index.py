@@ -1,7 +1,6 @@
 """Finds sessions of a study by what heads them and by what was said in them: an index that the folders can rebuild."""
 
 import fnmatch
-import json
 import logging
 import os
 import re
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused, UtteranceChanged
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.marks import final_marks_of
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.utterances import spoken_of
@@ -24,7 +25,6 @@ DATABASE_NAME = "session-index.sqlite"
 _APPLICATION_ID = 0x43415249
 _SCHEMA_VERSION = 1
 _BUSY_MS = 2000
-_MAX_ANNOTATION_BYTES = 64 * 1024 * 1024
 _SNIPPET_CHARACTERS = 160
 _SCHEMA = """
 CREATE TABLE session (
@@ -413,7 +413,7 @@ def _annotation_files(folder: Path) -> list[Path]:
 def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
     """What the index keeps of one session, and why it cannot be read if so."""
     try:
-        session = open_session(folder)
+        session = open_session(folder, repair=False)
         items = list(_items(session))
     except (SessionError, OSError) as error:
         _log.info("%s is not in the index: %s", folder, error)
@@ -475,18 +475,15 @@ def _items(session: Session) -> Iterator[_Item]:
 
 
 def _annotations(session: Session) -> Iterator[_Item]:
-    for path in _annotation_files(session.folder):
-        try:
-            with path.open("rb") as file:
-                data = json.loads(file.read(_MAX_ANNOTATION_BYTES))
-            rows = [
-                (int(row["start_ms"]), str(row["value"])) for row in data["annotations"] if str(row["value"]).strip()
-            ]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _log.warning("%s is not in the index: %s", path, error)
-            continue
-        for start_ms, value in rows:
-            yield _Item(session.started_ns + start_ms * 1_000_000, start_ms / 1000, "annotation", _storable(value))
+    try:
+        document = load_documents(session.folder, on_damaged=lambda what: _log.warning("not in the index: %s", what))
+    except AnnotationError as error:
+        _log.warning("not in the index: %s", error)
+        return
+    for annotation in document.annotations:
+        if annotation.value.strip():
+            at_ns = session.started_ns + annotation.start_ms * 1_000_000
+            yield _Item(at_ns, annotation.start_ms / 1000, "annotation", _storable(annotation.value))
 
 
 def _storable(text: str) -> str:

@@ -1,0 +1,729 @@
+"""A report of a session for people: one page that needs nothing else, on screen and on paper."""
+
+import base64
+import logging
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    GoalChanged,
+    LinkChanged,
+    LlmExchange,
+    PhotoTaken,
+    Problem,
+    RobotChosen,
+    ScenarioOpened,
+)
+from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.completeness import counted, what_is_missing
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.exporters import drawings
+from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, clock_text, duration_text
+from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.marks import FinalMark
+from caris_desktop.recording.measures import (
+    RESPONSE_LIMIT_S,
+    Measures,
+    Reply,
+    SessionFacts,
+    Spread,
+    answer_uses,
+    driving_stretches,
+    goal_stretches,
+    link_trouble,
+    measure,
+    nearest_index,
+    per_10_min,
+    presence,
+    read_facts,
+)
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.utterances import SpokenUtterance
+
+_log = logging.getLogger(__name__)
+_MAX_PHOTOS = 60
+_PHOTO_WIDTH_PX = 480
+_MAX_PEOPLE_ROWS = 6
+_MAX_WAY_POINTS = 20_000
+_SPEAKERS = {"participant": "Participant", "robot": "Robot", "wizard": "Wizard"}
+_SPEAKER_LOOKS = {"participant": "participant", "robot": "robot-speech", "wizard": "note"}
+_ORIGINS = {
+    "typed": ("Typed by the wizard", "share-0"),
+    "phrase": ("Phrases of the scenario", "share-1"),
+    "suggestion": ("Suggested replies", "share-2"),
+    "assistant": ("Language model", "share-3"),
+    "filler": ("Fillers", "share-4"),
+    "heard": ("Heard", "share-5"),
+}
+_SOURCES = {
+    "keyboard": "Keyboard",
+    "gamepad": "Gamepad",
+    "onscreen": "Buttons on the screen",
+    "rehearsal": "Rehearsed script",
+    "stop": "Stop",
+    "lease": "Safety stop",
+    "none": "Not told",
+}
+_SEVERITIES = {"error": "red", "warning": "amber", "info": ""}
+_USES = {
+    "said": ("said", "green"),
+    "edited": ("edited and said", "blue"),
+    "dismissed": ("dismissed", ""),
+    "unused": ("unused", ""),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Legend:
+    """An entry of a legend: a small drawing and words."""
+
+    drawing: Markup
+    words: str
+
+
+def write_html(session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Write ``report.html`` into the folder ``out``. Raises OSError, SessionError."""
+    facts = read_facts(session, lambda fraction: context.progress(0.7 * fraction))
+    with SessionTimeline(session) as timeline:
+        grid = next((value for value in timeline.state_at(session.ended_ns) if isinstance(value, OccupancyGrid)), None)
+    context.progress(0.8)
+    report = _report(facts, measure(facts), grid)
+    context.progress(0.95)
+    path = write_page(out / "report.html", "report.html.j2", report=report)
+    context.progress(1.0)
+    return [path]
+
+
+def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None) -> dict[str, Any]:
+    session = facts.session
+    opened = facts.of(ScenarioOpened)
+    scenario = read_scenario(opened[-1]) if opened else None
+    coding = _coding(session)
+    seen = _Seen(facts, coding)
+    return {
+        "title": _title(session),
+        "study": session.trial.get("study", ""),
+        "facts": _facts(facts, scenario),
+        "tiles": _tiles(measures, session),
+        "missing": what_is_missing(facts, measures),
+        "lasts": duration_text(session.duration_s),
+        "time_line": seen.strips(),
+        "legend": seen.legend(),
+        **_way(facts, measures, grid, scenario),
+        **_responses(measures),
+        **_talk(measures),
+        **_driving(measures),
+        **_marks(facts, measures, coding),
+        **_models(facts, measures),
+        **_photos(facts),
+        **_transcript(facts, measures),
+        **_problems(facts),
+        "footer": (
+            f"Made by CARIS Desktop from the session {session.folder.name}. Times are minutes and seconds since the"
+            " recording began."
+        ),
+    }
+
+
+# Head
+
+
+def _title(session: Session) -> str:
+    trial = session.trial
+    parts = [
+        f"Participant {trial['participant']}" if trial.get("participant") else "",
+        trial.get("condition", ""),
+        f"trial {trial['trial']}" if trial.get("trial") else "",
+    ]
+    return ", ".join(part for part in parts if part) or session.folder.name
+
+
+def _facts(facts: SessionFacts, scenario: ScenarioText | None) -> list[tuple[str, str]]:
+    session, trial = facts.session, facts.session.trial
+    head = session.header
+    robots = facts.of(RobotChosen)
+    robot_head = head.get("robot") if isinstance(head.get("robot"), dict) else {}
+    scenario_head = head.get("scenario") if isinstance(head.get("scenario"), dict) else {}
+    robot = (robots[-1].title or robots[-1].name) if robots else str((robot_head or {}).get("profile") or "")
+    title = scenario.title if scenario is not None else str((scenario_head or {}).get("title") or "")
+    listed = [
+        ("When", when_text(session)),
+        ("Participant", trial.get("participant", "")),
+        ("Condition", trial.get("condition", "")),
+        ("Trial", trial.get("trial", "")),
+        ("Recording", trial.get("recording", "")),
+        ("Wizard", trial.get("wizard", "")),
+        ("Purpose", trial.get("purpose", "")),
+        ("Scenario", title),
+        ("Robot", robot),
+        ("Session", session.folder.name),
+        ("Program", f"CARIS Desktop {head.get('program_version', '')}".strip()),
+    ]
+    return [(name, value) for name, value in listed if value]
+
+
+def when_text(session: Session) -> str:
+    """``21 November 2026, 10:00 UTC``."""
+    utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
+    moment = datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC)
+    return f"{moment.day} {moment:%B %Y, %H:%M} UTC"
+
+
+def _tiles(measures: Measures, session: Session) -> list[dict[str, str]]:
+    response = Spread.of(measures.response_times_s)
+    driving = measures.driving
+    tiles = [("length", duration_text(session.duration_s))]
+    if response is not None:
+        tiles.append(("median response time", f"{response.median:.1f} s"))
+    if driving.distance_m is not None:
+        tiles.append(("driven", distance_text(driving.distance_m)))
+    tiles.append(("robot utterances", str(measures.talk["robot"].utterances if "robot" in measures.talk else 0)))
+    if measures.people:
+        tiles.append(("person seen" if measures.people == 1 else "people seen", str(measures.people)))
+    tiles.append(("wizard error" if measures.wizard_errors == 1 else "wizard errors", str(measures.wizard_errors)))
+    if driving.emergency_stops:
+        one = driving.emergency_stops == 1
+        tiles.append(("emergency stop" if one else "emergency stops", str(driving.emergency_stops)))
+    return [{"label": label, "value": value} for label, value in tiles]
+
+
+def distance_text(metres: float) -> str:
+    """``0.4 m``, ``12 m``, ``1.3 km``."""
+    if metres >= 1000:
+        return f"{metres / 1000:.1f} km"
+    return f"{metres:.1f} m" if metres < 10 else f"{metres:.0f} m"
+
+
+def spread_text(spread: Spread, unit: str = "s") -> str:
+    """``1.42 ± 0.31 s``; without ± for a single value."""
+    return f"{spread.mean:.2f}{'' if spread.sd is None else f' ± {spread.sd:.2f}'} {unit}"
+
+
+# Time line
+
+
+class _Seen:
+    """The rows of the time line, and the legend of those that are there."""
+
+    def __init__(self, facts: SessionFacts, coding: AnnotationDocument) -> None:
+        self._facts = facts
+        self._s = facts.session.clock.session_s
+        self._coding = coding
+        self._looks: set[str] = set()
+        self._rows = [row for row in self._all_rows() if row.items]
+
+    def strips(self) -> list[Markup]:
+        lasts_s = self._facts.session.duration_s
+        shades = [self._item(pause.start_ns, pause.end_ns, "pause", "Recording paused") for pause in self._facts.pauses]
+        return drawings.time_line(self._rows, self._curves(), shades, lasts_s)
+
+    def legend(self) -> list[_Legend]:
+        entries = [
+            ("filler", "bar", "filler"),
+            ("driven", "bar", "driven by the wizard"),
+            ("navigated", "bar", "on its way by itself"),
+            ("mark", "diamond", "mark; with a line: a stretch"),
+            ("error", "triangle", "wizard error"),
+            ("trouble", "dot", "problem"),
+            ("pause", "bar", "recording paused"),
+        ]
+        return [_Legend(_sample(shape, look), words) for look, shape, words in entries if look in self._looks]
+
+    def _item(self, start_ns: int, end_ns: int | None, look: str, title: str, shape: drawings.Shape = "bar") -> Item:
+        self._looks.add(look)
+        start_s = self._s(start_ns)
+        span = clock_text(start_s) if end_ns is None else f"{clock_text(start_s)} to {clock_text(self._s(end_ns))}"
+        return Item(start_s, None if end_ns is None else self._s(end_ns), look, f"{span}  {title}", shape)
+
+    def _curves(self) -> list[Curve]:
+        facts = self._facts
+        if not facts.odometry_ns.size:
+            return []
+        seconds = (facts.odometry_ns - facts.session.started_ns) / 1e9
+        speed_mps = facts.odometry[:, 2]
+        top_mps = max(0.1, float(np.nanmax(speed_mps)))
+        return [Curve(f"Speed, to {top_mps:.1f} m/s", seconds, speed_mps, top_mps, "speed")]
+
+    def _all_rows(self) -> Iterator[Row]:
+        facts = self._facts
+        ended_ns = facts.session.ended_ns
+        for speaker, name in _SPEAKERS.items():
+            yield Row(
+                name,
+                tuple(
+                    self._item(
+                        item.start_ns, item.end_ns, "filler" if item.origin == "filler" else _SPEAKER_LOOKS[speaker],
+                        item.text,
+                    )
+                    for item in facts.utterances
+                    if item.speaker == speaker and item.start_ns is not None
+                ),
+            )  # fmt: skip
+        moves = [
+            self._item(stretch.start_ns, stretch.end_ns, "driven", _SOURCES.get(stretch.label, stretch.label))
+            for stretch in driving_stretches(facts)
+        ]
+        moves += [
+            self._item(
+                stretch.start_ns, stretch.end_ns, "failed-goal" if stretch.label == "failed" else "navigated",
+                f"Navigation, {stretch.label}",
+            )
+            for stretch in goal_stretches(facts.of(GoalChanged), ended_ns)
+        ]  # fmt: skip
+        yield Row("Driving", tuple(moves))
+        yield from self._people()
+        yield Row("Marks", tuple(self._mark(mark) for mark in facts.marks if mark.kind != "wizard_error"))
+        yield Row("Wizard errors", tuple(self._mark(mark) for mark in facts.marks if mark.kind == "wizard_error"))
+        for tier in self._coding.tiers:
+            yield Row(
+                tier.name,
+                tuple(
+                    self._coded(annotation.start_ms, annotation.end_ms, annotation.value)
+                    for annotation in self._coding.of_tier(tier.tier_id)
+                ),
+            )
+        troubles = [
+            self._item(stretch.start_ns, stretch.end_ns, "trouble", f"Link: {stretch.label}")
+            for stretch in link_trouble(facts.of(LinkChanged), ended_ns)
+        ]
+        troubles += [
+            self._item(problem.stamp_ns, None, "trouble", f"{problem.what} {problem.meaning}", "dot")
+            for problem in facts.of(Problem)
+            if problem.severity != "info"
+        ]
+        yield Row("Link, problems", tuple(troubles))
+
+    def _people(self) -> Iterator[Row]:
+        by_person: dict[str, list[Item]] = {}
+        for stretch in presence(self._facts):
+            item = self._item(stretch.start_ns, stretch.end_ns, "present", f"{stretch.label} is there")
+            by_person.setdefault(stretch.label, []).append(item)
+        people = list(by_person.items())
+        for person_id, items in people[:_MAX_PEOPLE_ROWS]:
+            yield Row(person_id, tuple(items))
+        rest = [item for _, items in people[_MAX_PEOPLE_ROWS:] for item in items]
+        yield Row(f"{len(people) - _MAX_PEOPLE_ROWS} more people", tuple(rest))
+
+    def _mark(self, mark: FinalMark) -> Item:
+        look, shape = ("error", "triangle") if mark.kind == "wizard_error" else ("mark", "diamond")
+        if mark.kind == "note":
+            look, shape = "note", "dot"
+        words = ": ".join(part for part in (mark_words(mark), mark.note) if part)
+        return self._item(mark.start_ns, mark.end_ns, look, words, shape)  # type: ignore[arg-type]  # one of the shapes
+
+    def _coded(self, start_ms: int, end_ms: int, value: str) -> Item:
+        started_ns = self._facts.session.started_ns
+        return self._item(started_ns + start_ms * 1_000_000, started_ns + end_ms * 1_000_000, "coder", value)
+
+
+def mark_words(mark: FinalMark) -> str:
+    """The label, or what an unlabelled mark is."""
+    return mark.label or {"wizard_error": "Wizard error", "note": "Note"}.get(mark.kind, "Mark")
+
+
+def _coding(session: Session) -> AnnotationDocument:
+    try:
+        return load_documents(session.folder, on_damaged=lambda what: _log.warning("left out of the report: %s", what))
+    except AnnotationError as error:
+        _log.warning("left out of the report: %s", error)
+        return AnnotationDocument()
+
+
+def _sample(shape: str, look: str) -> Markup:
+    inside = {
+        "bar": Markup('<rect x="1" y="2" width="20" height="10" rx="3" class="{}"/>'),
+        "diamond": Markup('<path d="M11 1l6 6l-6 6l-6 -6z" class="{}"/>'),
+        "triangle": Markup('<path d="M11 1l6 11h-12z" class="{}"/>'),
+        "dot": Markup('<circle cx="11" cy="7" r="4.5" class="{}"/>'),
+        "line": Markup('<line x1="1" x2="21" y1="7" y2="7" class="{}"/>'),
+    }[shape].format(look)
+    return Markup('<svg viewBox="0 0 22 14" aria-hidden="true">{}</svg>').format(inside)
+
+
+# The way on the map
+
+
+def _way(
+    facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None, scenario: ScenarioText | None
+) -> dict[str, Any]:
+    in_map = facts.pose_ns.size > 0
+    stamps_ns, points = (facts.pose_ns, facts.poses) if in_map else (facts.odometry_ns, facts.odometry)
+    if not stamps_ns.size:
+        return {"way": None, "way_fact": "", "way_legend": []}
+    headings_rad = points[:, 2] if in_map else _headings(points[:, :2])
+    thin = max(1, stamps_ns.size // _MAX_WAY_POINTS)
+    goals = goal_stretches(facts.of(GoalChanged), facts.session.ended_ns)
+    by_itself = np.zeros(stamps_ns.size, bool)
+    for stretch in goals:
+        by_itself |= (stamps_ns >= stretch.start_ns) & (stamps_ns <= stretch.end_ns)
+    places = [drawings.pose_pin(pose, name) for name, pose in scenario.places] if scenario and in_map else []
+    way = Way(
+        seconds=((stamps_ns - facts.session.started_ns) / 1e9)[::thin],
+        points_m=points[::thin, :2],
+        headings_rad=headings_rad[::thin],
+        by_itself=by_itself[::thin],
+        pins=tuple(_pins(facts, stamps_ns, points)),
+    )
+    driving = measures.driving
+    fact = [distance_text(driving.distance_m)] if driving.distance_m is not None else []
+    if driving.max_speed_mps is not None:
+        fact.append(f"at most {driving.max_speed_mps:.2f} m/s")
+    if not in_map:
+        fact.append("by its odometry, without a map")
+    legend = [_Legend(_sample("line", "way"), "driven by the wizard, the later the stronger")]
+    if by_itself.any():
+        legend.append(_Legend(_sample("line", "way itself"), "on its way by itself"))
+    looks = {pin.look for pin in way.pins}
+    for look, shape, words in (
+        ("mark", "diamond", "mark"), ("error", "triangle", "wizard error"), ("trouble", "square", "emergency stop"),
+        ("note", "dot", "photo"),
+    ):  # fmt: skip
+        if look in looks:
+            legend.append(_Legend(_sample("bar" if shape == "square" else shape, look), words))
+    return {
+        "way": drawings.way_on_map(way, grid if in_map else None, places),
+        "way_fact": " · ".join(fact),
+        "way_legend": legend,
+    }
+
+
+def _headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(points) < 2:
+        return np.zeros(len(points))
+    steps = np.diff(points, axis=0, append=points[-1:])
+    return np.asarray(np.arctan2(steps[:, 1], steps[:, 0]))
+
+
+def _pins(facts: SessionFacts, stamps_ns: NDArray[np.int64], points: NDArray[np.float64]) -> Iterator[Pin]:
+    from caris_desktop.domain.events import EmergencyStopChanged
+
+    def pin(at_ns: int, look: str, words: str, shape: Any) -> Iterator[Pin]:
+        index = nearest_index(stamps_ns, at_ns)
+        if index is not None:
+            when = clock_text(facts.session.clock.session_s(at_ns))
+            yield Pin(float(points[index, 0]), float(points[index, 1]), look, f"{when}  {words}", "", shape)
+
+    for mark in facts.marks:
+        if mark.kind == "mark":
+            yield from pin(mark.start_ns, "mark", mark_words(mark), "diamond")
+        elif mark.kind == "wizard_error":
+            yield from pin(mark.start_ns, "error", f"Wizard error: {mark.label}", "triangle")
+    for event in facts.of(EmergencyStopChanged):
+        if event.latched:
+            yield from pin(event.stamp_ns, "trouble", "Emergency stop", "square")
+    for photo in facts.of(PhotoTaken):
+        yield from pin(photo.stamp_ns, "note", "Photo", "dot")
+
+
+# Response times and talk
+
+
+def _responses(measures: Measures) -> dict[str, Any]:
+    response = Spread.of(measures.response_times_s)
+    rows = [
+        ("Robot answers participant", response),
+        ("… with more than a filler", Spread.of([reply.delay_s for reply in measures.content_responses])),
+        ("Wizard reacts", Spread.of([reply.delay_s for reply in measures.reactions])),
+    ]
+    return {
+        "responses": None
+        if response is None
+        else drawings.histogram(
+            measures.response_times_s, unit="s", median=response.median, title="Response time", look="response"
+        ),
+        "response_fact": "" if response is None else f"median {response.median:.1f} s",
+        "response_limit": f"{RESPONSE_LIMIT_S:g}",
+        "response_rows": [
+            {
+                "label": label,
+                "n": spread.n,
+                "median": f"{spread.median:.2f} s",
+                "mean": spread_text(spread),
+                "longest": f"{spread.largest:.1f} s",
+            }
+            for label, spread in rows
+            if spread is not None
+        ],
+    }
+
+
+def _talk(measures: Measures) -> dict[str, Any]:
+    talked_s = sum(talk.speech_s for talk in measures.talk.values())
+    silence_s = max(0.0, measures.recorded_s - talked_s)
+    parts = [
+        Part(_SPEAKERS[speaker], talk.speech_s, _SPEAKER_LOOKS[speaker], duration_text(talk.speech_s))
+        for speaker, talk in measures.talk.items()
+    ]
+    parts.append(Part("Nobody", silence_s, "silence", duration_text(silence_s)))
+    rows = [
+        {
+            "label": _SPEAKERS[speaker],
+            "look": _SPEAKER_LOOKS[speaker],
+            "time": duration_text(talk.speech_s),
+            "utterances": talk.utterances,
+            "words": talk.words,
+        }
+        for speaker, talk in measures.talk.items()
+    ]
+    if rows:
+        rows.append(
+            {"label": "Nobody", "look": "silence", "time": duration_text(silence_s), "utterances": "", "words": ""}
+        )
+    origins = [
+        Part(name, float(measures.origins[origin]), look, str(measures.origins[origin]))
+        for origin, (name, look) in _ORIGINS.items()
+        if measures.origins.get(origin)
+    ]
+    origin_rows = list(origins)
+    if measures.interrupted:
+        origin_rows.append(Part("Interrupted", measures.interrupted, "silence", str(measures.interrupted)))
+    if measures.unsaid:
+        origin_rows.append(Part("Asked for, but never said", measures.unsaid, "silence", str(measures.unsaid)))
+    robot_s = measures.talk["robot"].speech_s if "robot" in measures.talk else 0.0
+    return {
+        "talk_fact": f"the robot {robot_s / talked_s:.0%} of it" if talked_s > 0.0 and robot_s > 0.0 else "",
+        "talk_bar": drawings.share_bar(parts, title="Who spoke how long") if rows else Markup(""),
+        "talk_rows": rows,
+        "origin_bar": drawings.share_bar(origins, title="Where the robot's words came from"),
+        "origin_rows": origin_rows,
+    }
+
+
+# Driving, marks, language model
+
+
+def _driving(measures: Measures) -> dict[str, Any]:
+    driving = measures.driving
+    parts = [
+        Part(_SOURCES.get(source, source), seconds, f"share-{min(number, 5)}", duration_text(seconds))
+        for number, (source, seconds) in enumerate(driving.seconds_by_source.items())
+    ]
+    if driving.navigating_s:
+        parts.append(Part("On its way by itself", driving.navigating_s, "share-2", duration_text(driving.navigating_s)))
+    rows = [{"label": part.label, "look": part.look, "shown": part.shown} for part in parts]
+    if not driving.seconds_by_source:
+        rows.insert(0, {"label": "Driven by the wizard", "look": "", "shown": "not at all"})
+
+    def add(label: str, shown: str) -> None:
+        rows.append({"label": label, "look": "", "shown": shown})
+
+    if driving.distance_m is not None:
+        add("Distance", distance_text(driving.distance_m))
+    if driving.max_speed_mps is not None:
+        add("Highest speed", f"{driving.max_speed_mps:.2f} m/s")
+    for outcome, count in driving.goals.items():
+        add(f"Goals {outcome}", str(count))
+    add("Stop pressed", str(driving.stops))
+    add("Emergency stops", str(driving.emergency_stops))
+    add("The guard slowed or stopped it", str(driving.guard_interventions))
+    if driving.guard_s.get("overridden"):
+        add("With the guard switched off", duration_text(driving.guard_s["overridden"]))
+    for reason, count in driving.ended_by_itself.items():
+        add(f"Driving ended: {reason}", str(count))
+    if measures.link_trouble_s:
+        add("Link in trouble", duration_text(measures.link_trouble_s))
+    return {
+        "driving_fact": duration_text(driving.driving_s) if driving.driving_s else "",
+        "driving_bar": drawings.share_bar(parts, title="How the robot was driven"),
+        "driving_rows": rows,
+    }
+
+
+def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
+    rows = [
+        {"kind": "", "look": "", "label": label or "without a label", "shown": str(count)}
+        for label, count in sorted(measures.marks.items(), key=lambda entry: -entry[1])
+    ]
+    for label, count in sorted(measures.errors.items(), key=lambda entry: -entry[1]):
+        rate = per_10_min(count, measures.recorded_s)
+        shown = f"{count} ({rate:.1f} per 10 min)" if rate is not None else str(count)
+        rows.append({"kind": "wizard error", "look": "red", "label": label or "not told which", "shown": shown})
+    when = facts.session.clock.session_s
+    return {
+        "marks_fact": counted(sum(measures.marks.values()), "mark"),
+        "mark_rows": rows,
+        "notes": [
+            {"time": clock_text(when(mark.start_ns)), "text": mark.note or mark_words(mark)}
+            for mark in facts.marks
+            if mark.kind == "note" or mark.note
+        ],
+        "coder_rows": [
+            {
+                "tier": tier.name,
+                "coder": tier.coder,
+                "count": len(made),
+                "time": duration_text(sum(item.end_ms - item.start_ms for item in made) / 1000),
+            }
+            for tier in coding.tiers
+            if (made := coding.of_tier(tier.tier_id))
+        ],
+    }
+
+
+def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+    exchanges = facts.of(LlmExchange)
+    became = answer_uses(exchanges, facts.of(AnswerUsed))
+    when = facts.session.clock.session_s
+    accepted = sum(model.said + model.edited for model in measures.models)
+    answered = sum(model.answered for model in measures.models)
+    return {
+        "models": [
+            {
+                "name": model_name(model.provider, model.model, model.version),
+                "asked": model.asked,
+                "answered": model.answered,
+                "said": model.said,
+                "edited": model.edited,
+                "dismissed": model.dismissed,
+                "unused": model.unused,
+                "accepted": "–" if model.accepted_fraction is None else f"{model.accepted_fraction:.0%}",
+                "first_token": _median_text(model.first_token_s),
+                "whole": _median_text(model.answer_s),
+            }
+            for model in measures.models
+        ],
+        "model_fact": f"{accepted} of {counted(answered, 'answer')} accepted",
+        "exchange_summary": f"All {len(exchanges)} exchanges" if len(exchanges) != 1 else "The exchange",
+        "exchanges": [
+            {
+                "time": clock_text(when(exchange.asked_ns)),
+                "asked": exchange.messages[-1].content if exchange.messages else "",
+                "answer": exchange.answer or exchange.detail,
+                "use": exchange.outcome if exchange.outcome != "answered" else _USES[became[exchange.exchange_id]][0],
+                "look": "red" if exchange.outcome == "failed" else _USES[became[exchange.exchange_id]][1],
+            }
+            for exchange in exchanges
+        ],
+    }
+
+
+def model_name(provider: str, model: str, version: str) -> str:
+    """``smollm2-135m, q8_0 (embedded)``."""
+    named = ", ".join(part for part in (model, version) if part) or "not told"
+    return f"{named} ({provider})" if provider else named
+
+
+def _median_text(values_s: Sequence[float]) -> str:
+    spread = Spread.of(values_s)
+    return "–" if spread is None else f"{spread.median:.2f} s"
+
+
+# Photos, transcript, problems
+
+
+def _photos(facts: SessionFacts) -> dict[str, Any]:
+    photos = facts.of(PhotoTaken)
+    when = facts.session.clock.session_s
+    shown = [
+        {
+            "time": clock_text(when(photo.stamp_ns)),
+            "data": data,
+            "words": photo.file_name if data else "cannot be shown",
+        }
+        for photo in photos[:_MAX_PHOTOS]
+        for data in [_thumbnail(facts.session.folder, photo.file_name)]
+    ]
+    fact = counted(len(photos), "photo")
+    if len(photos) > _MAX_PHOTOS:
+        fact += f", the first {_MAX_PHOTOS} of them here"
+    return {"photos": shown, "photos_fact": fact}
+
+
+def _thumbnail(folder: Path, file_name: str) -> str:
+    """A small JPEG in base64; empty where the picture is not there, or is named outside of the session."""
+    import cv2
+
+    path = folder / file_name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        _log.warning("%s names a photo outside of the session: %s", folder, file_name)
+        return ""
+    try:
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error) as error:
+        _log.warning("%s cannot be read: %s", path, error)
+        return ""
+    if image is None:
+        return ""
+    height_px, width_px = image.shape[:2]
+    if width_px > _PHOTO_WIDTH_PX:
+        size = (_PHOTO_WIDTH_PX, max(1, round(height_px * _PHOTO_WIDTH_PX / width_px)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 82])
+    return base64.b64encode(content.tobytes()).decode("ascii")
+
+
+def _transcript(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+    replies = {reply.utterance.utterance_id: reply for reply in measures.responses}
+    turns = [*_turns(facts.utterances, replies), *_asides(facts)]
+    turns.sort(key=lambda turn: turn["at_ns"])
+    when = facts.session.clock.session_s
+    for turn in turns:
+        turn["time"] = clock_text(when(turn["at_ns"]))
+    said = sum(utterance.said for utterance in facts.utterances)
+    return {"turns": turns if facts.utterances else [], "transcript_fact": counted(said, "utterance")}
+
+
+def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> Iterator[dict[str, Any]]:
+    for item in utterances:
+        chips = []
+        reply = replies.get(item.utterance_id)
+        if reply is not None:
+            chips.append({"text": f"after {reply.delay_s:.1f} s", "look": "blue"})
+        if item.speaker == "robot":
+            chips.append({"text": item.origin, "look": ""})
+        if not item.said:
+            chips.append({"text": "never said", "look": "amber"})
+        elif item.state in ("interrupted", "failed"):
+            chips.append({"text": item.state, "look": "amber" if item.state == "interrupted" else "red"})
+        yield {
+            "at_ns": item.start_ns if item.start_ns is not None else item.requested_ns or 0,
+            "look": f"by-{item.speaker}",
+            "who": _SPEAKERS[item.speaker],
+            "text": item.text,
+            "chips": chips,
+            "unsaid": not item.said,
+        }
+
+
+def _asides(facts: SessionFacts) -> Iterator[dict[str, Any]]:
+    def aside(at_ns: int, text: str, look: str) -> dict[str, Any]:
+        chips = [{"text": look, "look": {"wizard error": "red", "mark": "amber"}.get(look, "")}]
+        return {"at_ns": at_ns, "look": "aside", "who": "", "text": text, "chips": chips, "unsaid": False}
+
+    for mark in facts.marks:
+        kind = {"wizard_error": "wizard error", "note": "note"}.get(mark.kind, "mark")
+        lasted = "" if mark.end_ns is None else f" ({duration_text((mark.end_ns - mark.start_ns) / 1e9)})"
+        note = f": {mark.note}" if mark.note else ""
+        yield aside(mark.start_ns, f"{mark_words(mark)}{lasted}{note}", kind)
+    for pause in facts.pauses:
+        yield aside(pause.start_ns, f"The recording was paused for {duration_text(pause.duration_s)}.", "pause")
+
+
+def _problems(facts: SessionFacts) -> dict[str, Any]:
+    problems = [problem for problem in facts.of(Problem) if problem.severity != "info"]
+    when = facts.session.clock.session_s
+    return {
+        "problems_fact": counted(len(problems), "problem"),
+        "problems": [
+            {
+                "time": clock_text(when(problem.stamp_ns)),
+                "severity": problem.severity,
+                "look": _SEVERITIES[problem.severity],
+                "text": " ".join(part for part in (problem.what, problem.meaning) if part),
+            }
+            for problem in problems
+        ],
+    }

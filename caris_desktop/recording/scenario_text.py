@@ -1,0 +1,95 @@
+"""What the scenario of a session says, as far as its recorded text can be read."""
+
+import logging
+from dataclasses import dataclass, field
+from typing import Any
+
+from caris_desktop.domain.events import ScenarioOpened
+from caris_desktop.domain.geometry import Pose2D
+
+_log = logging.getLogger(__name__)
+_MAX_CHARACTERS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioText:
+    """A scenario as a reader of the record needs it. ``permissions`` holds only what the file says."""
+
+    title: str
+    file_name: str
+    sha256: str
+    description: str = ""
+    voice: str = ""
+    phrases: tuple[str, ...] = ()
+    filler: str = ""
+    system_prompt: str = ""
+    labels: tuple[str, ...] = ()
+    places: tuple[tuple[str, Pose2D], ...] = ()
+    permissions: dict[str, bool] = field(default_factory=dict)
+    panels: tuple[str, ...] = ()
+
+
+def read_scenario(event: ScenarioOpened) -> ScenarioText:
+    """Fields that are missing, or not as they should be, stay empty: the record may be older than this program."""
+    content = _mapping(_parsed(event.content))
+    assistant, recording = _mapping(content.get("assistant")), _mapping(content.get("recording"))
+    return ScenarioText(
+        title=event.title,
+        file_name=event.file_name,
+        sha256=event.sha256,
+        description=_string(content.get("description")),
+        voice=_string(content.get("voice")),
+        phrases=_strings(content.get("phrases")),
+        filler=_string(content.get("filler")),
+        system_prompt=_string(assistant.get("system_prompt")),
+        labels=_strings(recording.get("labels")),
+        places=tuple(place for entry in _list(content.get("places")) if (place := _place(_mapping(entry))) is not None),
+        permissions={
+            str(name): value for name, value in _mapping(content.get("permissions")).items() if isinstance(value, bool)
+        },
+        panels=tuple(dict.fromkeys(_panels(content.get("layout")))),
+    )
+
+
+def _parsed(text: str) -> Any:
+    import yaml
+
+    if not text or len(text) > _MAX_CHARACTERS:
+        return {}
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        _log.warning("the recorded scenario cannot be read: %s", error)
+        return {}
+
+
+def _place(entry: dict[Any, Any]) -> tuple[str, Pose2D] | None:
+    name, x_m, y_m = entry.get("name"), entry.get("x_m"), entry.get("y_m")
+    if isinstance(name, str) and isinstance(x_m, int | float) and isinstance(y_m, int | float):
+        return name, Pose2D(float(x_m), float(y_m), 0.0)
+    return None
+
+
+def _panels(node: Any, depth: int = 0) -> list[str]:
+    if not isinstance(node, dict) or depth > 20:
+        return []
+    found = [_string(node.get("panel")), *_strings(node.get("tabs"))]
+    for child in _list(node.get("children")):
+        found += _panels(child, depth + 1)
+    return [name for name in found if name]
+
+
+def _mapping(value: Any) -> dict[Any, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _string(value: Any) -> str:
+    return value.strip() if isinstance(value, str) else ""
+
+
+def _strings(value: Any) -> tuple[str, ...]:
+    return tuple(item for item in _list(value) if isinstance(item, str))
