@@ -165,11 +165,12 @@ def report(result: TierAgreement) -> str:
         *_table(items, first, second),
     ]
     if result.offsets is not None:
+        offsets = result.offsets
         lines += [
             "",
             f"Boundaries of the matched ones, {second} minus {first}: "
-            f"start {result.offsets.start_mean_ms:+.0f} ms on average (at most {result.offsets.start_worst_ms:.0f} ms), "
-            f"end {result.offsets.end_mean_ms:+.0f} ms (at most {result.offsets.end_worst_ms:.0f} ms)",
+            f"start {offsets.start_mean_ms:+.0f} ms on average (at most {offsets.start_worst_ms:.0f} ms), "
+            f"end {offsets.end_mean_ms:+.0f} ms (at most {offsets.end_worst_ms:.0f} ms)",
         ]
     return "\n".join(lines) + "\n"
 

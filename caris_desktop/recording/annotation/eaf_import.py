@@ -1,13 +1,278 @@
-"""Reads annotations from ELAN files."""
+"""Reads annotations from ELAN files, ours and others'.
 
+Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd; older versions with plain vocabularies are read too.
+"""
+
+import json
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
 
-from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.editing import (
+    LONGEST_NAME,
+    LONGEST_VALUE,
+    AnnotationError,
+    check_document,
+    plain_text,
+    sorted_document,
+    time_text,
+)
+from caris_desktop.recording.annotation.model import (
+    Annotation,
+    AnnotationDocument,
+    Tier,
+    Vocabulary,
+    VocabularyEntry,
+)
+
+PROPERTY = "caris-desktop"  # what the exporter notes for what ELAN has no place for
+_MAX_FILE_BYTES = 64 * 1024 * 1024
+_MOST_ELEMENTS = 2_000_000
+_LATEST_MS = 2**32 - 1
+_log = logging.getLogger(__name__)
 
 
 def read_eaf(path: Path, *, coder: str = "") -> AnnotationDocument:
-    """Tiers, vocabularies and annotations of an .eaf. ``coder`` is whose the tiers are that name no annotator.
+    """Tiers, vocabularies and annotations of an .eaf, in milliseconds of the document.
 
-    Raises AnnotationError, for people.
+    ``coder`` is whose the tiers are that name no annotator; those that this program made from the record stay
+    nobody's. Times that ELAN leaves open lie evenly between the known ones, annotations that refer to others take
+    (equal parts of) their time. Values that a vocabulary lacks are added to it, as ELAN shows them too.
+
+    Raises
+    ------
+    AnnotationError
+        If the file cannot be read or breaks the rules of annotations; the text is for people.
     """
-    raise NotImplementedError
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if len(content) > _MAX_FILE_BYTES:
+        raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
+    try:
+        return _document(_parse(content), coder)
+    except AnnotationError as error:
+        raise AnnotationError(f"{path.name} cannot be taken over. {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Ours:
+    """What the exporter noted: the duration, (tier id, name) of each TIER_ID, our id of each ANNOTATION_ID."""
+
+    duration_ms: int
+    tiers: dict[str, tuple[str, str]]
+    annotations: dict[str, str]
+
+
+@dataclass(slots=True)
+class _Item:
+    """One annotation of the file; either its slots are known or the one it refers to."""
+
+    xml_id: str
+    tier_name: str
+    value: str
+    slots: tuple[str, str] | None = None
+    parent: str = ""
+    previous: str = ""
+
+
+def _parse(content: bytes) -> Element:
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        root: Element = fromstring(content, forbid_dtd=True)
+    except ParseError as error:
+        raise AnnotationError(f"It is no XML, or was cut off: {error}.") from error
+    except (DefusedXmlException, ValueError, LookupError, RecursionError) as error:
+        raise AnnotationError(
+            f"It holds what no ELAN file has ({type(error).__name__}), so it was not read."
+        ) from error
+    if root.tag != "ANNOTATION_DOCUMENT":
+        raise AnnotationError(f"It is no ELAN file: it begins with “{root.tag[:40]}”.")
+    if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
+        raise AnnotationError("It holds more than can be worked with.")
+    return root
+
+
+def _document(root: Element, coder: str) -> AnnotationDocument:
+    ours = _noted(root)
+    vocabularies = {vocabulary.name: vocabulary for vocabulary in map(_vocabulary, root.iter("CONTROLLED_VOCABULARY"))}
+    vocabulary_of_type = {
+        kind.get("LINGUISTIC_TYPE_ID", ""): plain_text(kind.get("CONTROLLED_VOCABULARY_REF", ""))
+        for kind in root.iter("LINGUISTIC_TYPE")
+    }
+    tiers: dict[str, Tier] = {}
+    for element in root.findall("TIER"):
+        xml_name = element.get("TIER_ID", "")
+        if not xml_name or xml_name in tiers:
+            raise AnnotationError(f"Two tiers are called “{xml_name}”." if xml_name else "A tier has no name.")
+        tier_id, name = ours.tiers.get(xml_name, ("", ""))
+        whose = plain_text(element.get("ANNOTATOR", "")).strip()
+        vocabulary = vocabulary_of_type.get(element.get("LINGUISTIC_TYPE_REF", ""), "")
+        tiers[xml_name] = Tier(
+            tier_id=tier_id or f"eaf-{len(tiers) + 1}",
+            name=name or plain_text(xml_name)[:LONGEST_NAME],
+            # A tier that was ours and is nobody's is one from the record.
+            coder=whose or ("" if tier_id else coder),
+            vocabulary=vocabulary if vocabulary in vocabularies else "",
+            participant=plain_text(element.get("PARTICIPANT", "")),
+        )
+    items = {item.xml_id: item for item in _items(root)}
+    spans = _spans(items, _slot_times(root, items))
+    annotations = []
+    for item in items.values():
+        tier = tiers[item.tier_name]
+        start_ms, end_ms = spans[item.xml_id]
+        if end_ms <= start_ms:
+            raise AnnotationError(f"An annotation of the tier “{tier.name}” at {time_text(start_ms)} has no length.")
+        annotation_id = ours.annotations.get(item.xml_id, item.xml_id)
+        annotations.append(Annotation(annotation_id, tier.tier_id, start_ms, end_ms, item.value))
+    document = sorted_document(
+        AnnotationDocument(tuple(tiers.values()), tuple(vocabularies.values()), tuple(annotations), ours.duration_ms)
+    )
+    document = _with_values_used(document)
+    check_document(document)
+    return document
+
+
+def _noted(root: Element) -> _Ours:
+    """Absent, changed or damaged notes cost the ids, nothing else."""
+    nothing = _Ours(0, {}, {})
+    texts = [item.text or "" for item in root.iterfind("HEADER/PROPERTY") if item.get("NAME") == PROPERTY]
+    if not texts:
+        return nothing
+    try:
+        data = json.loads(texts[0])
+        tiers = {str(name): (str(tier_id), str(own)) for name, (tier_id, own) in data["tiers"].items()}
+        annotations = {str(xml_id): str(own) for xml_id, own in data["annotations"].items()}
+        duration_ms = int(data["duration_ms"])
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        _log.warning("notes of the exporter are left out: %r", error)
+        return nothing
+    latest = max((int(slot.get("TIME_VALUE", "0")) for slot in root.iter("TIME_SLOT") if _is_time(slot)), default=0)
+    # ELAN knows no end of the session: annotations that were added there may lie later.
+    return _Ours(duration_ms if duration_ms >= latest else 0, tiers, annotations)
+
+
+def _is_time(slot: Element) -> bool:
+    text = slot.get("TIME_VALUE", "")
+    return text.isascii() and text.isdigit() and len(text) <= 10 and int(text) <= _LATEST_MS
+
+
+def _vocabulary(element: Element) -> Vocabulary:
+    entries: dict[str, VocabularyEntry] = {}
+    for entry in element:
+        # Several languages: the first one; before version 2.8 there was one and no CVE_VALUE.
+        value = entry.find("CVE_VALUE") if entry.tag == "CV_ENTRY_ML" else entry if entry.tag == "CV_ENTRY" else None
+        if value is not None and (text := plain_text(value.text or "")):
+            entries.setdefault(text, VocabularyEntry(text, plain_text(value.get("DESCRIPTION", ""))))
+    described = element.find("DESCRIPTION")
+    description = element.get("DESCRIPTION", "") if described is None else described.text or ""
+    return Vocabulary(plain_text(element.get("CV_ID", "")), tuple(entries.values()), plain_text(description))
+
+
+def _items(root: Element) -> Iterator[_Item]:
+    seen: set[str] = set()
+    for tier in root.findall("TIER"):
+        for element in (child for annotation in tier.findall("ANNOTATION") for child in annotation):
+            xml_id = element.get("ANNOTATION_ID", "")
+            value = plain_text(element.findtext("ANNOTATION_VALUE") or "")
+            name = tier.get("TIER_ID", "")
+            if not xml_id or xml_id in seen:
+                raise AnnotationError(f"Annotations of the tier “{name}” have no id, or the same (“{xml_id[:40]}”).")
+            if len(value) > LONGEST_VALUE:
+                raise AnnotationError(f"A text on the tier “{name}” has {len(value)} characters; {LONGEST_VALUE} fit.")
+            seen.add(xml_id)
+            if element.tag == "ALIGNABLE_ANNOTATION":
+                slots = (element.get("TIME_SLOT_REF1", ""), element.get("TIME_SLOT_REF2", ""))
+                yield _Item(xml_id, name, value, slots=slots)
+            elif element.tag == "REF_ANNOTATION":
+                parent, previous = element.get("ANNOTATION_REF", ""), element.get("PREVIOUS_ANNOTATION", "")
+                yield _Item(xml_id, name, value, parent=parent, previous=previous)
+
+
+def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
+    """When each time slot is; those without a value lie evenly on the chain of annotations that they part."""
+    times: dict[str, int] = {}
+    unknown: set[str] = set()
+    for slot in root.iterfind("TIME_ORDER/TIME_SLOT"):
+        name = slot.get("TIME_SLOT_ID", "")
+        if _is_time(slot):
+            times[name] = int(slot.get("TIME_VALUE", ""))
+        elif slot.get("TIME_VALUE") is None:
+            unknown.add(name)
+        else:
+            raise AnnotationError(f"The time slot “{name[:40]}” has no usable time.")
+    following = {item.slots[0]: item for item in items.values() if item.slots is not None and item.slots[1] in unknown}
+    ends = {item.slots[0]: item.slots[1] for item in items.values() if item.slots is not None}
+    for start in list(following):
+        if start not in times:
+            continue
+        chain = [start]
+        while chain[-1] in ends and ends[chain[-1]] in unknown and ends[chain[-1]] not in times:
+            chain.append(ends[chain[-1]])
+            if len(chain) > len(items) + 1:
+                raise AnnotationError("Its annotations follow one another in a circle.")
+        last = ends.get(chain[-1], "")
+        if last in times:
+            for number, name in enumerate(chain[1:], start=1):
+                times[name] = times[start] + (times[last] - times[start]) * number // len(chain)
+    return times
+
+
+def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[int, int]]:
+    """Start and end of each annotation."""
+    spans: dict[str, tuple[int, int]] = {}
+    waiting: dict[tuple[str, str], list[_Item]] = {}
+    for item in items.values():
+        if item.slots is None:
+            waiting.setdefault((item.parent, item.tier_name), []).append(item)
+        elif item.slots[0] not in times or item.slots[1] not in times:
+            raise AnnotationError(f"An annotation of the tier “{item.tier_name}” has no time (“{item.value[:40]}”).")
+        else:
+            spans[item.xml_id] = (times[item.slots[0]], times[item.slots[1]])
+    while waiting:
+        ready = [key for key in waiting if key[0] in spans]
+        if not ready:
+            _, name = next(iter(waiting))
+            raise AnnotationError(f"Annotations of the tier “{name}” refer to one that is not there, or in a circle.")
+        for key in ready:
+            start_ms, end_ms = spans[key[0]]
+            parts = _in_sequence(waiting.pop(key))
+            for number, item in enumerate(parts):
+                spans[item.xml_id] = (
+                    start_ms + (end_ms - start_ms) * number // len(parts),
+                    start_ms + (end_ms - start_ms) * (number + 1) // len(parts),
+                )
+    return spans
+
+
+def _in_sequence(parts: list[_Item]) -> list[_Item]:
+    """Each after the one that it names as the previous one; as in the file where that is not told."""
+    following = {item.previous: item for item in parts if item.previous}
+    ordered: list[_Item] = []
+    at = next((item for item in parts if not item.previous), None)
+    while at is not None and len(ordered) < len(parts):
+        ordered.append(at)
+        at = following.get(at.xml_id)
+    return ordered if len({item.xml_id for item in ordered}) == len(parts) else parts
+
+
+def _with_values_used(document: AnnotationDocument) -> AnnotationDocument:
+    used: dict[str, dict[str, Any]] = {}
+    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in document.tiers if tier.vocabulary}
+    for item in document.annotations:
+        if item.value and item.tier_id in vocabulary_of_tier:
+            used.setdefault(vocabulary_of_tier[item.tier_id], {})[item.value] = None
+    vocabularies = []
+    for vocabulary in document.vocabularies:
+        known = {entry.value for entry in vocabulary.entries}
+        added = tuple(VocabularyEntry(value) for value in used.get(vocabulary.name, {}) if value not in known)
+        vocabularies.append(Vocabulary(vocabulary.name, (*vocabulary.entries, *added), vocabulary.description))
+    return AnnotationDocument(document.tiers, tuple(vocabularies), document.annotations, document.duration_ms)

@@ -329,6 +329,35 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
     )
 
 
+def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
+    """``document`` with the coders' tiers of ``imported`` below its own; tiers from the record are not taken.
+
+    A tier whose name its coder has already gets a number, and so do ids. Raises AnnotationError where there is
+    nothing to take, or where it does not fit the session.
+    """
+    tiers: list[Tier] = []
+    taken = {(tier.coder, tier.name) for tier in document.tiers}
+    for tier in imported.tiers:
+        if tier.coder:
+            name, number = tier.name, 2
+            while (tier.coder, name) in taken:
+                name, number = f"{tier.name} ({number})", number + 1
+            taken.add((tier.coder, name))
+            tiers.append(replace(tier, name=name))
+    if not tiers:
+        raise AnnotationError("There are no tiers of a coder in it, so nothing was taken over.")
+    mine = {tier.tier_id for tier in tiers}
+    used = {tier.vocabulary for tier in tiers}
+    coded = AnnotationDocument(
+        tuple(tiers),
+        tuple(item for item in imported.vocabularies if item.name in used),
+        tuple(item for item in imported.annotations if item.tier_id in mine),
+    )
+    merged = replace(merge_documents(document, coded), duration_ms=document.duration_ms)
+    check_document(merged)
+    return merged
+
+
 def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocument:
     """Only what ``coder`` made, with the vocabularies that nobody else uses."""
     mine = {tier.tier_id for tier in document.tiers if tier.coder == coder}

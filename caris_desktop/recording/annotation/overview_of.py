@@ -147,7 +147,7 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
     peaks = np.zeros(((last_ns - first_ns) // BUCKET_NS + 1, 2), np.float32)
     with WavReader(folder / track.file_name) as wav:
         # Blocks that follow one another without a gap are read together: there are thousands.
-        for stamp_ns, first, count, rate in _runs(track.blocks):
+        for stamp_ns, first, count, rate in sound_runs(track.blocks, within_ns=BUCKET_NS // 2):
             for at, samples in wav.read(first, count):
                 offsets_ns = (at - first + np.arange(len(samples), dtype=np.int64)) * 1_000_000_000 // rate
                 buckets = (stamp_ns - first_ns + offsets_ns) // BUCKET_NS
@@ -158,14 +158,16 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
     return Waveform(track.source, first_ns, BUCKET_NS, peaks)
 
 
-def _runs(blocks: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Joined where the next one begins where the last one ended, in the file and (within half a bucket) in time."""
+def sound_runs(blocks: list[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:
+    """Blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz), joined where the next one begins where the last
+    one ended, in the file and (to ``within_ns``) in time.
+    """
     runs: list[tuple[int, int, int, int]] = []
     for block in sorted(blocks, key=lambda block: block[1]):
         if runs:
             stamp_ns, first, count, rate = runs[-1]
             due_ns = stamp_ns + count * 1_000_000_000 // rate
-            if block[3] == rate and block[1] == first + count and abs(block[0] - due_ns) < BUCKET_NS // 2:
+            if block[3] == rate and block[1] == first + count and abs(block[0] - due_ns) <= within_ns:
                 runs[-1] = (stamp_ns, first, count + block[2], rate)
                 continue
         runs.append(block)
@@ -207,6 +209,19 @@ class WavReader:
                 loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
             yield first, loudest.astype(np.float32) / np.float32(32768)
             first += len(block)
+
+    def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
+        """The same as it is in the file, all channels."""
+        end = min(first + count, self.samples)
+        frame_bytes = 2 * self.channels
+        while first < end:
+            self._file.seek(self._offset + first * frame_bytes)
+            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
+            frames = len(content) // frame_bytes
+            if not frames:
+                return
+            yield content[: frames * frame_bytes]
+            first += frames
 
     def _layout(self, size_bytes: int) -> tuple[int, int, int, int]:
         head = self._file.read(12)

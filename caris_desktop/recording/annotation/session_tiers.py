@@ -467,7 +467,7 @@ def _start_ns(stretch: _Stretch) -> int:
 
 def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
     """Each with the moment of the next one: states hold until then."""
-    ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns]
+    ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns][: len(changes)]
     return [(change, max(change.stamp_ns, end_ns)) for change, end_ns in zip(changes, ends_ns, strict=True)]
 
 

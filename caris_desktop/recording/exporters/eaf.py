@@ -1,17 +1,396 @@
-"""A session as a project of ELAN: annotations, and beside them the media that they are about."""
+"""A session as a project of ELAN: annotations, and beside them the media that they are about.
 
+ELAN plays a file at document time plus its ``TIME_ORIGIN``, so it can leave out the beginning of a file but not start
+one later than the others. A camera or microphone that began after the session is therefore brought to begin with it:
+the first picture stands until the second was taken, sound is filled up with silence. Nothing is encoded again.
+
+Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd
+"""
+
+import json
+import logging
+import re
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+from xml.etree import ElementTree
 
-from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.domain.sensing import AudioBlock
+from caris_desktop.recording.annotation.eaf_import import PROPERTY
+from caris_desktop.recording.annotation.editing import AnnotationError, merge_documents, plain_text
+from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
+from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
+from caris_desktop.recording.annotation.session_tiers import session_tiers
+from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session_reader import Session, SessionError
+
+FREE_TEXT = "free text"
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
+_SCHEMA = "http://www.mpi.nl/tools/elan/EAFv3.0.xsd"
+_LANGUAGE = {
+    "LANG_ID": "und",
+    "LANG_DEF": "http://cdb.iso.org/lg/CDB-00130975-001",
+    "LANG_LABEL": "undetermined (und)",
+}
+_CONSTRAINTS = {
+    "Time_Subdivision": "Time subdivision of parent annotation's time interval, no time gaps allowed within this "
+    "interval",
+    "Symbolic_Subdivision": "Symbolic subdivision of a parent annotation. Annotations refering to the same parent are "
+    "ordered",
+    "Symbolic_Association": "1-1 association with a parent annotation",
+    "Included_In": "Time alignable annotations within the parent annotation's time interval, gaps are allowed",
+}
+# Readers take the number from an id, so there is one; time slots and languages share one space of names with it.
+_USABLE_ID = re.compile(r"(?!ts\d|und$)[A-Za-z_][A-Za-z0-9_.-]*\d[A-Za-z0-9_.-]*")
+_PLAIN_NAME = re.compile(r"[\w][\w .-]*")
+_COPY_BYTES = 1 << 20
+_LARGEST_WAV_BYTES = 2**32 - 4096
+_SOUND_ALIGNED_NS = 15_000_000
+_SILENCE_FRAMES = 1 << 16
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkedMedia:
+    """One file beside the .eaf. ELAN shows it at document time plus ``time_origin_ms``."""
+
+    file_name: str
+    mime_type: str
+    time_origin_ms: int
+    note: str
 
 
 def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
-    raise NotImplementedError
+    try:
+        coded = load_documents(session.folder)
+    except AnnotationError as error:
+        raise SessionError(f"The annotations cannot be exported. {error}") from error
+    record = session_tiers(session, lambda fraction: context.progress(0.3 * fraction))
+    document = merge_documents(record, coded)
+    media = list(_media(session, out, lambda fraction: context.progress(0.3 + 0.65 * fraction)))
+    eaf = out / f"{session.folder.name}.eaf"
+    eaf.write_text(eaf_text(document, media=media, licence=context.licence), encoding="utf-8", newline="\n")
+    about = out / "media.txt"
+    about.write_text(_about_media(session, media), encoding="utf-8")
+    context.progress(1.0)
+    return [eaf, about, *(out / item.file_name for item in media)]
 
 
-def eaf_text(document: AnnotationDocument) -> str:
-    """The document as the text of an .eaf file, without media."""
-    raise NotImplementedError
+def eaf_text(document: AnnotationDocument, *, media: Iterable[LinkedMedia] = (), licence: str = "") -> str:
+    """The document as the text of an .eaf file; ``read_eaf`` gives the same document back.
+
+    Texts are written as :func:`plain_text` has them.
+    """
+    root = ElementTree.Element(
+        "ANNOTATION_DOCUMENT",
+        {
+            "AUTHOR": "CARIS Desktop",
+            "DATE": datetime.now(UTC).isoformat(timespec="seconds"),
+            "FORMAT": "3.0",
+            "VERSION": "3.0",
+            "xmlns:xsi": _XSI,
+            "xsi:noNamespaceSchemaLocation": _SCHEMA,
+        },
+    )
+    if licence:
+        url = licence if re.match(r"https?://", licence) else f"https://spdx.org/licenses/{quote(licence)}.html"
+        _child(root, "LICENSE", plain_text(licence), LICENSE_URL=url)
+    names = _tier_names(document.tiers)
+    ids = _annotation_ids(document)
+    _add_header(root, document, names, ids, media)
+    slots = _add_time_order(root, document)
+    types = {"": FREE_TEXT, **_unique({vocabulary.name: vocabulary.name for vocabulary in document.vocabularies})}
+    entry_ids = {
+        (vocabulary.name, entry.value): f"cve-{number}-{index}"
+        for number, vocabulary in enumerate(document.vocabularies, start=1)
+        for index, entry in enumerate(vocabulary.entries, start=1)
+    }
+    for tier in document.tiers:
+        attributes = {"LINGUISTIC_TYPE_REF": types[tier.vocabulary], "TIER_ID": names[tier.tier_id]}
+        if tier.participant:
+            attributes["PARTICIPANT"] = plain_text(tier.participant)
+        if tier.coder:
+            attributes["ANNOTATOR"] = plain_text(tier.coder)
+        element = _child(root, "TIER", **attributes)
+        for item in document.of_tier(tier.tier_id):
+            start, end = slots[item.annotation_id]
+            attributes = {"ANNOTATION_ID": ids[item.annotation_id], "TIME_SLOT_REF1": start, "TIME_SLOT_REF2": end}
+            if tier.vocabulary and (tier.vocabulary, item.value) in entry_ids:
+                attributes["CVE_REF"] = entry_ids[tier.vocabulary, item.value]
+            alignable = _child(_child(element, "ANNOTATION"), "ALIGNABLE_ANNOTATION", **attributes)
+            _child(alignable, "ANNOTATION_VALUE", plain_text(item.value))
+    _child(root, "LINGUISTIC_TYPE", GRAPHIC_REFERENCES="false", LINGUISTIC_TYPE_ID=FREE_TEXT, TIME_ALIGNABLE="true")
+    for vocabulary in document.vocabularies:
+        _child(
+            root,
+            "LINGUISTIC_TYPE",
+            CONTROLLED_VOCABULARY_REF=plain_text(vocabulary.name),
+            GRAPHIC_REFERENCES="false",
+            LINGUISTIC_TYPE_ID=types[vocabulary.name],
+            TIME_ALIGNABLE="true",
+        )
+    _child(root, "LANGUAGE", **_LANGUAGE)
+    for stereotype, description in _CONSTRAINTS.items():
+        _child(root, "CONSTRAINT", DESCRIPTION=description, STEREOTYPE=stereotype)
+    for vocabulary in document.vocabularies:
+        element = _child(root, "CONTROLLED_VOCABULARY", CV_ID=plain_text(vocabulary.name))
+        if vocabulary.description:
+            _child(element, "DESCRIPTION", plain_text(vocabulary.description), LANG_REF="und")
+        for entry in vocabulary.entries:
+            holder = _child(element, "CV_ENTRY_ML", CVE_ID=entry_ids[vocabulary.name, entry.value])
+            described = {"DESCRIPTION": plain_text(entry.description)} if entry.description else {}
+            _child(holder, "CVE_VALUE", plain_text(entry.value), LANG_REF="und", **described)
+    ElementTree.indent(root, space=" ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_header(
+    root: ElementTree.Element,
+    document: AnnotationDocument,
+    names: dict[str, str],
+    ids: dict[str, str],
+    media: Iterable[LinkedMedia],
+) -> None:
+    header = _child(root, "HEADER", MEDIA_FILE="", TIME_UNITS="milliseconds")
+    for item in media:
+        # Beside the .eaf, wherever that is; no path of this computer goes out with it.
+        url = f"./{quote(item.file_name)}"
+        attributes = {"MEDIA_URL": url, "MIME_TYPE": item.mime_type, "RELATIVE_MEDIA_URL": url}
+        if item.time_origin_ms:
+            attributes["TIME_ORIGIN"] = str(item.time_origin_ms)
+        _child(header, "MEDIA_DESCRIPTOR", **attributes)
+    ours = {
+        "duration_ms": document.duration_ms,
+        "tiers": {names[tier.tier_id]: [tier.tier_id, plain_text(tier.name)] for tier in document.tiers},
+        "annotations": {ids[own]: own for own in ids if ids[own] != own},
+    }
+    _child(header, "PROPERTY", json.dumps(ours, ensure_ascii=True, sort_keys=True), NAME=PROPERTY)
+    # ELAN numbers new annotations from here on.
+    numbers = [int(xml_id[1:]) for xml_id in ids.values() if re.fullmatch(r"a[0-9]{1,9}", xml_id)]
+    _child(header, "PROPERTY", str(max(numbers, default=0)), NAME="lastUsedAnnotationId")
+
+
+def _add_time_order(root: ElementTree.Element, document: AnnotationDocument) -> dict[str, tuple[str, str]]:
+    """Two slots for each annotation, in the order of time; the names of both."""
+    moments = sorted(
+        moment
+        for item in document.annotations
+        for moment in ((item.start_ms, 1, item.annotation_id), (item.end_ms, 0, item.annotation_id))
+    )
+    order = _child(root, "TIME_ORDER")
+    starts: dict[str, str] = {}
+    slots: dict[str, tuple[str, str]] = {}
+    for number, (at_ms, begins, annotation_id) in enumerate(moments, start=1):
+        _child(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{number}", TIME_VALUE=str(at_ms))
+        if begins:
+            starts[annotation_id] = f"ts{number}"
+        else:
+            slots[annotation_id] = (starts[annotation_id], f"ts{number}")
+    return slots
+
+
+def _child(parent: ElementTree.Element, tag: str, text: str | None = None, /, **attributes: str) -> ElementTree.Element:
+    element = ElementTree.SubElement(parent, tag, attributes)
+    element.text = text
+    return element
+
+
+def _tier_names(tiers: Iterable[Tier]) -> dict[str, str]:
+    """What ELAN shows for each tier id: the name, with the coder where several tiers are called so."""
+    tiers = tuple(tiers)
+    names = [tier.name for tier in tiers]
+    wanted = {
+        tier.tier_id: f"{tier.name}@{tier.coder}" if names.count(tier.name) > 1 and tier.coder else tier.name
+        for tier in tiers
+    }
+    return _unique(wanted)
+
+
+def _unique(wanted: dict[str, str]) -> dict[str, str]:
+    """The same with texts that differ from one another and from the name of free text."""
+    taken = {FREE_TEXT}
+    unique = {}
+    for key, text in wanted.items():
+        text = candidate = plain_text(text)  # noqa: PLW2901 - the text as it can be written
+        number = 2
+        while candidate in taken:
+            candidate, number = f"{text} ({number})", number + 1
+        taken.add(candidate)
+        unique[key] = candidate
+    return unique
+
+
+def _annotation_ids(document: AnnotationDocument) -> dict[str, str]:
+    """Ours where XML allows them, else ELAN's kind."""
+    own = {item.annotation_id for item in document.annotations}
+    fresh = (f"a{number}" for number in range(1, 2 * len(own) + 2) if f"a{number}" not in own)
+    return {
+        item.annotation_id: item.annotation_id if _USABLE_ID.fullmatch(item.annotation_id) else next(fresh)
+        for item in document.annotations
+    }
+
+
+# Media
+
+
+def _media(session: Session, out: Path, progress: Callable[[float], None]) -> Iterator[LinkedMedia]:
+    videos = [row for row in _rows(session.header.get("videos")) if _is_ours(session, row.get("file_name"))]
+    blocks: dict[str, list[tuple[int, int, int, int]]] = {}
+    for _, value in session.values("audio"):
+        if isinstance(value, AudioBlock) and _is_ours(session, value.file_name) and value.sample_rate_hz > 0:
+            blocks.setdefault(value.file_name, []).append(
+                (value.stamp_ns, value.first_sample, value.sample_count, value.sample_rate_hz)
+            )
+    count = len(videos) + len(blocks)
+    for number, row in enumerate(videos):
+        first_ns = row.get("first_stamp_ns")
+        if isinstance(first_ns, int):
+
+            def tell(fraction: float, number: int = number) -> None:
+                progress((number + fraction) / count)
+
+            yield _video(session, str(row["file_name"]), first_ns, out, tell)
+    for number, (name, its_blocks) in enumerate(blocks.items(), start=len(videos)):
+        progress(number / count)
+        yield _sound(session, name, its_blocks, out)
+
+
+def _rows(videos: Any) -> list[dict[str, Any]]:
+    return [row for row in videos if isinstance(row, dict)] if isinstance(videos, list) else []
+
+
+def _is_ours(session: Session, name: Any) -> bool:
+    """A plain file in the session's folder: a header may come from anywhere."""
+    if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name):
+        return False
+    path = session.folder / name
+    return path.is_file() and not path.is_symlink()
+
+
+def _video(session: Session, name: str, first_ns: int, out: Path, progress: Callable[[float], None]) -> LinkedMedia:
+    late_ms = (first_ns - session.started_ns) / 1e6
+    if late_ms > 0.5:
+        try:
+            _delay_video(session.folder / name, out / name, (first_ns - session.started_ns) / 1e9, progress)
+        except (ValueError, EOFError) as error:
+            (out / name).unlink(missing_ok=True)
+            _log.warning("%s is copied as it is: %r", name, error)
+        else:
+            note = f"The camera began {late_ms / 1000:.3f} s into the session; its first picture stands until then."
+            return LinkedMedia(name, "video/mp4", 0, note)
+    _copy(session.folder / name, out / name, progress)
+    return LinkedMedia(name, "video/mp4", -round(late_ms), "As it was recorded.")
+
+
+def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[[float], None]) -> None:
+    """The same pictures, later; the first one also at the beginning. Raises OSError, ValueError for a broken video."""
+    import av
+
+    try:
+        with av.open(str(source)) as video, av.open(str(target), "w", format="mp4") as delayed:
+            stream = video.streams.video[0]
+            copy = delayed.add_stream_from_template(stream)
+            copy.time_base = stream.time_base
+            delay = round(delay_s / stream.time_base)
+            first = True
+            for packet in video.demux(stream):
+                if packet.pts is None or packet.dts is None:
+                    continue
+                if first:
+                    opening = av.Packet(bytes(packet))
+                    opening.pts = opening.dts = 0
+                    opening.time_base, opening.stream, opening.is_keyframe = stream.time_base, copy, True
+                    delayed.mux(opening)
+                    first = False
+                elif stream.duration:
+                    progress(min(float(packet.pts / stream.duration), 1.0))
+                packet.pts, packet.dts, packet.stream = packet.pts + delay, packet.dts + delay, copy
+                delayed.mux(packet)
+            if first:
+                raise ValueError("no picture in it")
+    except av.error.FFmpegError as error:
+        # PyAV's errors of the operating system are OSErrors too: a full disk must not pass for a broken video.
+        if isinstance(error, OSError) and error.errno in (28, 122):
+            raise
+        raise ValueError(str(error)) from error
+
+
+def _copy(source: Path, target: Path, progress: Callable[[float], None]) -> None:
+    """A copy rather than a link: what others do to it must not touch the recording."""
+    size = max(source.stat().st_size, 1)
+    with source.open("rb") as reading, target.open("wb") as writing:
+        while block := reading.read(_COPY_BYTES):
+            writing.write(block)
+            progress(min(reading.tell() / size, 1.0))
+
+
+def _sound(session: Session, name: str, blocks: list[tuple[int, int, int, int]], out: Path) -> LinkedMedia:
+    runs = sound_runs(blocks, within_ns=_SOUND_ALIGNED_NS)
+    late_ns = min(run[0] for run in runs) - session.started_ns
+    mime = "audio/x-wav"
+    if late_ns > 0 or len(runs) > 1:
+        try:
+            _place_sound(session, session.folder / name, runs, out / name)
+        except ValueError as error:
+            (out / name).unlink(missing_ok=True)
+            _log.warning("%s is copied as it is: %s", name, error)
+        else:
+            note = f"Silence was put in where nothing was recorded, {max(late_ns, 0) / 1e9:.3f} s at the beginning."
+            return LinkedMedia(name, mime, 0, note)
+    _copy(session.folder / name, out / name, lambda _fraction: None)
+    return LinkedMedia(name, mime, -round(late_ns / 1e6), "As it was recorded.")
+
+
+def _place_sound(session: Session, source: Path, runs: list[tuple[int, int, int, int]], target: Path) -> None:
+    """Each sample at its moment of the session. Raises OSError, ValueError for what is no sound of ours."""
+    with WavReader(source) as wav, target.open("wb") as writing:
+        rate, frame_bytes = wav.sample_rate_hz, 2 * wav.channels
+        last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, _ in runs)
+        longest_ns = (_LARGEST_WAV_BYTES // frame_bytes) * 1_000_000_000 // rate
+        if last_ns - session.started_ns > min(longest_ns, 2 * (session.ended_ns - session.started_ns) + 60_000_000_000):
+            raise ValueError("it would become too large a file")
+        writing.write(_wav_head(wav.channels, rate, 0))
+        written = 0
+        for stamp_ns, first, count, _ in sorted(runs):
+            due = round((stamp_ns - session.started_ns) * rate / 1e9)
+            skipped = max(written - due, 0)
+            while written < due:
+                silent = min(due - written, _SILENCE_FRAMES)
+                writing.write(bytes(silent * frame_bytes))
+                written += silent
+            for content in wav.read_bytes(first + skipped, count - skipped):
+                writing.write(content)
+                written += len(content) // frame_bytes
+        writing.seek(0)
+        writing.write(_wav_head(wav.channels, rate, written))
+
+
+def _wav_head(channels: int, rate: int, samples: int) -> bytes:
+    data_bytes = samples * channels * 2
+    head = struct.pack("<HHIIHH", 1, channels, rate, rate * channels * 2, channels * 2, 16)
+    return b"".join(
+        (
+            struct.pack("<4sI4s", b"RIFF", 36 + data_bytes, b"WAVE"),
+            struct.pack("<4sI", b"fmt ", 16) + head,
+            struct.pack("<4sI", b"data", data_bytes),
+        )
+    )
+
+
+def _about_media(session: Session, media: Iterable[LinkedMedia]) -> str:
+    lines = [
+        f"Session {session.folder.name}, which began at {session.clock.utc(session.started_ns)} (UTC).",
+        "Times in the .eaf are milliseconds since then. The files beside it:",
+        "",
+    ]
+    for item in media:
+        lines.append(f"{item.file_name}: {item.note}")
+        if item.time_origin_ms:
+            lines.append(f"  Its time is the document's plus {item.time_origin_ms} ms (TIME_ORIGIN in the .eaf).")
+    return "\n".join(lines) + "\n"
