@@ -31,9 +31,10 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.exporters.pictures import picture_of
+from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.video_frames import VideoFrames
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.fields import Message, encode_header, encode_pose
@@ -85,9 +86,9 @@ def write_rosbag2(
     moments = _Moments(session, clock)
     with ExitStack() as stack:
         bags = stack.enter_context(_Bags(out))
-        frames = stack.enter_context(VideoFrames(session))
+        videos = stack.enter_context(VideoReader(session))
         has_odometry = next(session.values("odometry"), None) is not None
-        translator = _Translator(moments, frames, has_odometry=has_odometry, image_hz=image_hz)
+        translator = _Translator(moments, videos, has_odometry=has_odometry, image_hz=image_hz)
         bags.write(SESSION, session.clock.anchor.utc_ns_at(session.started_ns), {"data": _session_json(session)})
         duration_ns = max(1, session.ended_ns - session.started_ns)
         for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
@@ -127,9 +128,9 @@ class _Moments:
 class _Translator:
     """Turns recorded values, in the order of arrival, into messages."""
 
-    def __init__(self, moments: _Moments, frames: VideoFrames, *, has_odometry: bool, image_hz: float | None) -> None:
+    def __init__(self, moments: _Moments, videos: VideoReader, *, has_odometry: bool, image_hz: float | None) -> None:
         self._moments = moments
-        self._frames = frames
+        self._videos = videos
         self._has_odometry = has_odometry
         self._image_every_ns = 0 if image_hz is None else round(1e9 / image_hz)
         self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=50)
@@ -216,8 +217,8 @@ class _Translator:
     def _image(self, ref: FrameRef, at_ns: int) -> _Out:
         if ref.stamp_ns < self._image_due_ns.get(ref.camera, 0):
             return
-        image_bgr = self._frames.at(ref.camera, ref.stamp_ns)
-        if image_bgr is None:
+        picture = picture_of(self._videos, ref.camera, ref.stamp_ns)
+        if picture is None:
             return
         # Half a period of slack, so that a camera of the same rate is not halved by its jitter.
         self._image_due_ns[ref.camera] = max(
@@ -225,7 +226,7 @@ class _Translator:
         )
         import cv2
 
-        _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         yield (
             RosTopic(f"/camera/{_ros_name(ref.camera)}/image/compressed", "sensor_msgs/msg/CompressedImage"),
             messages.encode_compressed_image(
