@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -36,11 +36,13 @@ def _no_progress(_fraction: float) -> None:
 class ExportContext:
     """What a format gets to work with. ``progress`` takes 0..1, as often as one likes.
 
-    ``licence`` is an SPDX identifier or an address, empty where none was chosen.
+    ``licence`` is an SPDX identifier or an address, empty where none was chosen. ``warn`` takes a sentence on
+    something that had to be left out while the export as such succeeds.
     """
 
     progress: Callable[[float], None] = _no_progress
     licence: str = ""
+    warn: Callable[[str], None] = _log.warning
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
@@ -266,11 +268,12 @@ def remove_partial_exports(out: Path) -> None:
 def _export_formats(
     folder: Path, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
 ) -> tuple[str, ...]:
-    """Write one session in all formats; what went wrong with single ones. Raises ExportError when nothing is left."""
+    """Write one session in all formats; what went wrong or was left out. Raises ExportError when nothing is left."""
     name, formats = folder.absolute().name, request.formats
     tell(0.0, name)
     session = _opened(folder)
     problems: list[str] = []
+    failed = 0
     with _whole_folder(out, folder) as partial:
         for number, fmt in enumerate(formats):
             title = f"{name}: {BY_FORMAT[fmt].title}"
@@ -281,7 +284,8 @@ def _export_formats(
             progress(0.0)
             place = partial / fmt if len(formats) > 1 else partial
             place.mkdir(exist_ok=True)
-            context = replace(ExportContext(), progress=progress, licence=request.licence)
+            warnings: list[str] = []
+            context = ExportContext(progress=progress, licence=request.licence, warn=warnings.append)
             try:
                 _write(fmt, session, place, context)
             except _DiskFullError:
@@ -291,7 +295,9 @@ def _export_formats(
                     raise
                 problems.append(f"{title}: {error}")
                 shutil.rmtree(place, ignore_errors=True)
-        if len(problems) == len(formats):
+                failed += 1
+            problems += [f"{title}: {warning}" for warning in dict.fromkeys(warnings)]
+        if failed == len(formats):
             raise ExportError(" ".join(problems))
     return tuple(problems)
 

@@ -8,6 +8,7 @@ import dataclasses
 import json
 import logging
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +20,6 @@ import numpy as np
 
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec
-from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.marks import FinalMark, final_marks
 from caris_desktop.recording.robot_clock import Measured, RobotClock, robot_clock
@@ -50,6 +50,7 @@ _UNITS = {
 }
 # Columns that precede or follow those of a value's own fields, here or in one of the formats.
 _RESERVED = ("session", "participant", "condition", "trial", "session_s", "utc", "stamp_ns", "number")
+_HALVES = re.compile("[\ud800-\udfff]")
 _PROGRESS_EVERY_ROWS = 500
 
 
@@ -138,14 +139,11 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
     times = RowTimes(session.clock, robot_clock(session))
     for value in _about(session, times.robot):
         yield from _rows_of(SESSION_TABLE, value, times)
-    document, damaged = _annotations(session)
-    for problem in damaged:
-        yield from _rows_of(SESSION_TABLE, _Fact("not_exported", problem), times)
     for utterance in spoken(session):
         yield from _rows_of(UTTERANCES_TABLE, _UtteranceRow.of(utterance, session), times)
     for mark in final_marks(session):
         yield from _rows_of(MARKS_TABLE, _MarkRow.of(mark), times)
-    for annotation in _annotation_rows(document, session):
+    for annotation in _annotation_rows(session, context):
         yield from _rows_of(ANNOTATIONS_TABLE, annotation, times)
     whole_ns = max(1, session.ended_ns - session.started_ns)
     tables: dict[str, tuple[Table, ...]] = {}
@@ -188,7 +186,7 @@ def all_stream_tables() -> Iterator[Table]:
 
 def plain_text(text: str) -> str:
     """``text`` without what UTF-8 cannot hold: halves of characters, which JSON can."""
-    return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
+    return text if text.isascii() else _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 # Tables that are put together
@@ -283,14 +281,10 @@ class _AnnotationRow:
     annotation_id: str
 
 
-def _annotations(session: Session) -> tuple[AnnotationDocument, list[str]]:
+def _annotation_rows(session: Session, context: ExportContext) -> Iterator[_AnnotationRow]:
     from caris_desktop.recording.annotation.store import load_documents
 
-    damaged: list[str] = []
-    return load_documents(session.folder, on_damaged=damaged.append), damaged
-
-
-def _annotation_rows(document: AnnotationDocument, session: Session) -> Iterator[_AnnotationRow]:
+    document = load_documents(session.folder, on_damaged=context.warn)
     tiers = {tier.tier_id: tier for tier in document.tiers}
     for one in document.annotations:
         tier = tiers[one.tier_id]

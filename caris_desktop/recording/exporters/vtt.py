@@ -1,0 +1,115 @@
+"""What was said as captions (https://www.w3.org/TR/webvtt1/): of each video by its own time, and by session time.
+
+A player that opens ``video-NAME.mp4`` takes ``video-NAME.vtt`` beside it for its captions.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.exporters.tables import plain_text
+from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.utterances import SpokenUtterance, spoken
+
+# Of what was heard, often only the moment is known at which it was understood.
+_MOMENT_SHOWN_NS = 2_000_000_000
+_SPEAKERS = {"robot": "Robot", "participant": "Participant", "wizard": "Wizard"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Video:
+    """One video of the session: its time 0 is ``first_stamp_ns``."""
+
+    file_name: str
+    first_stamp_ns: int
+    last_stamp_ns: int
+
+
+def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    said = [utterance for utterance in spoken(session) if utterance.said]
+    context.progress(0.7)
+    last_ns = max([session.ended_ns, *(utterance.end_ns or 0 for utterance in said)])
+    whole = _Video("", session.started_ns, last_ns)
+    paths = [_write(out / "captions.vtt", session, whole, said)]
+    for speaker in _SPEAKERS:
+        theirs = [utterance for utterance in said if utterance.speaker == speaker]
+        if theirs:
+            paths.append(_write(out / f"captions-{speaker}.vtt", session, whole, theirs))
+    taken = {path.name for path in paths}
+    for video in _videos(session):
+        name = f"{PurePath(video.file_name).stem}.vtt"
+        if name in taken:
+            name = f"video-{name}"
+        taken.add(name)
+        paths.append(_write(out / name, session, video, said))
+    context.progress(1.0)
+    return paths
+
+
+def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtterance]) -> Path:
+    name = _line(session.folder.name)
+    if video.file_name:
+        begins_s = session.clock.session_s(video.first_stamp_ns)
+        note = f"Times since the first frame of {_line(video.file_name)}, which is second {begins_s:.3f} of {name}."
+    else:
+        note = f"Times since the session {name} began, which was at {session.clock.utc(session.started_ns)}."
+    blocks = ["WEBVTT", f"NOTE {note}"]
+    cues = [cue for utterance in said if (cue := _cue(utterance, video)) is not None]
+    blocks += [text for _, text in sorted(cues, key=lambda cue: cue[0])]
+    path.write_text("\n\n".join(blocks) + "\n", encoding="utf-8", newline="\n")
+    return path
+
+
+def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
+    """When it is shown, and as what; None where the video does not show that moment."""
+    start_ns, end_ns = said.start_ns or 0, said.end_ns or said.start_ns or 0
+    if end_ns == start_ns:
+        end_ns = start_ns + _MOMENT_SHOWN_NS
+    if end_ns <= video.first_stamp_ns or start_ns > video.last_stamp_ns:
+        return None
+    start_ms = round(max(0, start_ns - video.first_stamp_ns) / 1e6)
+    end_ms = max(start_ms + 1, round((end_ns - video.first_stamp_ns) / 1e6))
+    # Who was cut short has a class for it, so that a style sheet may tell; the words stay those that were meant.
+    cut_short = ".interrupted" if said.state == "interrupted" else ""
+    identifier = re.sub(r"[^\w.:-]+", "-", plain_text(said.utterance_id)).replace("-->", "") or "u"
+    speaker = _SPEAKERS.get(said.speaker, said.speaker.capitalize())
+    text = f"<v{cut_short} {_escaped(speaker)}>{_escaped(_line(said.text))}"
+    return start_ms, f"{identifier}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}"
+
+
+def _time(milliseconds: int) -> str:
+    seconds, milliseconds = divmod(milliseconds, 1000)
+    return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{milliseconds:03d}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _line(text: str) -> str:
+    """In one line, without what a player would stumble over; an empty line would end the cue."""
+    printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
+    return " ".join(printable.replace("-->", "->").split())
+
+
+def _videos(session: Session) -> list[_Video]:
+    told = session.header.get("videos")
+    videos = [_video(row) for row in told] if isinstance(told, list) else []
+    return [video for video in videos if video is not None]
+
+
+def _video(row: Any) -> _Video | None:
+    """None for a row of a header that somebody damaged."""
+    if not isinstance(row, dict):
+        return None
+    name, first_ns, last_ns = row.get("file_name"), row.get("first_stamp_ns"), row.get("last_stamp_ns")
+    if (
+        not (isinstance(name, str) and isinstance(first_ns, int) and isinstance(last_ns, int))
+        or not PurePath(name).stem
+    ):
+        return None
+    return _Video(name, first_ns, last_ns)
