@@ -15,9 +15,9 @@ from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.intents import ReplayControls, RobotChoice, WizardIntents
+from caris_desktop.live.intents import ReplayControls, RobotChoice, SessionLibrary, WizardIntents
 from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario, SplitNode
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.actions import Actions, Feature
 from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
@@ -25,6 +25,7 @@ from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost, panels_in, without
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
+from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.gamepad_dialog import GamepadDialog
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.marking import Marking
@@ -37,15 +38,16 @@ from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.motion import MotionPanel
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.robot import RobotPanel, question_for
-from caris_desktop.ui.panels.session import SessionPanel
+from caris_desktop.ui.panels.session import LogEntry, SessionPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
+from caris_desktop.ui.sessions_window import SessionsWindow
 from caris_desktop.ui.speed_steps import fraction_after
-from caris_desktop.ui.start_dialog import StartDialog
+from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
 from caris_desktop.ui.top_bar import TopBar, as_menu
@@ -79,6 +81,8 @@ _NEIGHBOURS: dict[PanelName, tuple[PanelName, ...]] = {
     "motion": ("map", "drive", "people", "session"), "diagnostics": ("session", "people", "assistant", "drive", "map"),
 }  # fmt: skip
 _ROOMY = QSize(1680, 1000)
+LAYOUT_AT_REST_MS = 1000
+_SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
@@ -170,10 +174,14 @@ class MainWindow(QWidget):
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
         self._replay_title = ""
-        self._log: list[tuple[int, str, str]] = []
+        self._log: list[LogEntry] = []
         self._dialog: StartDialog | None = None
+        self._begun: TrialDetails | None = None
         self._robot_dialog: RobotDialog | None = None
         self._explorer = explorer
+        self._library: SessionLibrary | None = None
+        self._sessions: SessionsWindow | None = None
+        self._export: ExportDialog | None = None
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBand(self.theme)
         self.dock_host = DockHost()
@@ -195,6 +203,11 @@ class MainWindow(QWidget):
         holder.addWidget(self._middle)
         layout.addLayout(holder, 1)
         layout.addWidget(self._status_bar)
+        self._told_layout: LayoutNode | None = None
+        self._layout_rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
+        self._layout_rest.timeout.connect(self._tell_layout)
+        self.dock_host.layout_changed.connect(self._layout_rest.start)
+        self.marking.card.set_anchor(self._top_bar.mark_button)
         self._problems = ProblemCards(self.theme, self.dock_host)
         self._palette_overlay = CommandPalette(self.theme, self)
         self._sheet = ShortcutSheet(self.theme, self)
@@ -214,6 +227,7 @@ class MainWindow(QWidget):
         self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.hold.escape_pressed.connect(self._question.put_away)
         self.hold.escape_pressed.connect(self._close_robot_dialog)
+        self.hold.escape_pressed.connect(self._close_session_windows)
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
@@ -284,6 +298,8 @@ class MainWindow(QWidget):
         for name in panels_in(tree):
             self._make_panel(name)
         self.dock_host.show_layout(self._panels, tree)
+        self._told_layout = tree  # the scenario itself says so
+        self._layout_rest.stop()
         self._bind_driving_panels()
         self._top_bar.show_scenario()
         self._status_bar.refresh()
@@ -294,6 +310,9 @@ class MainWindow(QWidget):
         panel = self._panels[name] = PANELS[name](self._context)
         if isinstance(panel, SessionPanel):
             panel.start_requested.connect(self.open_start_dialog)
+            panel.export_requested.connect(self.export_last_session)
+            panel.sessions_requested.connect(self.open_sessions)
+            panel.use_library(present=self._library is not None)
             panel.restore_log(self._log)
         return panel
 
@@ -427,7 +446,13 @@ class MainWindow(QWidget):
         if self._dialog is not None:
             self._dialog.raise_()
             return
-        self._dialog = StartDialog(self.theme, self._console.suggested_details(), self)
+        console, suggested = self._console, self._console.suggested_details()
+        offer = RecordingOffer(
+            console.scenario.permissions, last_details(suggested, self._begun), console.expected_bytes_per_hour(),
+            console.free_bytes(), console.microphones(), console.microphone,
+        )  # fmt: skip
+        self._dialog = StartDialog(self.theme, suggested, self, offer)
+        self._dialog.microphone_chosen.connect(console.use_microphone)
         self._dialog.begin.connect(self._on_begin)
         self._dialog.finished.connect(self._on_dialog_finished)
         self._dialog.open()
@@ -443,6 +468,7 @@ class MainWindow(QWidget):
         self._gamepad_dialog.activateWindow()
 
     def _on_begin(self, details: TrialDetails) -> None:
+        self._begun = details
         self._top_bar.show_details(details)
         self._console.start_session(details)
 
@@ -507,11 +533,7 @@ class MainWindow(QWidget):
         entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
         if self._gamepads is not None and scenario.permissions.driving:
             entries.append(Entry("Gamepad", "Window", "game-controller", "", self.open_gamepad_dialog))
-        recording = self._console.state.recording.value.state == "recording"
-        entries.append(
-            Entry("Stop recording", "Do", "stop", "", self._console.stop_session) if recording
-            else Entry("Start recording", "Do", "record", "", self.open_start_dialog)
-        )  # fmt: skip
+        entries += self._session_entries()
         entries += [
             Entry(f"Open scenario {choice.title}", "Scenario", "map-trifold", "", self._scenario_opener(choice.path))
             for choice in self._scenarios()
@@ -657,6 +679,7 @@ class MainWindow(QWidget):
             action.setChecked(self.dock_host.is_open(name))
             action.triggered.connect(self._panel_toggler(name))
         menu.addAction("Put the panels back").triggered.connect(self._on_reset_layout)
+        self._fill_session_menu(menu)
         menu.addSection("Robot")
         present = self._console.state.link.value.robot
         self._fill_robot_menu(menu.addMenu(f"Robot: {present}" if present else "Choose a robot"))
@@ -680,6 +703,84 @@ class MainWindow(QWidget):
             QTimer.singleShot(0, self, lambda: self.open_panel(name) if shown else self.close_panel(name))
 
         return toggle
+
+    # ---- sessions
+
+    def use_library(self, library: SessionLibrary) -> None:
+        """Let the wizard find, replay and export the sessions of the study."""
+        self._library = library
+        panel = self._panels.get("session")
+        if isinstance(panel, SessionPanel):
+            panel.use_library(present=True)
+
+    def open_sessions(self) -> None:
+        """Show all sessions, in a window beside this one."""
+        if self._library is None:
+            return
+        if self._sessions is None:
+            self._sessions = SessionsWindow(self.theme, self._library, self)
+            self._sessions.export_requested.connect(self.open_export)
+        _bring_up(self._sessions)
+
+    def open_export(self, sessions: Sequence[Path]) -> None:
+        """Ask in which formats to write these sessions, in a window beside this one."""
+        if self._library is None:
+            return
+        if self._export is None:
+            self._export = ExportDialog(self.theme, self._library, sessions, self)
+        else:
+            self._export.show_sessions(sessions)
+        _bring_up(self._export)
+
+    def export_last_session(self) -> None:
+        folder = self._console.state.recording.value.folder
+        if self._library is not None and folder is not None:
+            self.open_export([folder])
+        else:
+            self._console.export_session()
+
+    def _session_entries(self) -> list[Entry]:
+        status = self._console.state.recording.value
+        entries = []
+        if status.state in ("recording", "paused"):
+            paused = status.state == "paused"
+            entries.append(
+                Entry("Go on recording" if paused else "Pause recording", "Do", "record" if paused else "pause", "",
+                      lambda: self._console.pause_session(paused=not paused), also="resume continue break")
+            )  # fmt: skip
+            entries.append(Entry("Stop recording", "Do", "stop", "", self._console.stop_session))
+        else:
+            entries.append(Entry("Start recording", "Do", "record", "", self.open_start_dialog))
+            if status.folder is not None:
+                entries.append(Entry("Export the last session…", "Window", "export", "", self.export_last_session))
+        if self._library is not None:
+            entries.append(
+                Entry("All sessions…", "Window", "archive", "", self.open_sessions, also="replay search study export")
+            )
+        return entries
+
+    def _fill_session_menu(self, menu: QMenu) -> None:
+        if self._library is None:
+            return
+        menu.addSection("Sessions")
+        menu.addAction("All sessions…").triggered.connect(self.open_sessions)
+        status = self._console.state.recording.value
+        last = menu.addAction("Export the last session…")
+        last.setEnabled(status.folder is not None and status.state in ("idle", "failed"))
+        last.triggered.connect(self.export_last_session)
+
+    def _close_session_windows(self) -> None:
+        # Who stops the robot from the main window keeps them.
+        for window in (self._export, self._sessions):
+            if window is not None and window.isActiveWindow():
+                window.close()
+
+    def _tell_layout(self) -> None:
+        """For the record: how the wizard has arranged the panels, once they are at rest."""
+        tree = self.current_layout()
+        if tree is not None and (self._told_layout is None or _differs(tree, self._told_layout)):
+            self._told_layout = tree
+            self._console.keep_layout(tree)
 
     # ---- robots
 
@@ -824,12 +925,37 @@ class MainWindow(QWidget):
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._settings is not None:
             self._settings.setValue("window/geometry", self.saveGeometry())
+        for window in (self._export, self._sessions):
+            if window is not None:
+                window.close()
         self.hold.close()
         self.closed.emit()
         super().closeEvent(event)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self.theme.color("window"))
+
+
+def _bring_up(window: QWidget) -> None:
+    window.show()
+    window.raise_()
+    window.activateWindow()
+
+
+def _differs(tree: LayoutNode, other: LayoutNode) -> bool:
+    """Whether panels lie elsewhere or have another share of the window."""
+    if isinstance(tree, SplitNode) and isinstance(other, SplitNode):
+        if (tree.split, len(tree.children)) != (other.split, len(other.children)):
+            return True
+        shares = zip(_shares(tree), _shares(other), strict=True)
+        if any(abs(before - after) > _SAME_WEIGHT for before, after in shares):
+            return True
+        return any(_differs(*children) for children in zip(tree.children, other.children, strict=True))
+    return tree != other
+
+
+def _shares(node: SplitNode) -> list[float]:
+    return [weight / sum(node.weights) for weight in node.weights]
 
 
 def _only_other_places(before: Scenario, after: Scenario) -> bool:

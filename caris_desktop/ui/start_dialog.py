@@ -1,12 +1,17 @@
-"""The dialog before a recording: who takes part in what. All of it may be left empty."""
+"""The dialog before a recording: who takes part in what, and what will be kept. All of it may be left empty."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from caris_desktop.scenario.model import Permissions
 from caris_desktop.study.trial import TrialDetails
-from caris_desktop.ui import tokens
+from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
 
 _FIELDS = (
     ("study", "Study", "for example Lab visit"),
@@ -15,41 +20,119 @@ _FIELDS = (
     ("trial", "Trial", "for example 2 of 4"),
     ("wizard", "Wizard", "your name or initials"),
 )
+PRACTICE = "practice"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingOffer:
+    """What the dialog tells and asks beside the details.
+
+    ``last`` are the details of the session before, where there was one. ``microphones`` are names of sound inputs, the
+    empty one for the system's default; ``microphone`` is the chosen one, None for none.
+    """
+
+    permissions: Permissions = field(default_factory=Permissions)
+    last: TrialDetails | None = None
+    bytes_per_hour: float | None = None
+    free_bytes: int | None = None
+    microphones: Sequence[str] = ()
+    microphone: str | None = None
+
+
+def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
+    """The session before: the one begun in this run, else the one that a suggestion with a counted trial follows."""
+    if begun is not None:
+        return begun if begun.trial or begun.participant else None
+    if suggested.trial.isdecimal() and int(suggested.trial) > 1:
+        return replace(suggested, trial=str(int(suggested.trial) - 1))
+    return None
+
+
+def kept_words(permissions: Permissions, microphone: str | None) -> str:
+    """What a recording will hold and what not, in one sentence."""
+    kept = ["what the robot does and measures", "what is said", "your actions"]
+    absent: list[str] = []
+    for permitted, name in (
+        (permissions.video_recording, "video"),
+        (permissions.photos, "photos"),
+        (permissions.audio_recording and microphone is not None, "sound"),
+    ):
+        (kept if permitted else absent).append(name)
+    without = f" No {_listed(absent, 'or')}." if absent else ""
+    return f"Keeps {_listed(kept, 'and')}.{without}"
+
+
+def microphone_words(name: str) -> str:
+    return name or "System’s default microphone"
+
+
+def _listed(parts: Sequence[str], word: str) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
 
 
 class StartDialog(QDialog):
-    """``begin(TrialDetails)`` once the wizard starts, with empty details after Skip."""
+    """``begin(TrialDetails)`` once the wizard starts, with empty details after Skip.
+
+    ``microphone_chosen(str | None)`` comes before it where another microphone was chosen.
+    """
 
     begin = Signal(object)
+    microphone_chosen = Signal(object)
 
-    def __init__(self, theme: Theme, prefilled: TrialDetails, parent: QWidget) -> None:
+    def __init__(
+        self, theme: Theme, prefilled: TrialDetails, parent: QWidget, offer: RecordingOffer | None = None
+    ) -> None:
         super().__init__(parent)
+        self._theme = theme
+        self._prefilled = prefilled
+        self._offer = offer or RecordingOffer()
         self.setObjectName("start_dialog")
         self.setWindowTitle("Start recording")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         heading = QLabel("Who takes part?")
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        hint = QLabel("This heads the recording. Use codes rather than names for participants; empty fields are fine.")
-        hint.setWordWrap(True)
-        hint.setFont(theme.font(tokens.STATUS_PX))
-        palette = hint.palette()
-        palette.setColor(hint.foregroundRole(), theme.color("dim"))
-        hint.setPalette(palette)
+        hint = self._small(
+            "This heads the recording. Use codes rather than names for participants; empty fields are fine."
+        )
         form = QFormLayout()
         form.setHorizontalSpacing(16)
         form.setVerticalSpacing(10)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self._fields: dict[str, QLineEdit] = {}
         for name, label, placeholder in _FIELDS:
-            field = QLineEdit(str(getattr(prefilled, name)))
-            field.setObjectName(f"start_{name}")
-            field.setPlaceholderText(placeholder)
-            field.setAccessibleName(label)
-            field.setMinimumHeight(36)
-            field.setMaxLength(120)
-            field.returnPressed.connect(self._on_begin)
-            form.addRow(label, field)
-            self._fields[name] = field
+            line = QLineEdit(str(getattr(prefilled, name)))
+            line.setObjectName(f"start_{name}")
+            line.setPlaceholderText(placeholder)
+            line.setAccessibleName(label)
+            line.setMinimumHeight(36)
+            line.setMaxLength(120)
+            line.returnPressed.connect(self._on_begin)
+            form.addRow(label, line)
+            self._fields[name] = line
+        self._again = QCheckBox()
+        self._again.setObjectName("start_again")
+        self._again.toggled.connect(self._on_again)
+        self._practice = QCheckBox("Practice run (counts as wizard training, not as data)")
+        self._practice.setObjectName("start_practice")
+        self._practice.setChecked(prefilled.purpose == PRACTICE)
+        last = self._offer.last
+        if last is not None:
+            self._again.setText(again_words(last))
+            form.addRow("", self._again)
+            for name in ("study", "participant", "condition", "trial"):
+                self._fields[name].textEdited.connect(self._on_edited)
+        form.addRow("", self._practice)
+        self._microphone = self._make_microphones()
+        if self._microphone is not None:
+            form.addRow("Microphone", self._microphone)
+        self._kept = self._small("")
+        self._kept.setObjectName("start_kept")
+        self._room = self._small(words.expectation(self._offer.bytes_per_hour, self._offer.free_bytes))
+        self._room.setObjectName("start_room")
+        self._room.setVisible(bool(self._room.text()))
+        if self._short_of_room():
+            self._color(self._room, "amber")
+            self._room.setText(f"{self._room.text()}. Free some disk space before a long session.")
         begin = ActionButton(theme, "Start recording", icon="record", key="Enter", look="primary", height_px=38)
         begin.setObjectName("start_dialog_begin")
         begin.clicked.connect(self._on_begin)
@@ -65,30 +148,113 @@ class StartDialog(QDialog):
         buttons.addStretch(1)
         buttons.addWidget(skip)
         buttons.addWidget(begin)
+        told = QVBoxLayout()
+        told.setSpacing(4)
+        told.addWidget(self._kept)
+        told.addWidget(self._room)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(24, 20, 24, 20)
         layout.setSpacing(14)
         layout.addWidget(heading)
         layout.addWidget(hint)
         layout.addLayout(form)
+        layout.addLayout(told)
         layout.addSpacing(4)
         layout.addLayout(buttons)
+        self._show_kept()
         # What changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
         self._fields["participant"].selectAll()
 
     def sizeHint(self) -> QSize:
-        return QSize(540, 400)
+        return QSize(560, super().sizeHint().height())
+
+    def _small(self, text: str) -> QLabel:
+        label = QLabel(text)
+        label.setWordWrap(True)
+        label.setTextFormat(Qt.TextFormat.PlainText)
+        label.setFont(self._theme.font(tokens.STATUS_PX))
+        self._color(label, "dim")
+        return label
+
+    def _color(self, label: QLabel, role: str) -> None:
+        palette = label.palette()
+        palette.setColor(label.foregroundRole(), self._theme.color(role))
+        label.setPalette(palette)
+
+    def _make_microphones(self) -> DropDown | None:
+        """The choice of a microphone, where the scenario records sound at all."""
+        offer = self._offer
+        if not offer.permissions.audio_recording:
+            return None
+        choice = DropDown(self._theme, "start_microphone", "Microphone")
+        choice.setMinimumHeight(36)
+        choice.addItem("No microphone", None)
+        names = list(offer.microphones)
+        if offer.microphone is not None and offer.microphone not in names:
+            names.append(offer.microphone)  # unplugged now, and still the one that was chosen
+        for name in names:
+            gone = "" if name in offer.microphones else " (not plugged in)"
+            choice.addItem(f"{microphone_words(name)}{gone}", name)
+        choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
+        choice.currentIndexChanged.connect(self._show_kept)
+        return choice
+
+    @property
+    def microphone(self) -> str | None:
+        """The chosen sound input; None for none."""
+        chosen: str | None = None if self._microphone is None else self._microphone.currentData()
+        return chosen
 
     def details(self) -> TrialDetails:
-        return TrialDetails(**{name: " ".join(field.text().split()) for name, field in self._fields.items()})
+        return TrialDetails(
+            **{name: " ".join(line.text().split()) for name, line in self._fields.items()},
+            purpose=PRACTICE if self._practice.isChecked() else "",
+        )
+
+    def _short_of_room(self) -> bool:
+        rate, free = self._offer.bytes_per_hour, self._offer.free_bytes
+        return bool(rate) and free is not None and free < (rate or 0.0)
+
+    def _show_kept(self, _index: int = 0) -> None:
+        self._kept.setText(kept_words(self._offer.permissions, self.microphone))
+
+    def _on_again(self, again: bool) -> None:
+        """The same trial once more: what heads it is that of the last session, and is not typed anew."""
+        source = self._offer.last if again else self._prefilled
+        if source is None:
+            return
+        for name in ("study", "participant", "condition", "trial"):
+            self._fields[name].setText(str(getattr(source, name)))
+
+    def _on_edited(self, _text: str) -> None:
+        # Whoever types another trial means another one.
+        if self._again.isChecked():
+            self._again.blockSignals(True)
+            self._again.setChecked(False)
+            self._again.blockSignals(False)
+
+    def _finish(self, details: TrialDetails) -> None:
+        self.accept()
+        if self._microphone is not None and self.microphone != self._offer.microphone:
+            self.microphone_chosen.emit(self.microphone)
+        self.begin.emit(details)
 
     def _on_begin(self) -> None:
         if self.isVisible():
-            details = self.details()
-            self.accept()
-            self.begin.emit(details)
+            self._finish(self.details())
 
     def _on_skip(self) -> None:
-        self.accept()
-        self.begin.emit(TrialDetails())
+        self._finish(TrialDetails(purpose=self.details().purpose))
+
+
+def again_words(last: TrialDetails) -> str:
+    """Same trial again: P07, trial 2 (2nd recording)."""
+    before = int(last.recording) if last.recording.isdecimal() else 1
+    which = ", ".join(part for part in (last.participant, f"trial {last.trial}" if last.trial else "") if part)
+    return f"Same trial again{f': {which}' if which else ''} ({_ordinal(before + 1)} recording)"
+
+
+def _ordinal(number: int) -> str:
+    ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"

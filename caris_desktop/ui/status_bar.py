@@ -13,6 +13,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 HEIGHT_PX = 32
+ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
     "connecting": ("amber", "connecting"), "connected": ("green", ""), "trouble": ("amber", "unsteady"),
@@ -94,6 +95,7 @@ class StatusBar(QWidget):
                 "perception",
                 "models",
                 "recording",
+                "dropped",
                 "disk",
             )
         }
@@ -196,16 +198,42 @@ class StatusBar(QWidget):
         match recording.state:
             case "recording":
                 item.say(f"recording, {words.size(recording.written_bytes)}", "text", icon="record")
+            case "paused":
+                item.say(f"recording paused, {words.size(recording.written_bytes)}", "amber", icon="pause")
             case "starting" | "stopping":
                 item.say("starting to record" if recording.state == "starting" else "saving the recording")
             case "failed":
                 item.say("recording failed", "red", icon="warning-octagon", tip=recording.detail)
             case _:
                 item.say("not recording")
-        free = recording.free_bytes
+        dropped = {stream: count for stream, count in recording.dropped.items() if count}
+        self.items["dropped"].say(
+            words.all_missing(dropped), "amber", icon="warning",
+            tip="\n".join([
+                *(words.missing(stream, count) for stream, count in sorted(dropped.items())),
+                "The computer or its disk did not keep up. Everything said and done is recorded all the same.",
+            ]),
+        )  # fmt: skip
+        self._say_disk(recording)
+
+    def _say_disk(self, recording: RecordingStatus) -> None:
+        """While something is recorded how long there is room for it, else how much is free."""
+        item, free, room_s = self.items["disk"], recording.free_bytes, recording.room_s
+        if recording.state == "recording" and room_s is not None:
+            rate = f"{words.size(recording.bytes_per_s * 3600)} per hour"
+            left = "" if free is None else f"{words.size(free)} free, "
+            tip = f"{left}{rate} at present. Video is reduced first when room gets short."
+            room = words.long_duration(room_s)
+            if room_s < ROOM_ALMOST_GONE_S:
+                item.say(f"disk almost full: room for {room}", "red", icon="warning-octagon", tip=tip)
+            elif room_s < ROOM_LOW_S:
+                item.say(f"room for {room} only", "amber", icon="warning", tip=tip)
+            else:
+                item.say(f"room for {room}", tip=tip)
+            return
         low = free is not None and free < 2e9
         text = "" if free is None else f"{words.size(free)} {'left on disk' if low else 'free'}"
-        self.items["disk"].say(text, "amber" if low else "dim", icon="warning" if low else "")
+        item.say(text, "amber" if low else "dim", icon="warning" if low else "")
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

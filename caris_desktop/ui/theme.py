@@ -152,6 +152,24 @@ QTabBar::tab:hover {{ color: {colors.text}; }}
 QTabBar::tab:selected {{ color: {colors.text}; border-bottom: 2px solid {colors.blue}; }}
 QTabBar::tab:focus {{ color: {colors.blue}; }}
 QScrollArea, QScrollArea > QWidget > QWidget, QListView {{ background: transparent; border: 0; }}
+QTableView {{
+    background: {colors.panel}; alternate-background-color: {colors.panel}; border: 1px solid {colors.line};
+    border-radius: {radius}px; gridline-color: {colors.line}; selection-background-color: {colors.blue_soft};
+    selection-color: {colors.text};
+}}
+QTableView::item {{ padding: 0 10px; border: 0; border-bottom: 1px solid {colors.line}; }}
+QTableView::item:selected {{ background: {colors.blue_soft}; color: {colors.text}; }}
+QHeaderView, QTableView QTableCornerButton::section {{ background: {colors.panel}; border: 0; }}
+QHeaderView::section {{
+    background: {colors.panel}; color: {colors.dim}; border: 0; border-bottom: 1px solid {colors.line_strong};
+    padding: 7px 10px; font-size: {status}px;
+}}
+QHeaderView::section:hover {{ color: {colors.text}; }}
+QProgressBar {{
+    background: {colors.raised}; border: 0; border-radius: 4px; min-height: 8px; max-height: 8px;
+}}
+QProgressBar::chunk {{ background: {colors.blue}; border-radius: 4px; }}
+QSplitter::handle:vertical {{ height: 8px; background: transparent; }}
 QScrollBar:vertical {{ width: 10px; background: transparent; margin: 0; }}
 QScrollBar:horizontal {{ height: 10px; background: transparent; margin: 0; }}
 QScrollBar::handle {{

@@ -4,9 +4,9 @@ from PySide6.QtCore import QPoint, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain.events import Marked, RecordingPaused
 from caris_desktop.live.intents import WizardIntents
-from caris_desktop.live.status import DriveStatus, RecordingStatus
+from caris_desktop.live.status import DriveStatus, MarksStatus, RecordingStatus
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
@@ -14,6 +14,12 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 HEIGHT_PX = 56
+IN_SESSION = ("starting", "recording", "paused", "stopping")
+
+_RECORD_TIPS = {
+    "recording": "Pause or stop the recording",
+    "paused": "Nothing is recorded now. Click to go on or to stop.",
+}
 
 
 def trial_words(details: TrialDetails | None) -> str:
@@ -55,10 +61,19 @@ class TopBar(QWidget):
         self.record_button.clicked.connect(self._on_record_clicked)
         self._record_menu = QMenu(self)
         self._record_menu.setObjectName("record_menu")
+        self._pause = self._record_menu.addAction("Pause recording")
+        self._pause.triggered.connect(self._on_pause)
         self._record_menu.addAction("Stop recording").triggered.connect(console.stop_session)
-        self._mark = ActionButton(theme, "Mark", icon="bookmark-simple")
-        self._mark.setObjectName("mark_button")
-        self._mark.bind(actions, "mark")
+        self._paused_ns: int | None = None
+        self.mark_button = ActionButton(theme, "Mark", icon="bookmark-simple")
+        self.mark_button.setObjectName("mark_button")
+        self.mark_button.bind(actions, "mark")
+        self.stretch_button = ActionButton(theme, "", icon="brackets-square", may_shrink=True)
+        self.stretch_button.setObjectName("stretch_button")
+        self.stretch_button.setCheckable(True)  # it looks pressed as long as it goes on
+        self.stretch_button.setChecked(True)
+        self.stretch_button.clicked.connect(self._on_end_stretch)
+        self.stretch_button.hide()
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
         error = ActionButton(theme, "Wizard error")
@@ -84,7 +99,8 @@ class TopBar(QWidget):
         row.addWidget(self.scenario_button)
         row.addWidget(self._trial)
         row.addWidget(self.record_button)
-        row.addWidget(self._mark)
+        row.addWidget(self.mark_button)
+        row.addWidget(self.stretch_button)
         row.addWidget(error)
         row.addWidget(self._find)
         row.addStretch(1)
@@ -92,9 +108,12 @@ class TopBar(QWidget):
         row.addWidget(self.emergency)
         console.state.recording.changed.connect(self._on_recording_changed)
         console.state.drive.changed.connect(self._on_drive_changed)
+        console.state.marks.changed.connect(self._on_marks_changed)
+        actions.keys_changed.connect(self._show_stretch)
         console.state.event_happened.connect(self._on_event)
         self._clock = QTimer(self, interval=500)
         self._clock.timeout.connect(self._refresh)
+        self._clock.timeout.connect(self._show_stretch)
         self._clock.start()
         theme.changed.connect(self._style)
         self.show_scenario()
@@ -130,18 +149,50 @@ class TopBar(QWidget):
         self._console.emergency_stop()
 
     def _on_record_clicked(self) -> None:
-        if self._console.state.recording.value.state in ("recording", "starting"):
+        state = self._console.state.recording.value.state
+        if state in ("recording", "paused", "starting"):
+            self._pause.setText("Go on recording" if state == "paused" else "Pause recording")
+            self._pause.setEnabled(state != "starting")
             self.popup_below(self._record_menu, self.record_button)
         else:
             self.start_requested.emit()
 
+    def _on_pause(self) -> None:
+        self._console.pause_session(paused=self._console.state.recording.value.state == "recording")
+
     def _on_event(self, event: object) -> None:
-        if isinstance(event, Marked) and event.kind == "mark":
-            self._mark.set_label("Marked", icon="check")
+        if isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn":
+            self.mark_button.set_label("Marked", icon="check")
             self._unmark.start()
+        elif isinstance(event, RecordingPaused):
+            self._paused_ns = event.stamp_ns if event.paused else None
+            self._refresh()
+
+    def _on_marks_changed(self, _status: object) -> None:
+        self._show_stretch()
+
+    def _on_end_stretch(self) -> None:
+        going_on = self._console.state.marks.value.open
+        if going_on:
+            self._console.end_mark(going_on[-1].mark_id)
+        self.stretch_button.setChecked(True)
+
+    def _show_stretch(self) -> None:
+        """The newest stretch that goes on, so that none is forgotten."""
+        status: MarksStatus = self._console.state.marks.value
+        self.stretch_button.setVisible(bool(status.open))
+        if not status.open:
+            return
+        newest = status.open[-1]
+        began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
+        lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
+        others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
+        self.stretch_button.set_label(f"{newest.label or 'Stretch'}{others} · {lasts} · End")
+        self.stretch_button.set_key(self._actions.key_text("stretch"))
+        self.stretch_button.setToolTip("This stretch of the session is being marked. Click to end it.")
 
     def _on_mark_shown(self) -> None:
-        self._mark.set_label("Mark", icon="bookmark-simple")
+        self.mark_button.set_label("Mark", icon="bookmark-simple")
 
     def _on_recording_changed(self, _status: RecordingStatus) -> None:
         self._refresh()
@@ -157,6 +208,12 @@ class TopBar(QWidget):
                 roomy = bool(limits) and self.width() >= 1500
                 suffix = f" · {', '.join(limits)}" if roomy else ""
                 self.record_button.set_label(f"Recording {words.elapsed(seconds)}{suffix}", dot="red_fill")
+            case "paused":
+                # Without the event (a replay that was begun in a pause) nobody knows since when.
+                since_ns = self._paused_ns
+                now_ns = self._console.state.present.now_ns()
+                lasts = "" if since_ns is None else f" {words.elapsed((now_ns - since_ns) / 1e9)}"
+                self.record_button.set_label(f"Paused{lasts}", icon="pause", look="amber")
             case "starting":
                 self.record_button.set_label("Starting…", icon="record")
             case "stopping":
@@ -167,8 +224,9 @@ class TopBar(QWidget):
                 self.record_button.set_label("Start recording", icon="record", look="plain")
         if status.state == "recording":
             self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
+        self.record_button.setToolTip(_RECORD_TIPS.get(status.state, ""))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
-        text = trial_words(self._details) if status.state in ("recording", "starting", "stopping") else ""
+        text = trial_words(self._details) if status.state in IN_SESSION else ""
         self._trial.setText(text)
         self._trial.setVisible(bool(text))
         self._actions.set_condition("recording", status.state == "recording")

@@ -130,6 +130,31 @@ def missing(stream: str, count: int) -> str:
     return f"{count} {one} was not recorded" if count == 1 else f"{count} {many} were not recorded"
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """1 session, 2 sessions."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def all_missing(dropped: Mapping[str, int]) -> str:
+    """3 frames not recorded; of several streams together 12 values; empty where nothing is missing."""
+    total = sum(dropped.values())
+    if not total:
+        return ""
+    one, many = ("value", "values") if len(dropped) > 1 else _MISSING.get(next(iter(dropped)), ("value", "values"))
+    return f"{total} {one if total == 1 else many} not recorded"
+
+
+def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
+    """About 1.2 GB per hour; 64 GB free: room for 53 h."""
+    free = "" if free_bytes is None else f"{size(free_bytes)} free"
+    if not bytes_per_hour:
+        return free
+    rate = f"About {size(bytes_per_hour)} per hour"
+    if free_bytes is None:
+        return rate
+    return f"{rate}; {free}: room for {long_duration(free_bytes / bytes_per_hour * 3600)}"
+
+
 def mark_sentence(mark: events.Marked) -> str:
     """What a mark says, in the state it has now."""
     if mark.kind == "note":

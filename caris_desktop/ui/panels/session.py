@@ -1,6 +1,8 @@
-"""Session: recording, and what happened, in sentences with the newest at the bottom."""
+"""Session: recording, marks, and what happened, in sentences with the newest at the bottom."""
 
 from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,6 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QDesktopServices, QFontMetrics, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QHBoxLayout,
     QLabel,
     QListView,
     QMenu,
@@ -29,14 +30,17 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.events import Marked
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 LOG_ROWS = 500
 _ICONS = {
@@ -44,13 +48,29 @@ _ICONS = {
 }  # fmt: skip
 _CATEGORY_ROLE = int(Qt.ItemDataRole.UserRole)
 _TIME_ROLE = _CATEGORY_ROLE + 1
+IN_SESSION = ("starting", "recording", "paused")
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One line of the log. A later one with the same ``key`` takes its place."""
+
+    stamp_ns: int
+    category: str
+    sentence: str
+    key: str = ""
 
 
 class SessionPanel(Panel):
-    """Start and stop, marks, and the log. ``start_requested`` asks the window for the start dialog."""
+    """Start, pause and stop, labels to mark with, and the log.
+
+    The signals ask the window for what is a window of its own: start dialog, export and all sessions.
+    """
 
     title = "Session"
     start_requested = Signal()
+    export_requested = Signal()
+    sessions_requested = Signal()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -64,10 +84,33 @@ class SessionPanel(Panel):
         self._folder = ActionButton(self.theme, "Open folder", icon="folder-open")
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
-        self._export = ActionButton(self.theme, "Export tables", icon="export")
+        self._export = ActionButton(self.theme, "Export…", icon="export")
         self._export.setObjectName("session_export")
-        self._export.setToolTip("Write the session as CSV tables beside its files")
-        self._export.clicked.connect(self.console.export_session)
+        self._export.setToolTip("Write the last session as tables, for ELAN, as a report, …")
+        self._export.clicked.connect(self.export_requested)
+        self._sessions = ActionButton(self.theme, "All sessions", icon="archive")
+        self._sessions.setObjectName("session_all")
+        self._sessions.setToolTip("Find, replay and export the sessions of this study")
+        self._sessions.clicked.connect(self.sessions_requested)
+        self._has_library = False
+        self._pause = ActionButton(self.theme, "Pause", icon="pause")
+        self._pause.setObjectName("session_pause")
+        self._pause.clicked.connect(self._on_pause)
+        self._note = ActionButton(self.theme, "Note", icon="note-pencil")
+        self._note.setObjectName("session_note")
+        self._note.setToolTip("Write a note about this moment")
+        self._note.bind(self.table, "note")
+        self._labels = FlowRow(gap_px=6)
+        for number, label in enumerate(self.console.scenario.recording.labels, start=1):
+            button = ActionButton(
+                self.theme, label, height_px=30, text_px=tokens.STATUS_PX + 1, key_first=True
+            )  # fmt: skip
+            if self.table.spec(f"label_{number}") is None:
+                break
+            button.setObjectName(f"session_label_{number}")
+            button.bind(self.table, f"label_{number}")
+            button.setToolTip(f"Mark this moment: {label}. Hold the key to mark a stretch.")
+            self._labels.add(button)
         self._filter = ActionButton(
             self.theme, "Everything", height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
         )
@@ -90,18 +133,17 @@ class SessionPanel(Panel):
         self._log.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._log.setResizeMode(QListView.ResizeMode.Adjust)
         self._log.setWordWrap(True)
-        top = QHBoxLayout()
-        top.setSpacing(10)
-        top.addWidget(self._toggle)
-        top.addWidget(self._folder)
-        top.addWidget(self._export)
-        top.addStretch(1)
+        top = FlowRow(gap_px=8)
+        for button in (self._toggle, self._pause, self._note, self._folder, self._export, self._sessions):
+            top.add(button)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 12, 8, 8)
         layout.setSpacing(8)
-        layout.addLayout(top)
+        layout.addWidget(top)
         layout.addWidget(self._what)
+        layout.addWidget(self._labels)
         layout.addWidget(self._log, 1)
+        self.state.time_jumped.connect(self._on_time_jumped)
         self.state.recording.changed.connect(self._on_recording_changed)
         self.state.event_happened.connect(self._on_event)
         self._clock = QTimer(self, interval=500)
@@ -123,13 +165,18 @@ class SessionPanel(Panel):
         """The sentences on show, oldest first."""
         return [str(self._model.index(row).data()) for row in range(self._model.rowCount())]
 
-    def restore_log(self, entries: list[tuple[int, str, str]]) -> None:
+    def restore_log(self, entries: Sequence[LogEntry]) -> None:
         """Take over what another instance of this panel had (the scenario was switched)."""
         self._model.replace(entries)
         self._log.scrollToBottom()
 
-    def log_entries(self) -> list[tuple[int, str, str]]:
+    def log_entries(self) -> list[LogEntry]:
         return self._model.entries()
+
+    def use_library(self, *, present: bool) -> None:
+        """Whether there is a list of all sessions to open."""
+        self._has_library = present
+        self._refresh()
 
     def _name_of(self, person_id: str) -> str:
         persons: tuple[PersonRow, ...] = self.state.persons.value
@@ -137,11 +184,22 @@ class SessionPanel(Panel):
         return "Somebody" if person is None else words.person_name(person)
 
     def _on_event(self, event: object) -> None:
-        entry = words.event_sentence(event, self._name_of)
-        if entry is None:
-            return
+        entry = self._entry_of(event)
+        if entry is not None:
+            self._model.append(entry)
+
+    def _entry_of(self, event: object) -> LogEntry | None:
+        said = words.event_sentence(event, self._name_of)
+        if said is None:
+            return None
         stamp_ns: int = getattr(event, "stamp_ns", self.state.present.now_ns())
-        self._model.append(stamp_ns, *entry)
+        return LogEntry(stamp_ns, *said, key=event.mark_id if isinstance(event, Marked) else "")
+
+    def _on_time_jumped(self, events: Iterable[object]) -> None:
+        """A replay went to another moment: the log is what had happened until then."""
+        entries = [self._entry_of(event) for event in events]
+        self._model.replace([entry for entry in entries if entry is not None])
+        self._log.scrollToBottom()
 
     def show_category(self, category: str) -> None:
         """Show only events of one of ``words.CATEGORIES``; all of them for an empty string."""
@@ -153,10 +211,13 @@ class SessionPanel(Panel):
         self._filter_menu.popup(self._filter.mapToGlobal(QPoint(0, self._filter.height() + 4)))
 
     def _on_toggle(self) -> None:
-        if self.state.recording.value.state in ("recording", "starting"):
+        if self.state.recording.value.state in IN_SESSION:
             self.console.stop_session()
         else:
             self.start_requested.emit()
+
+    def _on_pause(self) -> None:
+        self.console.pause_session(paused=self.state.recording.value.state == "recording")
 
     def _open_folder(self) -> None:
         folder: Path | None = self.state.recording.value.folder
@@ -166,22 +227,44 @@ class SessionPanel(Panel):
     def _on_recording_changed(self, _status: RecordingStatus) -> None:
         self._refresh()
 
-    def _refresh(self) -> None:
-        status: RecordingStatus = self.state.recording.value
+    def _kept(self) -> str:
+        """What a session holds, in few words."""
         permissions = self.console.scenario.permissions
         kept = "robot, speech and events" + (", video" if permissions.video_recording else "; no video")
         kept += ", photos" if permissions.photos else ", no photos"
-        self._folder.setVisible(status.folder is not None)
-        self._export.setVisible(status.folder is not None and status.state in ("idle", "failed"))
+        if not permissions.audio_recording:
+            return f"{kept}, no sound"
+        return f"{kept}, sound" if self.console.microphone is not None else f"{kept}, no sound (no microphone)"
+
+    def _refresh(self) -> None:
+        status: RecordingStatus = self.state.recording.value
+        in_session = status.state in IN_SESSION
+        at_rest = status.state in ("idle", "failed")
+        show_part(self._folder, status.folder is not None and at_rest)
+        show_part(self._export, status.folder is not None and at_rest)
+        show_part(self._sessions, self._has_library and at_rest)
+        show_part(self._pause, in_session)
+        show_part(self._note, status.state == "recording")
+        show_part(self._labels, status.state == "recording" and bool(self.console.scenario.recording.labels))
+        paused = status.state == "paused"
+        self._pause.set_label(
+            "Go on" if paused else "Pause", icon="record" if paused else "pause", look="primary" if paused else "plain"
+        )
+        self._pause.setToolTip("Record again" if paused else "Record nothing for a while")
+        self._pause.setEnabled(status.state != "starting")
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
         role = "dim"
         match status.state:
             case "recording" | "starting":
                 self._toggle.set_label("Stop recording", icon="stop", look="plain")
-                text = f"{words.size(status.written_bytes)} so far: {kept}"
+                text, role = self._size_and_room(status)
                 self.set_fact(
                     f"recording {words.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)}", "green"
                 )
+            case "paused":
+                self._toggle.set_label("Stop recording", icon="stop", look="plain")
+                text, role = f"Nothing is recorded now. {words.size(status.written_bytes)} so far.", "amber"
+                self.set_fact("paused", "amber")
             case "stopping":
                 self._toggle.set_label("Saving…", icon="stop", look="plain")
                 text = "Finishing the files"
@@ -192,13 +275,23 @@ class SessionPanel(Panel):
                 self.set_fact("not recording", "red")
             case _:
                 self._toggle.set_label("Start recording", icon="record", look="primary")
-                text = f"Saved in {status.folder.name}" if status.folder is not None else f"Keeps {kept}"
+                text = f"Saved in {status.folder.name}" if status.folder is not None else f"Keeps {self._kept()}"
                 self.set_fact("not recording")
         self._what.setText(text)
         self._what.setFont(self.theme.font(tokens.STATUS_PX))
         palette = self._what.palette()
         palette.setColor(self._what.foregroundRole(), self.theme.color(role))
         self._what.setPalette(palette)
+
+    def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
+        """What there is so far and how long the disk lasts, with the colour of it."""
+        text = f"{words.size(status.written_bytes)} so far: {self._kept()}"
+        missing = words.all_missing(status.dropped)
+        text += f"; {missing}" if missing else ""
+        if status.room_s is None:
+            return text, "dim"
+        low = status.room_s < ROOM_LOW_S
+        return f"{text} · room for {words.long_duration(status.room_s)}", "amber" if low else "dim"
 
 
 class EventLogModel(QAbstractListModel):
@@ -207,14 +300,15 @@ class EventLogModel(QAbstractListModel):
     def __init__(self, present: PresentClock, parent: QWidget) -> None:
         super().__init__(parent)
         self._present = present
-        self._all: deque[tuple[int, str, str]] = deque(maxlen=LOG_ROWS)
-        self._shown: list[tuple[int, str, str]] = []
+        self._all: deque[LogEntry] = deque(maxlen=LOG_ROWS)
+        self._shown: list[LogEntry] = []
         self._category = ""
 
-    def append(self, stamp_ns: int, category: str, sentence: str) -> None:
-        entry = (stamp_ns, category, sentence)
+    def append(self, entry: LogEntry) -> None:
+        if entry.key and self._renew(entry):
+            return
         self._all.append(entry)
-        if self._category and category != self._category:
+        if self._category and entry.category != self._category:
             return
         if len(self._shown) >= LOG_ROWS:
             self.beginRemoveRows(QModelIndex(), 0, 0)
@@ -224,33 +318,53 @@ class EventLogModel(QAbstractListModel):
         self._shown.append(entry)
         self.endInsertRows()
 
-    def entries(self) -> list[tuple[int, str, str]]:
+    def _renew(self, entry: LogEntry) -> bool:
+        """Put it where the line of its key is, at that line's time; False where there is none."""
+        row = _row_of(entry.key, self._all)
+        if row is None:
+            return False
+        self._all[row] = renewed = replace(entry, stamp_ns=self._all[row].stamp_ns)
+        shown = _row_of(entry.key, self._shown)
+        if shown is not None:
+            self._shown[shown] = renewed
+            self.dataChanged.emit(self.index(shown), self.index(shown))
+        return True
+
+    def entries(self) -> list[LogEntry]:
         return list(self._all)
 
-    def replace(self, entries: list[tuple[int, str, str]]) -> None:
-        self._all = deque(entries, maxlen=LOG_ROWS)
+    def replace(self, entries: Sequence[LogEntry]) -> None:
+        self._all.clear()
+        self._shown.clear()
+        for entry in entries:
+            if not (entry.key and self._renew(entry)):
+                self._all.append(entry)
         self.set_category(self._category)
 
     def set_category(self, category: str) -> None:
         self.beginResetModel()
         self._category = category
-        self._shown = [entry for entry in self._all if not category or entry[1] == category]
+        self._shown = [entry for entry in self._all if not category or entry.category == category]
         self.endResetModel()
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._shown)
 
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        stamp_ns, category, sentence = self._shown[index.row()]
+        entry = self._shown[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return sentence
+            return entry.sentence
         if role == _CATEGORY_ROLE:
-            return category
+            return entry.category
         if role == _TIME_ROLE:
-            return words.clock_time(stamp_ns, self._present.anchor)
+            return words.clock_time(entry.stamp_ns, self._present.anchor)
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{words.clock_time(stamp_ns, self._present.anchor)} {sentence}"
+            return f"{words.clock_time(entry.stamp_ns, self._present.anchor)} {entry.sentence}"
         return None
+
+
+def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
+    return next((row for row in reversed(range(len(rows))) if rows[row].key == key), None)
 
 
 class EventDelegate(QStyledItemDelegate):

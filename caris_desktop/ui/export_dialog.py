@@ -1,0 +1,307 @@
+"""Writes sessions in the formats that researchers use: which, where to, under which licence, and how far it is."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from PySide6.QtCore import QSize, Qt, QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.live.intents import SessionLibrary
+from caris_desktop.live.status import ExportStatus
+from caris_desktop.recording.export import FORMATS
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_LICENCES = (
+    ("No licence chosen", ""),
+    ("CC0 1.0: anyone may do anything", "CC0-1.0"),
+    ("CC BY 4.0: name the authors", "CC-BY-4.0"),
+    ("CC BY-NC 4.0: name the authors, not for profit", "CC-BY-NC-4.0"),
+)
+_OTHER = "Another licence…"
+_FIRST_CHOICE = ("csv", "html")
+
+
+class ExportDialog(QWidget):
+    """A window of its own that belongs to the main one: driving, talking and stopping go on beside it."""
+
+    closed = Signal()
+
+    def __init__(self, theme: Theme, library: SessionLibrary, sessions: Sequence[Path], parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.Window)
+        self.setObjectName("export_dialog")
+        self._theme = theme
+        self._library = library
+        self._sessions = tuple(sessions)
+        self._out: Path | None = None
+        self._heading = QLabel()
+        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._which = QLabel()
+        self._which.setObjectName("export_sessions")
+        self._which.setWordWrap(True)
+        self._boxes: dict[str, QCheckBox] = {}
+        self._dim: list[QLabel] = [self._which]
+        self._folder = QLineEdit()
+        self._folder.setObjectName("export_folder")
+        self._folder.setAccessibleName("Folder to write to")
+        self._folder.setMinimumHeight(36)
+        self._folder.textChanged.connect(self._show_state)
+        self._browse = ActionButton(theme, "Choose…", icon="folder-open", height_px=36)
+        self._browse.setObjectName("export_choose")
+        self._browse.clicked.connect(self._choose_folder)
+        self._licence = DropDown(theme, "export_licence", "Licence")
+        self._licence.setMinimumHeight(36)
+        for text, value in _LICENCES:
+            self._licence.addItem(text, value)
+        self._licence.addItem(_OTHER, None)
+        self._licence.currentIndexChanged.connect(self._show_state)
+        self._other = QLineEdit()
+        self._other.setObjectName("export_other_licence")
+        self._other.setAccessibleName("Name or address of the licence")
+        self._other.setPlaceholderText("name or address of the licence")
+        self._other.setMinimumHeight(36)
+        self._other.setMaxLength(200)
+        self._bar = QProgressBar()
+        self._bar.setObjectName("export_progress")
+        self._bar.setTextVisible(False)
+        self._bar.setRange(0, 1000)
+        self._what = QLabel()
+        self._what.setObjectName("export_what")
+        self._what.setWordWrap(True)
+        self._what.setTextFormat(Qt.TextFormat.PlainText)
+        self._what.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._close = ActionButton(theme, "Close", look="ghost", height_px=38)
+        self._close.setObjectName("export_close")
+        self._close.clicked.connect(self.close)
+        self._open = ActionButton(theme, "Open folder", icon="folder-open", height_px=38)
+        self._open.setObjectName("export_open")
+        self._open.clicked.connect(self._open_folder)
+        self._cancel = ActionButton(theme, "Cancel export", icon="x", height_px=38)
+        self._cancel.setObjectName("export_cancel")
+        self._cancel.clicked.connect(library.cancel_export)
+        self._start = ActionButton(theme, "Export", icon="export", look="primary", height_px=38)
+        self._start.setObjectName("export_start")
+        self._start.clicked.connect(self._on_start)
+        self._lay_out()
+        self._mine = library.export.value.state == "running"
+        library.export.changed.connect(self._show_state)
+        theme.changed.connect(self._style)
+        self._style()
+        self.show_sessions(sessions)
+
+    def sizeHint(self) -> QSize:
+        return QSize(640, 700)
+
+    def show_sessions(self, sessions: Sequence[Path]) -> None:
+        """Offer to export these instead, unless something is being written now."""
+        if self._library.export.value.state != "running":
+            self._sessions = tuple(sessions)
+            self._mine = False
+            self._folder.setText(str(self._library.default_export_folder(self._sessions)))
+        count = len(self._sessions)
+        title = "Export 1 session" if count == 1 else f"Export {count} sessions"
+        self._heading.setText(title)
+        self.setWindowTitle(f"{title} · CARIS Desktop")
+        names = [folder.name for folder in self._sessions]
+        self._which.setText(", ".join(names[:3]) + (f" and {count - 3} more" if count > 3 else ""))
+        self._which.setToolTip("\n".join(names[:40]))
+        self._show_state()
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """The chosen formats, in the order of the list."""
+        return tuple(name for name, box in self._boxes.items() if box.isChecked())
+
+    @property
+    def licence(self) -> str:
+        chosen = self._licence.currentData()
+        return " ".join(self._other.text().split()) if chosen is None else str(chosen)
+
+    # ---- parts
+
+    def _lay_out(self) -> None:
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 20, 24, 20)
+        layout.setSpacing(12)
+        head = QVBoxLayout()
+        head.setSpacing(2)
+        head.addWidget(self._heading)
+        head.addWidget(self._which)
+        layout.addLayout(head)
+        layout.addWidget(self._make_formats(), 1)
+        layout.addWidget(self._label("Where to"))
+        where = QHBoxLayout()
+        where.setSpacing(8)
+        where.addWidget(self._folder, 1)
+        where.addWidget(self._browse)
+        layout.addLayout(where)
+        layout.addWidget(self._label("Licence, if others will get the data"))
+        licence = QHBoxLayout()
+        licence.setSpacing(8)
+        licence.addWidget(self._licence, 1)
+        licence.addWidget(self._other, 1)
+        layout.addLayout(licence)
+        layout.addSpacing(2)
+        layout.addWidget(self._bar)
+        layout.addWidget(self._what)
+        buttons = QHBoxLayout()
+        buttons.setSpacing(8)
+        buttons.addWidget(self._close)
+        buttons.addStretch(1)
+        for button in (self._open, self._cancel, self._start):
+            buttons.addWidget(button)
+        layout.addLayout(buttons)
+
+    def _label(self, text: str) -> QLabel:
+        label = QLabel(text)
+        label.setFont(self._theme.font(tokens.STATUS_PX))
+        self._dim.append(label)
+        return label
+
+    def _make_formats(self) -> QScrollArea:
+        rows = QWidget()
+        column = QVBoxLayout(rows)
+        column.setContentsMargins(0, 0, 8, 0)
+        column.setSpacing(8)
+        for fmt in FORMATS:
+            box = QCheckBox(fmt.title)
+            box.setObjectName(f"export_format_{fmt.name}")
+            box.setAccessibleDescription(fmt.description)
+            box.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+            box.setChecked(fmt.name in _FIRST_CHOICE)
+            box.toggled.connect(self._show_state)
+            description = _Description(fmt.description, box)
+            description.setFont(self._theme.font(tokens.STATUS_PX))
+            self._dim.append(description)
+            row = QVBoxLayout()
+            row.setSpacing(0)
+            row.addWidget(box)
+            row.addWidget(description)
+            column.addLayout(row)
+            self._boxes[fmt.name] = box
+        column.addStretch(1)
+        area = QScrollArea()
+        area.setObjectName("export_formats")
+        area.setWidget(rows)
+        area.setWidgetResizable(True)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        return area
+
+    # ---- what it does
+
+    def _choose_folder(self) -> None:
+        # Our own and not modal: a system's file dialog would take the keys that stop the robot.
+        dialog = QFileDialog(self, "Where to export to", self._folder.text())
+        dialog.setObjectName("export_folder_dialog")
+        dialog.setFileMode(QFileDialog.FileMode.Directory)
+        dialog.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.ShowDirsOnly)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.setModal(False)
+        dialog.fileSelected.connect(self._folder.setText)
+        dialog.show()
+
+    def _on_start(self) -> None:
+        out = Path(self._folder.text().strip()).expanduser()
+        self._mine = True
+        self._out = out
+        self._library.start_export(self._sessions, self.formats, out, licence=self.licence)
+
+    def _open_folder(self) -> None:
+        status: ExportStatus = self._library.export.value
+        folder = self._out
+        if folder is None and status.written:
+            folder = status.written[0].parent
+        if folder is not None:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+
+    def _show_state(self, _value: object = None) -> None:
+        status: ExportStatus = self._library.export.value
+        running = status.state == "running"
+        ended = status.state in ("done", "failed", "cancelled") and self._mine
+        for part in (*self._boxes.values(), self._folder, self._browse, self._licence, self._other):
+            part.setEnabled(not running)
+        self._other.setVisible(self._licence.currentData() is None)
+        self._bar.setVisible(running)
+        self._bar.setValue(round(status.fraction * 1000))
+        self._open.setVisible(ended and bool(status.written))
+        self._cancel.setVisible(running)
+        self._start.setVisible(not running)
+        ready = bool(self.formats) and bool(self._folder.text().strip())
+        self._start.setEnabled(ready)
+        count = len(self.formats)
+        again = " again" if ended else ""
+        self._start.set_label(f"Export{again}", look="plain" if ended and status.state == "done" else "primary")
+        text, role = "", "dim"
+        if running:
+            text = f"{status.fraction:.0%}".replace("%", " %") + (f" · {status.what}" if status.what else "")
+        elif ended:
+            text, role = self._outcome(status)
+        elif not count:
+            text = "Choose at least one format."
+        self._what.setText(text)
+        self._what.setVisible(bool(text))
+        self._color(self._what, role)
+
+    def _outcome(self, status: ExportStatus) -> tuple[str, str]:
+        written = len(status.written)
+        kept = f"{written} export{'s' if written != 1 else ''} finished before it are kept." if written else ""
+        match status.state:
+            case "done":
+                where = f" in {self._out}" if self._out is not None else ""
+                text = f"Done: {words.counted(written, 'export')}{where}."
+                return (f"{text} {status.detail}".strip(), "amber" if status.detail else "green")
+            case "cancelled":
+                return f"Cancelled. {kept or 'Nothing was written.'}", "dim"
+            case _:
+                return f"{status.detail or 'The export failed; the program’s log tells why.'} {kept}".strip(), "red"
+
+    # ---- look
+
+    def _style(self) -> None:
+        for label in self._dim:
+            self._color(label, "dim")
+        self._which.setFont(self._theme.font(tokens.STATUS_PX))
+        self._what.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self._show_state()
+        self.update()
+
+    def _color(self, label: QLabel, role: str) -> None:
+        palette = label.palette()
+        palette.setColor(label.foregroundRole(), self._theme.color(role))
+        label.setPalette(palette)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        # What is being written goes on, and is told again when this opens.
+        super().closeEvent(event)
+        self.closed.emit()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self._theme.color("panel"))
+
+
+class _Description(QLabel):
+    """The line below a check box; a click on it is a click on the box."""
+
+    def __init__(self, text: str, box: QCheckBox) -> None:
+        super().__init__(text)
+        self._box = box
+        self.setWordWrap(True)
+        self.setContentsMargins(26, 0, 0, 0)
+
+    def mouseReleaseEvent(self, event: object) -> None:
+        if self._box.isEnabled() and self.rect().contains(event.position().toPoint()):  # type: ignore[attr-defined]
+            self._box.toggle()

@@ -1,0 +1,652 @@
+"""All sessions of the study: find them by what heads them or by what was said, replay and export them."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QAbstractTableModel,
+    QItemSelectionModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QRect,
+    QRectF,
+    QSize,
+    Qt,
+    QTimer,
+    QUrl,
+    Signal,
+)
+from PySide6.QtGui import (
+    QCloseEvent,
+    QDesktopServices,
+    QFontMetrics,
+    QIcon,
+    QKeyEvent,
+    QPainter,
+    QPaintEvent,
+    QShowEvent,
+)
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QListView,
+    QSplitter,
+    QStyle,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableView,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.live.intents import SessionLibrary
+from caris_desktop.live.status import LibraryStatus
+from caris_desktop.recording.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_TYPING_PAUSE_MS = 120
+_ROW_PX = 36
+_HIT_ROLE = int(Qt.ItemDataRole.UserRole)
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of the list: its title, what it says of a session, and what it is sorted by."""
+
+    title: str
+    text: Callable[[SessionEntry], str]
+    key: Callable[[SessionEntry], Any]
+    width_px: int
+    right: bool = False
+
+
+def local_time(started_utc: str) -> str:
+    """2026-11-21 14:02, in the time of this computer; the text as it is where it is no time."""
+    try:
+        return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
+    except ValueError:
+        return started_utc
+
+
+def state_words(entry: SessionEntry) -> str:
+    """Whether the session is whole and counts, and what went wrong in it."""
+    parts = ["Complete" if entry.closed_properly else "Ended unexpectedly"]
+    if entry.purpose:
+        parts.insert(0, entry.purpose.capitalize())
+    if entry.problems:
+        parts.append(words.counted(entry.problems, "problem"))
+    return " · ".join(parts)
+
+
+def _natural(text: str) -> tuple[tuple[int, int, str], ...]:
+    """P7 before P12."""
+    parts = re.findall(r"\d+|\D+", text.casefold())
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 150),
+    Column("Participant", lambda entry: entry.participant, lambda entry: _natural(entry.participant), 104),
+    Column("Condition", lambda entry: entry.condition, lambda entry: _natural(entry.condition), 94),
+    Column("Trial", lambda entry: entry.trial, lambda entry: _natural(entry.trial), 64),
+    Column("Recording", lambda entry: entry.recording, lambda entry: _natural(entry.recording), 92),
+    Column("Wizard", lambda entry: entry.wizard, lambda entry: _natural(entry.wizard), 92),
+    Column("Scenario", lambda entry: entry.scenario, lambda entry: _natural(entry.scenario), 150),
+    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 80, right=True),
+    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 80, right=True),
+    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 72, right=True),
+    Column("State", state_words, lambda entry: (not entry.closed_properly, entry.purpose, entry.problems), 190),
+)
+_FILTERS = (
+    ("participant", "All participants"),
+    ("condition", "All conditions"),
+    ("wizard", "All wizards"),
+    ("scenario", "All scenarios"),
+    ("purpose", "All purposes"),
+)
+
+
+class SessionsModel(QAbstractTableModel):
+    """The sessions as rows, sorted by one column."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._entries: list[SessionEntry] = []
+        self._column, self._order = 0, Qt.SortOrder.DescendingOrder
+
+    def show_entries(self, entries: Sequence[SessionEntry]) -> None:
+        self.beginResetModel()
+        self._entries = list(entries)
+        self._sort()
+        self.endResetModel()
+
+    def entry(self, row: int) -> SessionEntry:
+        return self._entries[row]
+
+    def row_of(self, folder: Path) -> int | None:
+        return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
+
+    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._entries)
+
+    def columnCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        entry, column = self._entries[index.row()], COLUMNS[index.column()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return column.text(entry)
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
+            return int(side | Qt.AlignmentFlag.AlignVCenter)
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return f"{entry.folder}\n{state_words(entry)}"
+        if role == Qt.ItemDataRole.DecorationRole and column.title == "State" and not entry.closed_properly:
+            return _warning_icon(self._theme)
+        return None
+
+    def headerData(
+        self, section: int, orientation: Qt.Orientation, role: int = int(Qt.ItemDataRole.DisplayRole)
+    ) -> Any:
+        if orientation == Qt.Orientation.Horizontal:
+            if role == Qt.ItemDataRole.DisplayRole:
+                return COLUMNS[section].title
+            if role == Qt.ItemDataRole.TextAlignmentRole:
+                side = Qt.AlignmentFlag.AlignRight if COLUMNS[section].right else Qt.AlignmentFlag.AlignLeft
+                return int(side | Qt.AlignmentFlag.AlignVCenter)
+        return None
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        self.layoutAboutToBeChanged.emit()
+        before = self.persistentIndexList()
+        entries = [(self._entries[index.row()], index.column()) for index in before]
+        self._column, self._order = column, order
+        self._sort()
+        rows = {id(entry): row for row, entry in enumerate(self._entries)}
+        self.changePersistentIndexList(before, [self.index(rows[id(entry)], place) for entry, place in entries])
+        self.layoutChanged.emit()
+
+    def _sort(self) -> None:
+        key = COLUMNS[self._column].key
+        self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
+
+
+def _warning_icon(theme: Theme) -> QIcon:
+    return icon("warning", theme.color("amber"), 16)
+
+
+class HitsModel(QAbstractListModel):
+    """Where the text was found."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._hits: tuple[SearchHit, ...] = ()
+        self._whose: dict[Path, str] = {}
+        self.pattern: re.Pattern[str] | None = None
+
+    def show_hits(self, status: LibraryStatus) -> None:
+        self.beginResetModel()
+        self._hits = status.hits
+        self._whose = {
+            entry.folder: " · ".join(part for part in (entry.participant, local_time(entry.started_utc)[:10]) if part)
+            for entry in status.sessions
+        }
+        found = [re.escape(word.strip("\"'*")) for word in status.query.text.split() if word.strip("\"'*")]
+        self.pattern = re.compile("|".join(found), re.IGNORECASE) if found else None
+        self.endResetModel()
+
+    def hit(self, row: int) -> SearchHit:
+        return self._hits[row]
+
+    def whose(self, hit: SearchHit) -> str:
+        return self._whose.get(hit.folder, hit.folder.name)
+
+    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._hits)
+
+    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        hit = self._hits[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return hit.snippet
+        if role == _HIT_ROLE:
+            return hit
+        if role == Qt.ItemDataRole.AccessibleTextRole:
+            return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return f"{hit.snippet}\nDouble click to replay from here"
+        return None
+
+
+_KINDS = {
+    "robot": "Robot", "participant": "Participant", "wizard": "Wizard", "mark": "Mark", "note": "Note",
+    "wizard_error": "Wizard error", "assistant": "Assistant", "problem": "Problem", "annotation": "Annotation",
+    "session": "Session",
+}  # fmt: skip
+
+
+def kind_words(kind: str) -> str:
+    return _KINDS.get(kind, kind.replace("_", " ").capitalize())
+
+
+class HitDelegate(QStyledItemDelegate):
+    """Whose session, when in it, who, and the words around what was searched, which stands out."""
+
+    _WHOSE_PX, _TIME_PX, _KIND_PX = 170, 62, 100
+
+    def __init__(self, theme: Theme, model: HitsModel, view: QListView) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._model = model
+
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
+        return QSize(300, 32)
+
+    def paint(
+        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        hit: SearchHit = index.data(_HIT_ROLE)
+        rect: QRect = option.rect
+        theme = self._theme
+        painter.save()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if option.state & QStyle.StateFlag.State_Selected:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.color("blue_soft"))
+            painter.drawRoundedRect(QRectF(rect).adjusted(0, 1, 0, -1), 6, 6)
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        painter.setPen(theme.color("dim"))
+        metrics, left = QFontMetrics(theme.font(tokens.STATUS_PX)), rect.left() + 10
+        for text, width in (
+            (self._model.whose(hit), self._WHOSE_PX),
+            (words.elapsed(hit.session_s), self._TIME_PX),
+            (kind_words(hit.kind), self._KIND_PX),
+        ):
+            box = QRect(left, rect.top(), width - 8, rect.height())
+            painter.drawText(
+                box, int(Qt.AlignmentFlag.AlignVCenter), metrics.elidedText(text, Qt.TextElideMode.ElideRight, width)
+            )
+            left += width
+        self._draw_snippet(painter, QRect(left, rect.top(), rect.right() - left - 8, rect.height()), hit.snippet)
+        painter.restore()
+
+    def _draw_snippet(self, painter: QPainter, rect: QRect, snippet: str) -> None:
+        theme, left = self._theme, rect.left()
+        for text, found in _pieces(snippet, self._model.pattern):
+            font = theme.font(tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL)
+            metrics = QFontMetrics(font)
+            room = rect.right() - left
+            if room <= 0:
+                return
+            shown = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
+            painter.setFont(font)
+            painter.setPen(theme.color("blue" if found else "text"))
+            painter.drawText(
+                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), shown
+            )
+            left += metrics.horizontalAdvance(shown)
+            if shown != text:
+                return
+
+
+def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
+    """The text cut where a searched word begins and ends."""
+    if pattern is None:
+        return [(text, False)]
+    pieces, at = [], 0
+    for match in pattern.finditer(text):
+        if match.start() > at:
+            pieces.append((text[at : match.start()], False))
+        pieces.append((match.group(), True))
+        at = match.end()
+    if at < len(text):
+        pieces.append((text[at:], False))
+    return pieces
+
+
+class SessionsWindow(QWidget):
+    """A window of its own that belongs to the main one. ``export_requested`` carries the chosen folders."""
+
+    export_requested = Signal(object)  # list of folders
+    closed = Signal()
+
+    def __init__(self, theme: Theme, library: SessionLibrary, parent: QWidget | None = None) -> None:
+        super().__init__(parent, Qt.WindowType.Window)
+        self.setObjectName("sessions_window")
+        self.setWindowTitle("Sessions · CARIS Desktop")
+        self._theme = theme
+        self._library = library
+        self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
+        self.search = QLineEdit()
+        self.search.setObjectName("sessions_search")
+        self.search.setAccessibleName("Search")
+        self.search.setPlaceholderText("Search in everything said, noted and marked…")
+        self.search.setClearButtonEnabled(True)
+        self.search.setMinimumHeight(36)
+        self.search.textChanged.connect(self._on_typed)
+        self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
+        self._typing.timeout.connect(self._find)
+        self._filters: dict[str, DropDown] = {}
+        for name, text in _FILTERS:
+            choice = DropDown(theme, f"sessions_{name}", text)
+            choice.setMinimumHeight(36)
+            choice.addItem(text, "")
+            choice.currentIndexChanged.connect(self._find)
+            self._filters[name] = choice
+        self.model = SessionsModel(theme, self)
+        self.table = _Table()
+        self.table.setModel(self.model)
+        self.table.setObjectName("sessions_table")
+        self.table.setAccessibleName("Sessions")
+        self.table.chosen.connect(self._replay)
+        self.table.doubleClicked.connect(self._on_row_chosen)
+        self.table.selectionModel().selectionChanged.connect(self._on_selection_changed)
+        for number, column in enumerate(COLUMNS):
+            self.table.setColumnWidth(number, column.width_px)
+        self.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+        self.hits = HitsModel(self)
+        self.hit_list = _HitList()
+        self.hit_list.setObjectName("sessions_hits")
+        self.hit_list.setAccessibleName("Found")
+        self.hit_list.setModel(self.hits)
+        self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
+        self.hit_list.setUniformItemSizes(True)
+        self.hit_list.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.hit_list.doubleClicked.connect(self._on_hit_chosen)
+        self.hit_list.chosen.connect(self._on_hit_entered)
+        self._found = QLabel()
+        self._found.setObjectName("sessions_found")
+        self._hits_part = QWidget()
+        self._empty = QLabel(self.table)
+        self._empty.setObjectName("sessions_empty")
+        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._empty.setWordWrap(True)
+        self._status = QLabel()
+        self._status.setObjectName("sessions_status")
+        self._all = self._button("sessions_show_all", "Show all", "x", self._show_all, look="ghost")
+        self._open = self._button("sessions_open_folder", "Open folder", "folder-open", self._open_folder)
+        self._export = self._button("sessions_export", "Export…", "export", self._on_export)
+        self._replay_button = self._button("sessions_replay", "Replay", "play", self._replay, look="primary")
+        self._replay_button.set_key("Enter")
+        self._lay_out()
+        library.found.changed.connect(self._on_found)
+        theme.changed.connect(self._style)
+        self._style()
+        self._on_found(library.found.value)
+
+    def sizeHint(self) -> QSize:
+        return QSize(1180, 720)
+
+    def _button(self, name: str, text: str, icon_name: str, do: Callable[[], None], **more: Any) -> ActionButton:
+        button = ActionButton(self._theme, text, icon=icon_name, height_px=36, **more)
+        button.setObjectName(name)
+        button.clicked.connect(do)
+        return button
+
+    def _lay_out(self) -> None:
+        filters = QHBoxLayout()
+        filters.setSpacing(8)
+        filters.addWidget(self.search, 1)
+        for choice in self._filters.values():
+            filters.addWidget(choice)
+        below = QVBoxLayout(self._hits_part)
+        below.setContentsMargins(0, 4, 0, 0)
+        below.setSpacing(4)
+        below.addWidget(self._found)
+        below.addWidget(self.hit_list, 1)
+        splitter = QSplitter(Qt.Orientation.Vertical)
+        splitter.addWidget(self.table)
+        splitter.addWidget(self._hits_part)
+        splitter.setStretchFactor(0, 3)
+        splitter.setStretchFactor(1, 2)
+        splitter.setChildrenCollapsible(False)
+        buttons = QHBoxLayout()
+        buttons.setSpacing(8)
+        buttons.addWidget(self._status)
+        buttons.addWidget(self._all)
+        buttons.addStretch(1)
+        for button in (self._open, self._export, self._replay_button):
+            buttons.addWidget(button)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(16, 16, 16, 16)
+        layout.setSpacing(12)
+        layout.addLayout(filters)
+        layout.addWidget(splitter, 1)
+        layout.addLayout(buttons)
+
+    # ---- finding
+
+    @property
+    def query(self) -> SessionQuery:
+        chosen = {name: str(choice.currentData() or "") for name, choice in self._filters.items()}
+        return SessionQuery(" ".join(self.search.text().split()), **chosen)
+
+    def refresh(self) -> None:
+        """Look again: sessions may have come."""
+        self._library.find(self.query)
+
+    def _on_typed(self, _text: str) -> None:
+        self._typing.start()
+
+    def _find(self, _index: int = 0) -> None:
+        self._typing.stop()
+        self._library.find(self.query)
+
+    def _show_all(self) -> None:
+        self.search.clear()
+        for choice in self._filters.values():
+            choice.blockSignals(True)
+            choice.setCurrentIndex(0)
+            choice.blockSignals(False)
+        self._find()
+
+    def _on_found(self, status: LibraryStatus) -> None:
+        chosen = {entry.folder for entry in self.selected()}
+        self.model.show_entries(status.sessions)
+        self._select(chosen)
+        self.hits.show_hits(status)
+        self._hits_part.setVisible(bool(status.query.text))
+        self._found.setText(
+            f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”" if status.hits
+            else f"“{status.query.text}” was found nowhere"
+        )  # fmt: skip
+        self._learn(status)
+        self._say(status)
+        self._show_buttons()
+
+    def _select(self, folders: set[Path]) -> None:
+        rows = [row for folder in folders if (row := self.model.row_of(folder)) is not None]
+        selection = self.table.selectionModel()
+        for row in rows:
+            selection.select(
+                self.model.index(row, 0),
+                QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows,
+            )
+        if rows:
+            selection.setCurrentIndex(self.model.index(rows[0], 0), QItemSelectionModel.SelectionFlag.NoUpdate)
+
+    def _learn(self, status: LibraryStatus) -> None:
+        """Offer every participant, condition, ... that has been seen, whatever is filtered now."""
+        for name, choice in self._filters.items():
+            seen = {str(getattr(entry, name)) for entry in status.sessions} - {""}
+            if not seen <= self._known[name]:
+                self._known[name] |= seen
+                current = choice.currentData()
+                choice.blockSignals(True)
+                while choice.count() > 1:
+                    choice.removeItem(1)
+                for value in sorted(self._known[name], key=_natural):
+                    choice.addItem(value.capitalize() if name == "purpose" else value, value)
+                choice.setCurrentIndex(max(0, choice.findData(current)))
+                choice.blockSignals(False)
+            choice.setVisible(bool(self._known[name]))
+
+    def _say(self, status: LibraryStatus) -> None:
+        filtered = status.query != SessionQuery()
+        count = words.counted(status.total, "session")
+        text = f"{len(status.sessions)} of {count}" if filtered else count
+        role = "dim"
+        if status.detail:
+            text, role = status.detail, "amber"
+        if status.updating:
+            text = "Updating the list…" if not status.total else f"{text} · updating…"
+        self._status.setText(text)
+        self._color(self._status, role)
+        self._all.setVisible(filtered)
+        empty = ""
+        if not status.sessions:
+            if status.updating:
+                empty = "Reading the sessions of this study…"
+            elif status.total:
+                empty = "No session matches. Search for other words or show all."
+            elif status.detail:
+                empty = status.detail
+            else:
+                empty = "No sessions yet.\nA session appears here when its recording is stopped."
+        self._empty.setText(empty)
+        self._empty.setVisible(bool(empty))
+        self._place_empty()
+
+    # ---- what can be done
+
+    def selected(self) -> list[SessionEntry]:
+        """The chosen sessions, from the top."""
+        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
+        return [self.model.entry(row) for row in rows]
+
+    def _on_selection_changed(self, _selected: object, _deselected: object) -> None:
+        self._show_buttons()
+
+    def _show_buttons(self) -> None:
+        count = len(self.selected())
+        self._replay_button.setEnabled(count == 1)
+        self._open.setEnabled(count == 1)
+        self._export.setEnabled(count > 0)
+        self._export.set_label(f"Export {count} sessions…" if count > 1 else "Export…")
+
+    def _replay(self) -> None:
+        chosen = self.selected()
+        if len(chosen) == 1:
+            self._library.open_replay(chosen[0].folder)
+
+    def _on_row_chosen(self, index: QModelIndex) -> None:
+        self._library.open_replay(self.model.entry(index.row()).folder)
+
+    def _on_hit_chosen(self, index: QModelIndex) -> None:
+        hit = self.hits.hit(index.row())
+        self._library.open_replay(hit.folder, at_ns=hit.at_ns)
+
+    def _on_hit_entered(self) -> None:
+        index = self.hit_list.currentIndex()
+        if index.isValid():
+            self._on_hit_chosen(index)
+
+    def _on_export(self) -> None:
+        folders = [entry.folder for entry in self.selected()]
+        if folders:
+            self.export_requested.emit(folders)
+
+    def _open_folder(self) -> None:
+        chosen = self.selected()
+        if len(chosen) == 1:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(chosen[0].folder)))
+
+    # ---- look
+
+    def _style(self) -> None:
+        for label in (self._status, self._found):
+            label.setFont(self._theme.font(tokens.STATUS_PX))
+            self._color(label, "dim")
+        self._color(self._empty, "dim")
+        self._say(self._library.found.value)
+        self.table.viewport().update()
+        self.update()
+
+    def _color(self, label: QLabel, role: str) -> None:
+        palette = label.palette()
+        palette.setColor(label.foregroundRole(), self._theme.color(role))
+        label.setPalette(palette)
+
+    def _place_empty(self) -> None:
+        self._empty.setGeometry(self.table.viewport().geometry())
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        QTimer.singleShot(0, self, self._place_empty)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self.search.setFocus(Qt.FocusReason.OtherFocusReason)
+        self.refresh()
+        QTimer.singleShot(0, self, self._place_empty)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        super().closeEvent(event)
+        self.closed.emit()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() == Qt.Key.Key_Down and self.search.hasFocus() and self.model.rowCount():
+            self.table.setFocus(Qt.FocusReason.OtherFocusReason)
+            if not self.table.currentIndex().isValid():
+                self.table.selectRow(0)
+        else:
+            super().keyPressEvent(event)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
+
+
+class _Table(QTableView):
+    """Whole rows, several at once; Enter chooses."""
+
+    chosen = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSortingEnabled(True)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.setTabKeyNavigation(False)
+        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.verticalHeader().hide()
+        # One height for all: Qt need not ask 500 rows for theirs.
+        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.verticalHeader().setDefaultSectionSize(_ROW_PX)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setStretchLastSection(True)
+        header.setSectionsClickable(True)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.chosen.emit()
+        else:
+            super().keyPressEvent(event)
+
+
+class _HitList(QListView):
+    """Enter chooses."""
+
+    chosen = Signal()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.chosen.emit()
+        else:
+            super().keyPressEvent(event)
