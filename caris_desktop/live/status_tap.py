@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.controls import RobotControl, control_data, control_from_data
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
@@ -63,7 +63,7 @@ class StatusTap(QObject):
         self._watches = [_Watch(name, getattr(state, name), self._on_changed, self) for name in STATUS_TYPES]
 
     def _on_changed(self, name: str, value: Any) -> None:
-        self._record(StatusShown(clock.now_ns(), name, to_jsonable(_for_the_record(value))))
+        self._record(StatusShown(clock.now_ns(), name, content_of(name, value)))
 
 
 class _Watch(QObject):
@@ -86,13 +86,27 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
     if kind is None:
         return
     try:
-        value = from_jsonable(kind, shown.content)
-    except ValueError as error:
+        value = _value_of(shown.name, kind, shown.content)
+    except (ValueError, KeyError, TypeError) as error:
         _log.warning("a recorded status %s is not shown: %s", shown.name, error)
         return
     if shown.name == "persons":
         value = tuple(replace(row, name=row.name or name_of(row.person_id) or "") for row in value)
     getattr(state, shown.name).set(value)
+
+
+def content_of(name: str, value: Any) -> Any:
+    """The plain form of the value of this name, without what stays out of recordings."""
+    if name == "controls":
+        # As in files: what a control does is one of several kinds, which the plain form would not tell apart.
+        return [control_data(control) for control in value]
+    return to_jsonable(_for_the_record(value))
+
+
+def _value_of(name: str, kind: Any, content: Any) -> Any:
+    if name == "controls":
+        return tuple(control_from_data(control) for control in content)
+    return from_jsonable(kind, content)
 
 
 def _for_the_record(value: Any) -> Any:

@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from argparse import Namespace
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,18 @@ from typing import Any
 import av
 import pytest
 from mcap.reader import make_reader
+from PySide6.QtCore import QSettings
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app.replay_command import ReplayRun
+from caris_desktop.live.state import LiveState
+from tests.app.shown_state import shown_state
 
 
 def _rehearse(scenario: str, out: Path) -> Path:
     """Play it and give the session folder."""
     done = subprocess.run(
-        [sys.executable, "-m", "caris_desktop", "rehearse", scenario, "--out", str(out)],
+        [sys.executable, "-m", "tests.app.watched_rehearsal", out.with_suffix(".samples"), scenario, "--out", out],
         capture_output=True,
         text=True,
         timeout=280,
@@ -37,9 +44,15 @@ def _messages(session: Path) -> dict[str, list[dict[str, Any]]]:
     return messages
 
 
+@pytest.fixture(scope="module")
+def tour(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The session of one rehearsal of the tour guide, in its study, for several tests to look at."""
+    return _rehearse("tour-guide", tmp_path_factory.mktemp("tour") / "out")
+
+
 @pytest.mark.timeout(300)
-def test_the_tour_leaves_a_whole_session(tmp_path: Path) -> None:
-    session = _rehearse("tour-guide", tmp_path)
+def test_the_tour_leaves_a_whole_session(tour: Path) -> None:
+    session, out = tour, tour.parents[2]
     messages = _messages(session)
     for topic in ("/scan", "/pose", "/odometry", "/map", "/people", "/battery"):
         assert len(messages[topic]) > 3, topic
@@ -64,7 +77,63 @@ def test_the_tour_leaves_a_whole_session(tmp_path: Path) -> None:
 
     with (session / "export-csv" / "event_command_sent.csv").open(newline="", encoding="utf-8") as table:
         assert len(list(csv.DictReader(table))) == len(driven)
-    assert len(list((tmp_path / "screenshots").glob("*.png"))) >= 6
+    assert len(list((out / "screenshots").glob("*.png"))) >= 6
+
+
+@pytest.mark.timeout(300)
+def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_path: Path) -> None:
+    lines = tour.parents[2].with_suffix(".samples").read_text("utf-8").splitlines()
+    samples = [json.loads(line) for line in lines]
+    assert len(samples) > 20
+    settings = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+    replay = ReplayRun(Namespace(session=tour, at=None, at_ns=None, theme="dark"), settings=settings)
+    qtbot.addWidget(replay.window)
+    console = replay.console
+    console.start()
+
+    def shown_at(at_ns: int) -> dict[str, Any]:
+        console.seek(at_ns)
+        qtbot.waitUntil(lambda: console.settled, timeout=10_000)
+        return shown_state(console.state)
+
+    try:
+        differences = []
+        for sample in samples[:: max(1, len(samples) // 12)]:
+            now, before = shown_at(sample["at_ns"]), shown_at(sample["at_ns"] - _ON_ITS_WAY_NS)
+            live = sample["shown"]
+            for name, (stamp_ns, freshness) in live["streams"].items():
+                if name == "frame":
+                    continue  # decoded in its own time; compared below
+                bounds = before["streams"][name][0], now["streams"][name][0]
+                if stamp_ns not in bounds and not _within(stamp_ns, *bounds):
+                    differences.append((sample["at_ns"], name, stamp_ns, bounds))
+                if freshness != now["streams"][name][1] != before["streams"][name][1]:
+                    differences.append((sample["at_ns"], name, freshness, now["streams"][name][1]))
+            differences += [
+                (sample["at_ns"], name, value, now["status"][name])
+                for name, value in live["status"].items()
+                if value != now["status"][name]
+            ]
+            assert (live["robot"], live["scenario"]) == (now["robot"], now["scenario"])
+        assert differences == []
+        at_ns = samples[len(samples) // 2]["at_ns"]
+        live_ns = samples[len(samples) // 2]["shown"]["streams"]["frame"][0]
+        shown_at(at_ns)
+        qtbot.waitUntil(lambda: _frame_within(console.state, live_ns, at_ns), timeout=5_000)
+    finally:
+        replay.close()
+
+
+# What arrives is recorded at once and shown as soon as the window has time for it.
+_ON_ITS_WAY_NS = 250_000_000
+
+
+def _within(stamp_ns: int | None, earliest_ns: int | None, latest_ns: int | None) -> bool:
+    return None not in (stamp_ns, latest_ns) and (earliest_ns or 0) <= stamp_ns <= latest_ns  # type: ignore[operator]
+
+
+def _frame_within(state: LiveState, live_ns: int, at_ns: int) -> bool:
+    return state.frame.value is not None and live_ns <= state.frame.value.stamp_ns <= at_ns
 
 
 @pytest.mark.timeout(300)

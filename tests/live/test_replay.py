@@ -26,7 +26,7 @@ SECOND_NS = 1_000_000_000
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
-    return make_session(tmp_path_factory.mktemp("replay") / "session", seconds=12.0, keep=True)
+    return make_session(tmp_path_factory.mktemp("replay") / "session", seconds=16.0, keep=True)
 
 
 class Hands:

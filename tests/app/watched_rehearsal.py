@@ -1,0 +1,43 @@
+"""The rehearsal as ``caris-desktop rehearse`` plays it, watched: twice a second, what the panels can read of LiveState.
+
+``python -m tests.app.watched_rehearsal SAMPLES_FILE SCENARIO --out DIR``; one JSON line for each sample.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QTimer
+
+from caris_desktop.app import rehearsal
+from caris_desktop.app.commands import run
+from caris_desktop.domain import clock
+from tests.app.shown_state import shown_state
+
+_EVERY_MS = 500
+
+
+class WatchedRehearsal(rehearsal.Rehearsal):
+    """The same, with a look at the state now and then."""
+
+    samples_path = Path()
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._samples = self.samples_path.open("w", encoding="utf-8")
+        self._watch = QTimer(self)
+        self._watch.timeout.connect(self._sample)
+        self._watch.start(_EVERY_MS)
+
+    def _sample(self) -> None:
+        state = self._console.state
+        if state.recording.value.state == "recording":
+            self._samples.write(json.dumps({"at_ns": clock.now_ns(), "shown": shown_state(state)}) + "\n")
+            self._samples.flush()
+
+
+if __name__ == "__main__":
+    WatchedRehearsal.samples_path = Path(sys.argv[1])
+    rehearsal.Rehearsal = WatchedRehearsal  # type: ignore[misc]
+    sys.exit(run(["rehearse", *sys.argv[2:]]))

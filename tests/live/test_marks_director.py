@@ -1,0 +1,79 @@
+"""Marks that are made in the midst of something else, and put right afterwards."""
+
+from typing import Any
+
+import pytest
+
+from caris_desktop.domain.events import Marked
+from caris_desktop.live.marks_director import MarksDirector
+from caris_desktop.live.state import LiveState
+
+pytestmark = pytest.mark.usefixtures("qapp")
+
+
+class Desk:
+    def __init__(self) -> None:
+        self.state = LiveState()
+        self.told: list[Any] = []
+        self.marks = MarksDirector(self.state, self.told.append)
+
+    @property
+    def last(self) -> Marked:
+        mark: Marked = self.told[-1]
+        return mark
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+def test_a_mark_is_of_the_moment_of_the_key(desk: Desk) -> None:
+    mark_id = desk.marks.mark("Confused", "mark", earlier_s=0.0, note="")
+    assert (desk.last.mark_id, desk.last.label, desk.last.start_ns, desk.last.state) == (
+        mark_id,
+        "Confused",
+        None,
+        "done",
+    )
+    assert desk.state.marks.value.last == desk.last
+
+
+def test_that_was_three_seconds_earlier_twice(desk: Desk) -> None:
+    mark_id = desk.marks.mark("", "mark", earlier_s=0.0, note="")
+    first_ns = desk.last.stamp_ns
+    for _ in range(2):
+        desk.marks.change(mark_id, label=None, earlier_s=3.0, note=None)
+    assert desk.last.start_ns == first_ns - 6_000_000_000
+    assert desk.last.stamp_ns > first_ns, "when it was changed is kept too"
+
+
+def test_a_label_or_note_later_leaves_the_moment(desk: Desk) -> None:
+    mark_id = desk.marks.mark("", "wizard_error", earlier_s=0.0, note="")
+    first_ns = desk.last.stamp_ns
+    desk.marks.change(mark_id, label="late", earlier_s=0.0, note="I was reading")
+    assert (desk.last.label, desk.last.note, desk.last.start_ns) == ("late", "I was reading", first_ns)
+    assert desk.last.kind == "wizard_error"
+
+
+def test_stretches_go_on_until_they_end(desk: Desk) -> None:
+    first = desk.marks.begin("Laughs", "mark", earlier_s=2.0)
+    second = desk.marks.begin("Confused", "mark", earlier_s=0.0)
+    assert [mark.mark_id for mark in desk.state.marks.value.open] == [first, second]
+    assert desk.told[0].start_ns == desk.told[0].stamp_ns - 2_000_000_000
+    desk.marks.end(first)
+    desk.marks.end(first)
+    assert [mark.mark_id for mark in desk.state.marks.value.open] == [second]
+    assert desk.last.end_ns == desk.last.stamp_ns and len(desk.told) == 3
+    desk.marks.end_all()
+    assert desk.last.mark_id == second and desk.last.state == "done"
+    assert desk.state.marks.value.open == ()
+
+
+def test_a_slip_is_withdrawn_and_told(desk: Desk) -> None:
+    mark_id = desk.marks.mark("Confused", "mark", earlier_s=0.0, note="")
+    desk.marks.withdraw(mark_id)
+    desk.marks.withdraw(mark_id)
+    desk.marks.change(mark_id, label="Laughs", earlier_s=0.0, note=None)
+    assert [mark.state for mark in desk.told] == ["done", "withdrawn"]
+    assert desk.state.marks.value.last is None

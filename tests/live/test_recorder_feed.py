@@ -1,0 +1,103 @@
+"""What reaches the recorder's pipe: everything with its moment of arrival, nothing during a pause."""
+
+import pickle
+import threading
+from typing import Any
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.sensing import BatteryState, StatusShown
+from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
+from tests.support.polling import wait_for
+
+
+class Pipe:
+    """Takes what the feed writes."""
+
+    def __init__(self) -> None:
+        self.raw: list[bytes] = []
+        self.open = threading.Event()
+        self.open.set()
+
+    def send_raw_waiting(self, raw: bytes) -> bool:
+        self.open.wait(10)
+        self.raw.append(raw)
+        return True
+
+    @property
+    def messages(self) -> list[Any]:
+        return [pickle.loads(raw[9:]) for raw in self.raw]  # noqa: S301 - made here
+
+
+def _fed(**options: int) -> tuple[RecorderFeed, Pipe]:
+    pipe = Pipe()
+    return RecorderFeed(pipe, **options), pipe  # type: ignore[arg-type]
+
+
+def test_each_message_carries_its_arrival() -> None:
+    feed, pipe = _fed()
+    before_ns = clock.now_ns()
+    feed.start("begin")
+    feed.put(Marked(3, "a"))
+    feed.close()
+    assert pipe.messages == ["begin", Marked(3, "a")]
+    for raw in pipe.raw:
+        assert raw[:1] == ARRIVED
+        assert before_ns <= int.from_bytes(raw[1:9], "little", signed=True) <= clock.now_ns()
+
+
+def test_what_stands_comes_first_and_once_for_each_key() -> None:
+    feed, pipe = _fed()
+    for name, content in (("drive", 1), ("link", 1), ("drive", 2)):
+        feed.put(StatusShown(1, name, content))
+    feed.put(BatteryState(2, 0.5))
+    feed.put(Marked(3, "before the recording"))
+    feed.start("begin", "event")
+    feed.close()
+    assert pipe.messages == [
+        "begin",
+        StatusShown(1, "drive", 2),
+        StatusShown(1, "link", 1),
+        BatteryState(2, 0.5),
+        "event",
+    ]
+
+
+def test_a_pause_lets_nothing_through_and_ends_with_what_stands() -> None:
+    feed, pipe = _fed()
+    feed.start("begin")
+    feed.put(BatteryState(1, 0.9))
+    feed.pause("pause", paused=True)
+    feed.put(Marked(2, "private"))
+    feed.put(BatteryState(3, 0.8))
+    feed.pause("go on", paused=False)
+    feed.put(Marked(4, "public"))
+    feed.stop("end")
+    feed.close()
+    assert pipe.messages == [
+        "begin",
+        BatteryState(1, 0.9),
+        "pause",
+        "go on",
+        BatteryState(3, 0.8),
+        Marked(4, "public"),
+        "end",
+    ]
+
+
+def test_events_are_never_dropped_and_states_are_counted() -> None:
+    feed, pipe = _fed(max_bytes=2000)
+    feed.start("begin")
+    wait_for(lambda: pipe.raw, "the beginning is written")
+    pipe.open.clear()
+    for number in range(50):
+        feed.put(BatteryState(number, 0.5))
+        feed.put(Marked(number, str(number)))
+    pipe.open.set()
+    feed.stop("end")
+    feed.close()
+    marks = [message for message in pipe.messages if isinstance(message, Marked)]
+    assert [mark.label for mark in marks] == [str(number) for number in range(50)]
+    batteries = [message for message in pipe.messages if isinstance(message, BatteryState)]
+    (gap,) = [message for message in pipe.messages if type(message).__name__ == "Gap"]
+    assert (gap.stream, gap.count) == ("battery", 50 - len(batteries)) and gap.count > 0

@@ -1,0 +1,61 @@
+"""What panels showed is recorded whole, and put back as it was; names of people stay out of the recording."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.events import GoalChanged, Marked, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import ControlStatus, DriveStatus, MarksStatus, RecordingStatus, SpeechStatus
+from caris_desktop.live.status_tap import STATUS_TYPES, StatusTap, show_status
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.model import Place
+
+pytestmark = pytest.mark.usefixtures("qapp")
+
+
+def _put_back(shown: list[StatusShown], *, names: dict[str, str]) -> LiveState:
+    state = LiveState()
+    for status in shown:
+        show_status(state, status, name_of=names.get)
+    return state
+
+
+def test_everything_that_changed_comes_back() -> None:
+    state, shown = LiveState(), list[StatusShown]()
+    tap = StatusTap(state, shown.append)
+    assert {status.name for status in shown} == set(STATUS_TYPES), "each as it stands when the recording begins"
+    saying = UtteranceChanged(5, "u1", "robot", "Hello", "typed", "started")
+    state.drive.set(DriveStatus(allowed=True, reason="", target_forward_mps=0.3))
+    state.speech.set(SpeechStatus(ready=True, now=saying, waiting=(replace(saying, utterance_id="u2"),)))
+    state.goal.set(GoalChanged(6, "g1", "active", Pose2D(1.0, 2.0, 0.5), "Kitchen"))
+    state.places.set((Place("Kitchen", Pose2D(1.0, 2.0, 0.5)),))
+    state.controls.set((RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {})),))
+    state.control_states.set({"wave": ControlStatus("succeeded", True)})
+    state.marks.set(MarksStatus(Marked(7, "Laughs", mark_id="m1"), ()))
+    del tap
+    back = _put_back(shown, names={})
+    for name in STATUS_TYPES:
+        assert getattr(back, name).value == getattr(state, name).value, name
+
+
+def test_names_and_paths_stay_out() -> None:
+    state, shown = LiveState(), list[StatusShown]()
+    tap = StatusTap(state, shown.append)
+    state.persons.set((PersonRow("p-1", 4, "Ada", True, 10, 20), PersonRow("p-2", 5, "Person 2", True, 10, 20)))
+    state.recording.set(RecordingStatus("recording", Path("/home/ada/study/session"), 9))
+    del tap
+    assert "Ada" not in repr(shown) and "/home/ada" not in repr(shown)
+    assert [row.name for row in _put_back(shown, names={"p-1": "Ada"}).persons.value] == ["Ada", "Person 2"]
+    assert [row.name for row in _put_back(shown, names={}).persons.value] == ["", "Person 2"]
+
+
+def test_a_status_of_another_version_is_left_out() -> None:
+    state = LiveState()
+    show_status(state, StatusShown(1, "drive", ["no", "object"]), name_of={}.get)
+    show_status(state, StatusShown(1, "weather", {"sunny": True}), name_of={}.get)
+    assert state.drive.value == DriveStatus()
