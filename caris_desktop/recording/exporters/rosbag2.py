@@ -44,6 +44,7 @@ SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
 IMAGE_HZ = 5.0
 _JPEG_QUALITY = 90
 _PLAIN = Dialect.ROS2  # of the plain messages here; what ROS 1 spells otherwise, bag_messages.typed finds
+_KEPT_ODOMETRY, _WAITING_POSES = 100, 50
 _PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
 # Whole in a standard message, or about the console's own panels; all else is there as the JSON of its own schema too.
 _NO_JSON = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef, StatusShown)
@@ -133,7 +134,8 @@ class _Translator:
         self._videos = videos
         self._has_odometry = has_odometry
         self._image_every_ns = 0 if image_hz is None else round(1e9 / image_hz)
-        self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=50)
+        self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=_KEPT_ODOMETRY)
+        self._poses: deque[tuple[int, Pose2D]] = deque()
         self._static: dict[str, Message] = {}
         self._image_due_ns: dict[str, int] = {}
         self._speaking: set[str] = set()
@@ -179,16 +181,18 @@ class _Translator:
         self._odometry.append((at_ns, odometry.pose_in_odom))
         yield ODOMETRY, messages.encode_odometry(_PLAIN, odometry, stamp_ns=at_ns, frame_id=ODOM, child_frame_id=BASE)
         yield TF, messages.encode_tf_message(_PLAIN, [(ODOM, BASE, odometry.pose_in_odom)], stamp_ns=at_ns)
+        while self._poses and (self._poses[0][0] <= at_ns or len(self._poses) > _WAITING_POSES):
+            # Where odom was in the map is known when the odometry of that moment is.
+            pose_ns, pose_in_map = self._poses.popleft()
+            map_from_odom = pose_in_map @ _interpolated(self._odometry, pose_ns).inverse()
+            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=pose_ns)
 
     def _pose(self, pose: RobotPose, at_ns: int) -> _Out:
         yield POSE, messages.encode_pose_stamped(_PLAIN, pose.pose_in_map, stamp_ns=at_ns, frame_id=MAP)
-        if not self._has_odometry:
+        if self._has_odometry:
+            self._poses.append((at_ns, pose.pose_in_map))
+        else:
             yield TF, messages.encode_tf_message(_PLAIN, [(MAP, BASE, pose.pose_in_map)], stamp_ns=at_ns)
-            return
-        in_odom = _interpolated(self._odometry, at_ns)
-        if in_odom is not None:
-            map_from_odom = pose.pose_in_map @ in_odom.inverse()
-            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=at_ns)
 
     def _battery(self, battery: BatteryState, at_ns: int) -> _Out:
         message = messages.encode_battery_state(_PLAIN, battery, stamp_ns=at_ns, voltage_v=math.nan)
@@ -394,10 +398,8 @@ def _session_json(session: Session) -> str:
     return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
 
 
-def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D | None:
-    """The pose at a moment: between its neighbours, or the nearest where it lies outside."""
-    if not poses:
-        return None
+def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D:
+    """The pose at a moment: between its neighbours, or the nearest where it lies outside. Never of none."""
     known = list(poses)
     index = bisect_left([stamp_ns for stamp_ns, _ in known], at_ns)
     if index == 0 or index == len(known):
