@@ -1,0 +1,338 @@
+"""``caris-desktop export``: one session and whole studies, several formats, cancelling, what cannot be exported."""
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.recording import command, export
+from caris_desktop.recording.export import (
+    ExportContext,
+    ExportError,
+    ExportFinished,
+    ExportProgress,
+    ExportRequest,
+    export_all,
+    export_folders,
+    export_session,
+    remove_partial_exports,
+    run_exports,
+)
+from caris_desktop.recording.manifest import write_manifest
+from tests.recording.minute import everything, make_session
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TABLES = ("session.csv", "odometry.csv", "utterances.csv", "data_dictionary.csv")
+in_own_mounts = pytest.mark.skipif(
+    sys.platform != "linux" or os.geteuid() != 0 or shutil.which("unshare") is None,
+    reason="needs to be root on Linux, with unshare, to mount a disk of its own",
+)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("session") / "one"
+    make_session(folder, everything)
+    return folder
+
+
+@pytest.fixture
+def study(session: Path, tmp_path: Path) -> Path:
+    """Three sessions."""
+    for name in ("one", "three", "two"):
+        shutil.copytree(session, tmp_path / "study" / "sessions" / name)
+    return tmp_path / "study"
+
+
+def run(*words: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return command.run(parser.parse_args([str(word) for word in words]))
+
+
+def is_whole(folder: Path) -> bool:
+    return all((folder / name).is_file() for name in TABLES)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_one_session_goes_into_the_folder_that_was_named(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(session, "--to", "csv", tmp_path / "out") == 0
+    assert is_whole(tmp_path / "out")
+    assert capsys.readouterr().out == f"Exported {session} to {tmp_path / 'out'}\n"
+    assert run(session, "--to", "csv,vtt,csv", tmp_path / "both") == 0
+    assert names(tmp_path / "both") == ["csv", "vtt"]
+    assert is_whole(tmp_path / "both" / "csv")
+
+
+def test_each_session_of_a_study_gets_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (study / "sessions" / "empty").mkdir()
+    (study / "sessions" / ".hidden").mkdir()
+    assert run(study, "--to", "csv", tmp_path / "out") == 0
+    assert names(tmp_path / "out") == ["one", "three", "two"]
+    assert all(is_whole(folder) for folder in (tmp_path / "out").iterdir())
+    assert run(study / "sessions", "--to", "vtt", tmp_path / "out2") == 0
+    assert names(tmp_path / "out2") == ["one", "three", "two"]
+    said = capsys.readouterr()
+    assert "Exported 3 of 3 sessions" in said.out
+    assert said.err == "", "no progress where nobody watches"
+
+
+def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (study / "sessions" / "one" / "events.mcap").unlink()
+    (study / "sessions" / "stray").mkdir()
+    (study / "sessions" / "stray" / "notes.txt").write_text("no session")
+    (tmp_path / "out" / "two").mkdir(parents=True)
+    (tmp_path / "out" / "two" / "kept.txt").write_text("mine")
+    assert run(study, "--to", "csv", tmp_path / "out") == 1
+    said = capsys.readouterr()
+    assert "one: " in said.err
+    assert "holds no events.mcap" in said.err
+    assert "stray: " in said.err
+    assert "two exists and is not empty" in said.err
+    assert "Exported 1 of 4 sessions" in said.out
+    assert names(tmp_path / "out") == ["three", "two"]
+    assert names(tmp_path / "out" / "two") == ["kept.txt"]
+
+
+def test_a_format_that_fails_costs_only_itself(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(_session: object, out: Path, _context: ExportContext) -> list[Path]:
+        (out / "half").write_text("written")
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setattr("caris_desktop.recording.exporters.vtt.write_vtt", broken)
+    finished = export_all(ExportRequest((session,), ("vtt", "csv"), tmp_path / "out"))
+    assert finished.written == (tmp_path / "out" / "one",)
+    assert names(tmp_path / "out" / "one") == ["csv"]
+    (problem,) = finished.problems
+    assert problem.startswith("one: Captions (WebVTT): It could not be written as vtt (ZeroDivisionError: oh).")
+    assert "Traceback" in caplog.text, "the log has the details"
+    finished = export_all(ExportRequest((session,), ("vtt",), tmp_path / "out2"))
+    assert (finished.written, len(finished.problems)) == ((), 1)
+    assert names(tmp_path / "out2") == []
+
+
+def test_sessions_of_one_name_do_not_meet(session: Path, tmp_path: Path) -> None:
+    folders = [tmp_path / study / "sessions" / "one" for study in ("pilot", "main")]
+    for folder in folders:
+        shutil.copytree(session, folder)
+    request = ExportRequest((*folders, session, session), ("vtt",), tmp_path / "out")
+    finished = export_all(request)
+    assert finished.problems == ()
+    study_name = session.parent.name
+    assert names(tmp_path / "out") == sorted(["main_one", "pilot_one", f"{study_name}_one", f"{study_name}_one-2"])
+    assert finished.written == export_folders(request)
+    again = export_all(ExportRequest(tuple(folders), ("vtt",), tmp_path / "out"))
+    assert again.written == ()
+    assert all("is not empty" in problem for problem in again.problems)
+
+
+def test_ctrl_c_leaves_whole_exports_only(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(_line: object, progress: ExportProgress) -> None:
+        if progress.what.startswith("three: "):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(command._ProgressLine, "show", interrupt)
+    assert run(study, "--to", "csv", tmp_path / "out") == 130
+    assert names(tmp_path / "out") == ["one"]
+    assert is_whole(tmp_path / "out" / "one")
+    assert "Cancelled. 1 of 3 exports are whole" in capsys.readouterr().err
+
+
+def test_progress_is_shown_in_one_line_of_a_terminal(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    run(study, "--to", "csv,vtt", tmp_path / "out")
+    said = capsys.readouterr().err
+    assert "\n" not in said
+    assert "two: Captions (WebVTT)" in said
+    assert said.endswith("\r\033[K"), "nothing is left of it"
+
+
+def test_checksums_are_compared_first_where_asked_for(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = study / "sessions"
+    for name in ("one", "two"):
+        (sessions / name / "manifest-sha256.txt").unlink(missing_ok=True)
+        write_manifest(sessions / name)
+    (sessions / "three" / "manifest-sha256.txt").unlink(missing_ok=True)
+    assert run(sessions / "one", "--to", "vtt", "--verify", tmp_path / "sound") == 0
+    capsys.readouterr()
+    (sessions / "two" / "speech.txt").write_text("somebody else said something else")
+    assert run(study, "--to", "vtt", "--verify", tmp_path / "out") == 1
+    said = capsys.readouterr()
+    assert "two: speech.txt was changed after the session closed." in said.err
+    assert "three: it has no checksums" in said.err
+    assert "one:" not in said.err
+    assert "Exported 3 of 3" in said.out
+
+
+@pytest.mark.parametrize("words", [("--to", "xls"), ("--to", ""), ("--to", "csv,xls")])
+def test_unknown_formats_are_refused(
+    session: Path, tmp_path: Path, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run(session, *words, tmp_path / "out")
+    assert ended.value.code == 2
+    assert "allowed: csv, parquet" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda path: None, "cannot be read: No such file or directory"),
+        (lambda path: path.write_text("x"), "cannot be read: Not a directory"),
+        (lambda path: path.mkdir(), "is no session and no study"),
+        (lambda path: (path / "sessions").mkdir(parents=True), "is no session and no study"),
+    ],
+)
+def test_what_is_no_session_is_told(
+    tmp_path: Path, make: Callable[[Path], object], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make(tmp_path / "x")
+    assert run(tmp_path / "x", tmp_path / "out") == 1
+    assert expected in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_written_into_the_record(session: Path, tmp_path: Path) -> None:
+    shutil.copytree(session, tmp_path / "s")
+    before = names(tmp_path / "s")
+    for out in ("annotations", "photos", "export", "export-1/deeper", "."):
+        with pytest.raises(ExportError, match=r"inside the recorded session"):
+            export_session(tmp_path / "s", "vtt", tmp_path / "s" / out)
+    assert names(tmp_path / "s") == before
+    export_session(tmp_path / "s", "vtt", tmp_path / "s" / "export-vtt")
+    assert names(tmp_path / "s") == sorted([*before, "export-vtt"])
+
+
+def test_the_process_tells_how_far_it_is_and_what_it_wrote(study: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    request = ExportRequest((*sorted((study / "sessions").iterdir()), bad), ("csv", "vtt"), tmp_path / "out", "CC0-1.0")
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe(duplex=True)
+    process = spawn.Process(target=run_exports, args=(theirs, request), daemon=True)
+    process.start()
+    theirs.close()
+    heard = []
+    while not heard or not isinstance(heard[-1], ExportFinished):
+        assert ours.poll(30), heard
+        heard.append(ours.recv())
+    process.join(10)
+    assert process.exitcode == 0
+    *progress, finished = heard
+    fractions = [message.fraction for message in progress]
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+    assert {message.what for message in progress} >= {"one: Tables (CSV)", "two: Captions (WebVTT)"}
+    assert [path.name for path in finished.written] == ["one", "three", "two"]
+    (problem,) = finished.problems
+    assert problem.startswith("bad: ")
+
+
+def test_what_a_killed_export_leaves_is_removed_and_nothing_else(study: Path, tmp_path: Path) -> None:
+    request = ExportRequest(tuple(sorted((study / "sessions").iterdir())) * 4, ("csv",), tmp_path / "out")
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe(duplex=True)
+    process = spawn.Process(target=run_exports, args=(theirs, request), daemon=True)
+    process.start()
+    theirs.close()
+    out = tmp_path / "out"
+    while not (out.is_dir() and len(list(out.glob("*"))) > 1 and any(out.glob(".*.exporting"))):
+        assert ours.poll(30)
+        assert isinstance(ours.recv(), ExportProgress), "it was over before it could be killed"
+    process.kill()
+    process.join(10)
+    (tmp_path / "out" / ".mine").mkdir()
+    (tmp_path / "out" / ".mine.exporting").mkdir()
+    running = export._new_partial(tmp_path / "out" / "running")
+    remove_partial_exports(tmp_path / "out")
+    left = [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
+    assert sorted(left) == sorted([tmp_path / "out" / ".mine", tmp_path / "out" / ".mine.exporting", running])
+    whole = [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")]
+    assert whole
+    assert all(is_whole(path) for path in whole)
+
+
+def on_disk(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a shell script in which mounts are seen by nobody else."""
+    return subprocess.run(
+        ["unshare", "-m", "sh", "-ec", script, "sh", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        cwd=REPOSITORY,
+    )
+
+
+@in_own_mounts
+def test_a_full_disk_keeps_what_is_whole_and_ends_the_rest(study: Path, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    result = on_disk(
+        'mount -t tmpfs -o size=300k none "$1"; status=0\n'
+        '"$3" -m caris_desktop export "$2" --to csv "$1/out" || status=$?\n'
+        'echo "status $status"; find "$1/out" | sort',
+        str(tmp_path / "disk"), str(study), sys.executable,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert "status 1" in result.stdout
+    assert "No space left on device. Nothing was kept of it. Free some room" in result.stderr
+    assert "further session(s) were not tried: the disk is full." in result.stderr
+    assert "exporting" not in result.stdout
+    assert f"{tmp_path}/disk/out/one/data_dictionary.csv" in result.stdout
+    assert "/disk/out/two" not in result.stdout
+
+
+@in_own_mounts
+def test_a_read_only_disk_is_told(session: Path, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    result = on_disk(
+        'mount -t tmpfs -o ro none "$1"; "$3" -m caris_desktop export "$2" --to csv "$1/out"',
+        str(tmp_path / "disk"), str(session), sys.executable,
+    )  # fmt: skip
+    assert result.returncode == 1
+    assert "failed: Read-only file system. Nothing was kept of it." in result.stderr
+
+
+@in_own_mounts
+def test_a_session_on_a_read_only_disk_is_exported(session: Path, tmp_path: Path) -> None:
+    result = on_disk(
+        'mount --bind "$2" "$2"; mount -o remount,ro,bind "$2"\n'
+        '"$3" -m caris_desktop export "$2" --to csv,vtt "$1/out"',
+        str(tmp_path), str(session), sys.executable,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert is_whole(tmp_path / "out" / "csv")
+
+
+def test_a_header_of_nonsense_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
+    shutil.copytree(session, tmp_path / "s")
+    path = tmp_path / "s" / "session.json"
+    data = json.loads(path.read_text())
+    data.update(trial=[1, {"a": None}], videos={"x": []}, files="none", extra=[{"a": [1, 2]}, {"a": {}}], big=10**400)
+    path.write_text(json.dumps(data))
+    finished = export_all(ExportRequest((tmp_path / "s",), ("csv", "parquet", "vtt", "textgrid"), tmp_path / "out"))
+    assert finished.problems == ()
