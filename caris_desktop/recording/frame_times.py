@@ -13,23 +13,19 @@ _MAX_INDEX_BYTES = 1 << 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTimes:
-    """One entry for each frame. ``robot_stamps_ns`` is NO_ROBOT_STAMP where the robot sent none.
-
-    ``whole_bytes`` is where the last whole line of the file ends.
-    """
+    """One entry for each frame. ``robot_stamps_ns`` is NO_ROBOT_STAMP where the robot sent none."""
 
     video_s: NDArray[np.float64]
     stamps_ns: NDArray[np.int64]
     robot_stamps_ns: NDArray[np.int64]
-    whole_bytes: int = 0
 
     @property
     def count(self) -> int:
         return len(self.stamps_ns)
 
-    def first(self, count: int) -> "FrameTimes":
-        """The first ``count`` frames."""
-        return FrameTimes(self.video_s[:count], self.stamps_ns[:count], self.robot_stamps_ns[:count])
+    @classmethod
+    def none(cls) -> "FrameTimes":
+        return cls(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 def index_path(video: Path) -> Path:
@@ -59,7 +55,7 @@ def read_frame_times(path: Path) -> FrameTimes:
     number_at, video_at, stamp_at, robot_at = at
     video_s = np.zeros(len(lines))
     stamps_ns, robot_stamps_ns = np.zeros(len(lines), np.int64), np.full(len(lines), NO_ROBOT_STAMP, np.int64)
-    whole, whole_bytes = 0, len(head) + 1
+    whole = 0
     try:
         for number, line in enumerate(lines):
             cells = line.split(b",")
@@ -69,7 +65,7 @@ def read_frame_times(path: Path) -> FrameTimes:
             stamps_ns[number] = int(cells[stamp_at])
             if cells[robot_at].strip():
                 robot_stamps_ns[number] = int(cells[robot_at])
-            whole, whole_bytes = number + 1, whole_bytes + len(line) + 1
+            whole = number + 1
     except (ValueError, IndexError, OverflowError):
         pass  # zeros after a power cut, or somebody's edit: the lines before it are good
-    return FrameTimes(video_s[:whole], stamps_ns[:whole], robot_stamps_ns[:whole], whole_bytes)
+    return FrameTimes(video_s[:whole], stamps_ns[:whole], robot_stamps_ns[:whole])

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 _log = logging.getLogger(__name__)
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
+_HEADER, _ATTACHMENT, _METADATA = 1, 9, 12
+_BESIDE = (_HEADER, _ATTACHMENT, _METADATA)
 _KNOWN = range(1, 16)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -42,6 +44,11 @@ class Message(NamedTuple):
     start: int
     end: int
 
+    @property
+    def record_start(self) -> int:
+        """Where the record begins that holds the message, in the block's content."""
+        return self.start - _MESSAGE_HEAD.size - _HEAD.size
+
 
 class DamagedBlockError(ValueError):
     """A block that cannot be unfolded."""
@@ -60,7 +67,8 @@ class Channel:
 class BlockIndex:
     """Where the blocks are. Arrays have one entry for each block, in the order of the file.
 
-    ``has_summary`` is True where the file's own index was used; ``damaged_bytes`` counts what was left out otherwise.
+    ``has_summary`` is True where the file's own index was used. Otherwise ``damaged_bytes`` counts what was left out,
+    and ``beside`` has the records that belong to the file as a whole: header, metadata, attachments.
     """
 
     offsets: NDArray[np.int64]
@@ -71,6 +79,7 @@ class BlockIndex:
     blocks_of: dict[int, NDArray[np.int64]]
     has_summary: bool
     damaged_bytes: int = 0
+    beside: tuple[bytes, ...] = ()
 
     @property
     def count(self) -> int:
@@ -87,6 +96,7 @@ class _Gathered:
     numbers: list[NDArray[np.int64]] = field(default_factory=list)
     at_blocks: list[NDArray[np.int64]] = field(default_factory=list)
     damaged_bytes: int = 0
+    beside: list[bytes] = field(default_factory=list)
 
     def add_block(self, block: tuple[int, int, int, int], channels: NDArray[np.int64]) -> None:
         self.numbers.append(channels)
@@ -121,6 +131,7 @@ class _Gathered:
             {int(number): part for number, part in zip(known, parts, strict=False)},
             has_summary,
             self.damaged_bytes,
+            tuple(self.beside),
         )
 
 
@@ -152,16 +163,34 @@ def messages_of(content: bytes) -> Iterator[Message]:
 
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     """The records of one block, unfolded. Raises DamagedBlockError, OSError."""
+    return unfolded(read_record(file, index, number))
+
+
+def compression_of(chunk: bytes) -> tuple[str, int]:
+    """How a chunk's record is compressed, and to how many bytes."""
+    at = _HEAD.size + _CHUNK_HEAD.size
+    (name_bytes,) = struct.unpack_from("<I", chunk, at - 4)
+    (folded_bytes,) = struct.unpack_from("<Q", chunk, at + name_bytes)
+    return chunk[at : at + name_bytes].decode("utf-8", "replace"), folded_bytes
+
+
+def is_chunk(record: bytes) -> bool:
+    """Whether a block's record is a chunk, not a run of messages."""
+    return record[:1] == bytes([_CHUNK])
+
+
+def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
+    """One block as it lies in the file, compressed. Raises DamagedBlockError, OSError."""
     file.seek(int(index.offsets[number]))
     record = file.read(int(index.lengths[number]))
     if len(record) != index.lengths[number]:
         raise DamagedBlockError("the file ends in the middle of it")
-    return unfolded(record)
+    return record
 
 
 def unfolded(record: bytes) -> bytes:
     """The records inside of a chunk's record; a run of messages as it is. Raises DamagedBlockError."""
-    if record[:1] != bytes([_CHUNK]):
+    if not is_chunk(record):
         return record
     try:
         _, _, size_bytes, crc, name_bytes = _CHUNK_HEAD.unpack_from(record, _HEAD.size)
@@ -279,6 +308,8 @@ def scan(file: IO[bytes]) -> BlockIndex:
         elif opcode in (_SCHEMA, _CHANNEL):
             end_run()
             gathered.add_declaration(opcode, head + file.read(length))
+        elif opcode in _BESIDE:
+            gathered.beside.append(head + file.read(length))
         at += record_bytes
     end_run()
     return gathered.index(has_summary=False)

@@ -30,6 +30,7 @@ def record(folder: Path, values: list[Any], *, head: SessionHeader | None = None
         recorder.write(value)
         recorder._log.flush()
     recorder.close("wizard")
+    recorder.finish()
     return said
 
 
@@ -56,13 +57,14 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
     head = json.loads((tmp_path / "s" / "session.json").read_text())
     (tmp_path / "s" / "session.json").write_text(json.dumps({**head, "ended_ns": None, "reason": None}))
     # Even with every index written, the session says itself how it ended.
-    assert (open_session(tmp_path / "s").closed_properly, open_session(tmp_path / "s").reason) == (True, "wizard")
+    session = open_session(tmp_path / "s", repair=False)
+    assert (session.closed_properly, session.reason) == (True, "wizard")
 
     previous = 0
     rng = np.random.default_rng(7)
     for cut in sorted(rng.integers(0, len(whole), 60)):
         (tmp_path / "s" / "events.mcap").write_bytes(whole[:cut])
-        session = open_session(tmp_path / "s")
+        session = open_session(tmp_path / "s", repair=False)
         labels = [value.label for _, value in session.values("event/marked")]
         assert labels == [str(number) for number in range(len(labels))]
         assert len(labels) >= previous
@@ -83,7 +85,7 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
         at = int(rng.integers(8, len(whole) - 40))
         damaged[at : at + 32] = rng.bytes(32)
         path.write_bytes(damaged)
-        labels = [value.label for _, value in open_session(tmp_path / "s").values("event/marked")]
+        labels = [value.label for _, value in open_session(tmp_path / "s", repair=False).values("event/marked")]
         assert [label for label in labels if label.isdigit()] == sorted(
             (label for label in labels if label.isdigit()), key=int
         )

@@ -1,7 +1,6 @@
 """The videos of a session by the session's clock: which frame was on show at a moment, and its picture."""
 
 import logging
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +15,11 @@ from caris_desktop.recording.frame_times import NO_ROBOT_STAMP, FrameTimes, inde
 from caris_desktop.recording.session_header import inside
 from caris_desktop.recording.session_reader import Session
 from caris_desktop.recording.video_file import video_file_name
+from caris_desktop.recording.video_names import camera_of_video
 
 _log = logging.getLogger(__name__)
 # Decoding so many frames more costs less than going to another place in the file.
 _FRAMES_PER_SEEK = 4
-_NUMBERED = re.compile(r"(?P<first>.*?)(-(?P<number>\d+))?\.mp4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +175,7 @@ class _Video:
     def __init__(self, path: Path, camera: str, first_ns: int) -> None:
         self.path = path
         self.camera = camera
-        self.times = _NO_TIMES
+        self.times = FrameTimes.none()
         self._first_ns = first_ns
         self._container: Any = None
         self._stream: Any = None
@@ -258,9 +257,6 @@ class _Video:
         return None
 
 
-_NO_TIMES = FrameTimes(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
-
-
 def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, int]]:
     """Path, camera and first stamp of each video: those that the header names, else those that lie there."""
     told = session.header.get("videos")
@@ -293,12 +289,9 @@ def _unnamed(session: Session, path: Path) -> tuple[Path, str, int] | None:
             cameras[value.camera] = value.stamp_ns
             if video_file_name(value.camera, set()) == path.name:
                 break
-    match = _NUMBERED.fullmatch(path.name)
-    first_name = path.name if match is None else f"{match['first']}.mp4"
-    of_name = {video_file_name(camera, set()): camera for camera in cameras}
-    camera = of_name.get(path.name) or of_name.get(first_name) or path.stem.removeprefix("video-")
+    camera = camera_of_video(path.name, cameras)
     try:
         times = read_frame_times(index_path(path))
     except (OSError, ValueError):
-        times = _NO_TIMES
+        times = FrameTimes.none()
     return path, camera, int(times.stamps_ns[0]) if times.count else cameras.get(camera, session.started_ns)
