@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.annotation.session_tiers import SessionRecord
+from caris_desktop.recording.annotation.session_tiers import SessionRecord, streams_of_tiers
 from caris_desktop.recording.marks import FinalMark
 from caris_desktop.recording.session_reader import Session
 
@@ -35,7 +35,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     """
     tell = progress or (lambda _fraction: None)
     record, speed, sound = SessionRecord(session), _Speed(session.started_ns), _Sound(session)
-    for number, (_, value) in enumerate(session.values(*SessionRecord.STREAMS, "odometry", "pose", "audio")):
+    for number, (_, value) in enumerate(session.values(*streams_of_tiers(), "odometry", "pose", "audio")):
         match value:
             case Odometry() | RobotPose():
                 speed.add(value)

@@ -34,7 +34,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS
+from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
 from caris_desktop.recording.annotation.model import (
     Annotation,
@@ -74,11 +74,16 @@ def session_tiers(session: Session, progress: Callable[[float], None] | None = N
     Raises SessionError.
     """
     record = SessionRecord(session)
-    for number, (_, value) in enumerate(session.values(*SessionRecord.STREAMS)):
+    for number, (_, value) in enumerate(session.values(*streams_of_tiers())):
         record.add(value)
         if progress is not None and number % 2000 == 0:
             progress(record.fraction_of(value.stamp_ns))
     return record.tiers()
+
+
+def streams_of_tiers() -> tuple[str, ...]:
+    """The streams that :class:`SessionRecord` makes tiers of."""
+    return tuple(spec.name for spec in _event_streams())
 
 
 def scenario_labels(content: str) -> tuple[str, ...]:
@@ -111,8 +116,6 @@ class _Row:
 
 class SessionRecord:
     """Takes the values of a session in the order of recording, and folds them. Keeps what tiers show, no more."""
-
-    STREAMS = tuple(spec.name for spec in EVENT_STREAMS if spec.value_type not in _MEASUREMENTS)
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -152,7 +155,7 @@ class SessionRecord:
         fold = self._folded.get(kind)
         if fold is not None:
             fold(value)
-        elif kind not in _MEASUREMENTS and kind in BY_TYPE and BY_TYPE[kind] in EVENT_STREAMS:
+        elif kind in BY_TYPE and _is_event(BY_TYPE[kind]):
             start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
             if isinstance(start_ns, int) and isinstance(end_ns, int):
                 stretch = _Stretch(start_ns, max(start_ns, end_ns), _summary(value))
@@ -185,7 +188,7 @@ class SessionRecord:
             *self._assistant_rows(),
             *self._console_rows(),
         ]
-        for spec in EVENT_STREAMS:
+        for spec in _event_streams():
             if self._others.get(spec.value_type):
                 rows.append(_Row(_in_words(spec.value_type.__name__), self._others[spec.value_type]))
         return self._document(rows)
@@ -399,6 +402,14 @@ class SessionRecord:
                     )
                 )
         return tuple(vocabularies)
+
+
+def _is_event(spec: StreamSpec) -> bool:
+    return spec.delivery is Delivery.LOSSLESS and spec.value_type not in _MEASUREMENTS
+
+
+def _event_streams() -> tuple[StreamSpec, ...]:
+    return tuple(spec for spec in BY_NAME.values() if _is_event(spec))
 
 
 def motion_of(twist: Twist2D) -> str:

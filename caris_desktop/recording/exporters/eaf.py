@@ -21,13 +21,13 @@ from xml.etree import ElementTree
 
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.recording.annotation.eaf_import import PROPERTY
-from caris_desktop.recording.annotation.editing import AnnotationError, merge_documents, plain_text
+from caris_desktop.recording.annotation.editing import merge_documents, plain_text
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
 from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session_reader import Session, SessionError
+from caris_desktop.recording.session_reader import Session
 
 FREE_TEXT = "free text"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
@@ -67,10 +67,7 @@ class LinkedMedia:
 
 def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
-    try:
-        coded = load_documents(session.folder)
-    except AnnotationError as error:
-        raise SessionError(f"The annotations cannot be exported. {error}") from error
+    coded = load_documents(session.folder, on_damaged=context.warn)
     record = session_tiers(session, lambda fraction: context.progress(0.3 * fraction))
     document = merge_documents(record, coded)
     media = list(_media(session, out, lambda fraction: context.progress(0.3 + 0.65 * fraction)))
