@@ -27,6 +27,8 @@ def to_jsonable(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         if value.dtype.kind in "iu":
             return _deflated(value)
+        if value.dtype == np.float32:
+            value = _in_few_digits(value)
         if value.dtype.kind != "f" or bool(np.isfinite(value).all()):
             return value.tolist()
         flat = [item if math.isfinite(item) else None for item in value.ravel().tolist()]
@@ -109,6 +111,16 @@ def _build(kind: Any, data: Any) -> Any:
     if kind is float:
         return float(data)
     return data
+
+
+def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The same numbers as float64 with as few decimals as tell them apart: 1.234 instead of 1.2339999675750732."""
+    wide = value.astype(np.float64)
+    for decimals in (3, 5, 8):
+        short = np.round(wide, decimals)
+        if np.array_equal(short.astype(np.float32), value, equal_nan=True):
+            return short
+    return wide
 
 
 def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:

@@ -2,8 +2,10 @@
 
 import errno
 import os
+import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -16,12 +18,18 @@ def no_room(error: OSError) -> bool:
 
 
 class Reserve:
-    """Room that is set aside at the start, so that a session can be closed properly on a full disk."""
+    """Room that is set aside at the start for what must still be written once the disk is full.
 
-    def __init__(self, folder: Path, size_bytes: int) -> None:
+    It is given back in ``steps``, so that what others write on the same disk cannot take all of it at once.
+    """
+
+    def __init__(self, folder: Path, size_bytes: int, *, steps: int = 1) -> None:
         """Raises OSError when there is not that much room."""
         # Without a name on the disk, so that a kill leaves nothing behind.
         self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - open until release
+        self._step_bytes = -(-size_bytes // steps)
+        self._left_bytes = size_bytes
+        self._releasing = threading.Lock()
         try:
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(self._file.fileno(), 0, size_bytes)
@@ -36,11 +44,33 @@ class Reserve:
     def held(self) -> bool:
         return not self._file.closed
 
+    @property
+    def left_bytes(self) -> int:
+        """What is still set aside."""
+        return self._left_bytes if self.held else 0
+
+    def release_step(self, *, keep_bytes: int = 0) -> bool:
+        """Give some room back, but leave ``keep_bytes``; True when this made room. Any thread."""
+        with self._releasing:
+            left_bytes = max(self._left_bytes - self._step_bytes, keep_bytes)
+            if not self.held or left_bytes >= self._left_bytes:
+                return False
+            try:
+                self._file.truncate(left_bytes)
+            except OSError:
+                self._file.close()
+                return True
+            self._left_bytes = left_bytes
+            if not left_bytes:
+                self._file.close()
+            return True
+
     def release(self) -> bool:
-        """Give the room back; True when this made room."""
-        was_held = self.held
-        self._file.close()
-        return was_held
+        """Give all the room back; True when this made room."""
+        with self._releasing:
+            was_held = self.held
+            self._file.close()
+            return was_held
 
 
 class DiskFile:
@@ -57,6 +87,8 @@ class DiskFile:
         self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
         self._position = 0
         self._size = 0
+        self._written = self._synced = 0
+        self._slowest_write_s = 0.0
         self._closing = threading.Lock()
         self._closed = False
         self._held_back: list[tuple[int, bytes]] | None = None
@@ -65,12 +97,23 @@ class DiskFile:
     def size_bytes(self) -> int:
         return self._size
 
+    @property
+    def written_bytes(self) -> int:
+        """How much went to the disk: less than the size where the file has holes."""
+        return self._written
+
+    def take_slowest_write_s(self) -> float:
+        """How long the slowest write since the last call took. Any thread."""
+        slowest_s, self._slowest_write_s = self._slowest_write_s, 0.0
+        return slowest_s
+
     def write(self, data: bytes) -> int:
         if self._held_back is not None:
             self._held_back.append((self._position, bytes(data)))
             self._position += len(data)
             return len(data)
         rest = memoryview(data)
+        begun_s = time.monotonic()
         while rest:
             try:
                 count = os.write(self._descriptor, rest)
@@ -80,8 +123,26 @@ class DiskFile:
                 raise
             rest = rest[count:]
             self._position += count
+            self._written += count
             self._size = max(self._size, self._position)
+        self._slowest_write_s = max(self._slowest_write_s, time.monotonic() - begun_s)
         return len(data)
+
+    def patch(self, offset: int, data: bytes) -> None:
+        """Change what is written already; the next write goes on where it would have."""
+        position = self._position
+        self.seek(offset)
+        try:
+            self.write(data)
+        finally:
+            self.seek(position)
+
+    def extend_to(self, size_bytes: int) -> None:
+        """Grow to ``size_bytes`` with zeros, which take no room where the file system can; then write from there."""
+        os.ftruncate(self._descriptor, size_bytes)
+        self._size = size_bytes
+        self._written += 1
+        self.seek(size_bytes)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence]
@@ -124,17 +185,40 @@ class DiskFile:
             self.seek(offset)
             self.write(data)
 
-    def sync(self) -> None:
-        """Bring what was written to the disk itself."""
+    def sync(self) -> bool:
+        """Bring what was written to the disk itself; False when it was there already. Raises OSError."""
         with self._closing:
-            if not self._closed:
-                os.fsync(self._descriptor)
+            written = self._written
+            if self._closed or written == self._synced:
+                return False
+            _bring_to_disk(self._descriptor)
+            self._synced = written
+            return True
 
     def close(self) -> None:
         with self._closing:
             if not self._closed:
                 self._closed = True
                 os.close(self._descriptor)
+
+
+def sync_path(path: Path) -> None:
+    """Bring a file, or the names in a folder, to the disk itself. Raises OSError."""
+    if path.is_dir() and sys.platform == "win32":
+        return
+    descriptor = os.open(path, os.O_RDONLY if sys.platform != "win32" else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _bring_to_disk(descriptor: int) -> None:
+    """With the size of the file, without its dates, where the system can tell the two apart."""
+    if hasattr(os, "fdatasync"):
+        os.fdatasync(descriptor)
+    else:
+        os.fsync(descriptor)
 
 
 def replace_file(path: Path, data: bytes, *, durable: bool, on_full: Callable[[], bool] = lambda: False) -> None:

@@ -11,7 +11,11 @@ from caris_desktop.recording.disk_file import DiskFile
 
 
 class EventLog:
-    """Writes one MCAP file. ``log_time`` is UTC by the session's anchor; the values keep their own stamps."""
+    """Writes one MCAP file, in the order of arrival.
+
+    ``publish_time`` is a value's own stamp and ``log_time`` when it arrived at the console, both as UTC by the
+    session's anchor.
+    """
 
     def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
         from mcap.writer import Writer
@@ -24,17 +28,20 @@ class EventLog:
         self._writer.start(profile="", library="caris-desktop")
         self._writer.add_metadata("session", metadata)
 
-    def write(self, spec: StreamSpec, value: Any) -> None:
+    def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
         """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
         data = json.dumps(to_jsonable(value), separators=(",", ":"), allow_nan=False).encode()
         topic = spec.topic_of(value)
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(spec, topic)
-        utc_ns = self._anchor.utc_ns_at(value.stamp_ns)
         self.counts[spec.name] += 1
         self._writer.add_message(
-            channel, log_time=utc_ns, publish_time=utc_ns, data=data, sequence=self.counts[spec.name] & 0xFFFFFFFF
+            channel,
+            log_time=max(0, self._anchor.utc_ns_at(arrived_ns)),
+            publish_time=max(0, self._anchor.utc_ns_at(value.stamp_ns)),
+            data=data,
+            sequence=self.counts[spec.name] & 0xFFFFFFFF,
         )
 
     def flush(self) -> None:
@@ -42,12 +49,8 @@ class EventLog:
         self._writer.flush()
 
     @property
-    def written_bytes(self) -> int:
-        return self._file.size_bytes
-
-    def sync(self) -> None:
-        """Bring what was flushed to the disk. Any thread."""
-        self._file.sync()
+    def file(self) -> DiskFile:
+        return self._file
 
     def close(self) -> None:
         """Write the index that lets readers jump, and close the file."""

@@ -1,8 +1,11 @@
 """What the console and the recorder process say to one another.
 
 Besides these, the console sends every domain value of the stream table as it happens, and the recorder sends back
-the events that it makes itself: ``SessionStarted``, ``SessionEnded``, ``PhotoTaken``, ``Gap`` and ``Problem``. The
-recorder has written those already; they are for the panels and need not be sent to it again.
+the events that it makes itself: ``SessionStarted``, ``SessionEnded``, ``RecordingPaused``, ``PhotoTaken``, ``Gap`` and
+``Problem``. The recorder has written those already; they are for the panels and need not be sent to it again.
+
+What the console sends is pickled. Where the byte ``ARRIVED`` and eight bytes (little-endian, signed) come before the
+pickle, these are the moment on the session clock when the value arrived at the console; else it arrives now.
 """
 
 from dataclasses import dataclass, field
@@ -11,6 +14,9 @@ from typing import Literal
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
+
+# Before a pickle, which begins with another byte: eight bytes of the session clock follow.
+ARRIVED = b"T"
 
 RecorderState = Literal["idle", "recording", "paused", "failed"]
 
@@ -61,6 +67,15 @@ class PauseRecording:
     """Record nothing until it is sent again with ``paused`` False; the pause itself is recorded."""
 
     paused: bool
+
+
+@dataclass(frozen=True, slots=True)
+class OfferMarkers:
+    """Show the Lab Streaming Layer outlet already, so that other recorders find it before the recording begins, or
+    take it away. ``StartRecording.lsl`` does the same at the start.
+    """
+
+    offered: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from caris_desktop.domain.sensing import People, RobotPose
 from caris_desktop.recording.disk_file import DiskFile, replace_file
 from caris_desktop.recording.session_clock import SessionClock
 
+# Somebody who stays is seen at every frame; that needs no new file each time.
+_PEOPLE_EVERY_NS = 10_000_000_000
 _POSE_EVERY_NS = 1_000_000_000
 _STILL_M, _STILL_RAD = 0.01, math.radians(1.0)
 _MOVEMENT_HEAD = (
@@ -43,11 +46,14 @@ class PlainFiles:
         self._spoken: set[str] = set()
         self._exchanges = 0
         self._people: dict[str, tuple[int, int, set[int]]] = {}
-        self._people_changed = True
+        self._people_changed = self._people_new = True
+        self._people_written_ns = 0
+        self._replaced: list[Path] = []
+        self._replaced_bytes = 0
 
     @property
     def written_bytes(self) -> int:
-        return self._movement.size_bytes + self._speech.size_bytes
+        return self._movement.size_bytes + self._speech.size_bytes + self._replaced_bytes
 
     def add(self, value: Any) -> None:
         match value:
@@ -67,9 +73,12 @@ class PlainFiles:
                 self._see(value.person_id, value.track, value.stamp_ns)
 
     def write_people(self) -> None:
-        """Bring ``people.json`` up to date, if anybody was seen since."""
-        if not self._people_changed:
-            return
+        """Bring ``people.json`` up to date: at once when somebody is new, else now and then."""
+        waited_ns = time.monotonic_ns() - self._people_written_ns
+        if self._people_new or (self._people_changed and waited_ns >= _PEOPLE_EVERY_NS):
+            self._write_people()
+
+    def _write_people(self) -> None:
         rows = [
             {
                 "person_id": person_id,
@@ -82,16 +91,22 @@ class PlainFiles:
             for person_id, (first_ns, last_ns, tracks) in self._people.items()
         ]
         self._replace("people.json", {"people": rows})
-        self._people_changed = False
+        self._people_changed = self._people_new = False
+        self._people_written_ns = time.monotonic_ns()
 
-    def sync(self) -> None:
-        """Bring the text files to the disk. Any thread."""
-        self._movement.sync()
-        self._speech.sync()
+    def files(self) -> list[DiskFile]:
+        """The files that grow."""
+        return [self._movement, self._speech]
+
+    def take_replaced(self) -> list[Path]:
+        """The files that were put in place as a whole since the last call."""
+        replaced, self._replaced = self._replaced, []
+        return replaced
 
     def close(self) -> None:
         try:
-            self.write_people()
+            if self._people_changed:
+                self._write_people()
         finally:
             self._movement.close()
             self._speech.close()
@@ -143,13 +158,22 @@ class PlainFiles:
         self._replace(f"llm/{self._exchanges:04d}.json", {**asked, **to_jsonable(exchange)})
 
     def _see(self, person_id: str, track: int, stamp_ns: int) -> None:
-        first_ns, last_ns, tracks = self._people.get(person_id, (stamp_ns, stamp_ns, set()))
-        self._people[person_id] = (min(first_ns, stamp_ns), max(last_ns, stamp_ns), tracks | {track})
+        known = self._people.get(person_id)
+        if known is None:
+            self._people[person_id] = (stamp_ns, stamp_ns, {track})
+            self._people_new = True
+        else:
+            first_ns, last_ns, tracks = known
+            self._people_new = self._people_new or track not in tracks
+            tracks.add(track)
+            self._people[person_id] = (min(first_ns, stamp_ns), max(last_ns, stamp_ns), tracks)
         self._people_changed = True
 
     def _replace(self, name: str, data: Any) -> None:
-        text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        replace_file(self._folder / name, text.encode("utf-8", "replace"), durable=False, on_full=self._on_full)
+        text = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+        replace_file(self._folder / name, text, durable=False, on_full=self._on_full)
+        self._replaced.append(self._folder / name)
+        self._replaced_bytes += len(text)
 
     def _times(self, stamp_ns: int) -> str:
         return f"{self._clock.wall(stamp_ns)} {self._clock.session_s(stamp_ns):>10.3f}"

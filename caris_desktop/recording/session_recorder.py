@@ -12,43 +12,60 @@ from typing import Any
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.events import Gap, PhotoTaken, Problem, SessionEnded, SessionStarted, Severity
+from caris_desktop.domain.events import (
+    Gap,
+    PhotoTaken,
+    Problem,
+    RecordingPaused,
+    SessionEnded,
+    SessionStarted,
+    Severity,
+)
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec
+from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
+from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.recording.audio_file import AudioWriter
 from caris_desktop.recording.disk_file import DiskFile, Reserve, no_room, replace_file
+from caris_desktop.recording.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.event_log import EventLog
-from caris_desktop.recording.media_writer import MediaFailed, MediaWriter, PhotoKept, VideoInfo
+from caris_desktop.recording.folder_lock import LOCK_NAME, hold
+from caris_desktop.recording.manifest import HashingStopped, session_files, write_manifest
+from caris_desktop.recording.media_writer import MediaFailed, MediaWriter, PhotoKept, VideoInfo, VideoRateChanged
 from caris_desktop.recording.messages import RecorderReport, StartRecording
 from caris_desktop.recording.plain_files import PlainFiles
 from caris_desktop.recording.session_clock import SessionClock
+from caris_desktop.recording.video_encoders import Encoders
+from caris_desktop.recording.write_through import WriteThrough
 
 _log = logging.getLogger(__name__)
-FORMAT, FORMAT_VERSION = "caris-desktop session", 1
-_FLUSH_EVERY_NS = 300_000_000
+FORMAT, FORMAT_VERSION = "caris-desktop session", 2
+# A kill costs what came since; each flush makes a chunk, which a reader's index has an entry for.
+_FLUSH_EVERY_NS = 450_000_000
+_SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
 _SECOND_NS = 1_000_000_000
-_LATCHED_EVERY_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class DiskLimits:
-    """Free room at which the recorder warns, ends the video, and what it keeps back to close properly."""
-
-    warn_free_bytes: int = 1024 * 1024 * 1024
-    end_video_free_bytes: int = 64 * 1024 * 1024
-    reserve_bytes: int = 8 * 1024 * 1024
-    close_media_s: float = 4.0
+_DELAYS_WITHIN_S = 15.0
+_LEAST_RESERVE_BYTES = 1024 * 1024
+_RESERVE_SHARE = 8
+_CLOSE_SYNC_S = 2.0
 
 
 class SessionRecorder:
-    """Writes one session folder. One thread; only :meth:`sync` may be called from another.
+    """Writes one session folder. One thread, except :meth:`finish`.
 
     ``report`` takes the events that the recorder makes itself, after they were written. ``full`` turns True when the
-    disk is: whoever drives the recorder then closes it.
+    disk is, and the room that was kept for the events too: whoever drives the recorder then closes it. ``offer``
+    takes whatever is written to the log, for those who listen in.
     """
 
     def __init__(
-        self, start: StartRecording, *, frames: FrameReader, report: Callable[[Any], None], limits: DiskLimits
+        self,
+        start: StartRecording,
+        *,
+        frames: FrameReader,
+        report: Callable[[Any], None],
+        limits: DiskLimits,
+        encoders: Encoders | None = None,
+        offer: Callable[[StreamSpec, Any], None] | None = None,
     ) -> None:
         """Raises OSError when the folder cannot be used."""
         self.folder = start.folder
@@ -58,22 +75,35 @@ class SessionRecorder:
         self._header = start.header
         self._frames = frames
         self._report = report
+        self._offer = offer
         self._limits = limits
         self._video_permitted, self._photos_permitted = start.video, start.photos
-        self._video_ended = False
-        self._warned = False
+        self._audio_permitted = start.audio
+        self._video_ended = self._audio_ended = False
+        self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
+        self._lowered: dict[str, int] = {}
+        self._told_lowered: set[str] = set()
+        self._pauses: list[list[int | None]] = []
         self._clock = SessionClock(start.header.anchor, self.started_ns)
-        self._latched: dict[str, tuple[int, Any]] = {}
+        self._latched: dict[str, _Held] = {}
         self._missed: Counter[tuple[str, str]] = Counter()
         self._photos = 0
-        self._free_bytes: int | None = None
+        self._disk = DiskWatch(limits)
         self._flushed_ns = self._housekept_ns = 0
+        self._ended_ns: int | None = None
+        self._reason: str | None = None
         self.folder.mkdir(parents=True, exist_ok=True)
-        if any(self.folder.iterdir()):
+        if any(path.name != LOCK_NAME for path in self.folder.iterdir()):
             raise FileExistsError(17, "the folder holds files already", str(self.folder))
-        self._reserve = Reserve(self.folder, limits.reserve_bytes)
+        self._lock = hold(self.folder)
         try:
-            self._write_header(ended_ns=None, reason=None, videos=())
+            self._reserve = _reserve(self.folder, limits)
+        except OSError:
+            self._lock.release()
+            raise
+        self._closing_bytes = min(limits.closing_bytes, self._reserve.left_bytes // 4)
+        try:
+            self._write_header()
             self._log = EventLog(
                 DiskFile(self.folder / "events.mcap", on_full=self._make_room),
                 anchor=start.header.anchor,
@@ -82,35 +112,58 @@ class SessionRecorder:
             self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
         except OSError:
             self._reserve.release()
+            self._lock.release()
             raise
-        self._media = MediaWriter(self.folder, on_full=self._make_room)
+        self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
+        self._audio = AudioWriter(self.folder, on_full=lambda: False)
+        self._log_sync = WriteThrough("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
+        self._media_sync = WriteThrough(
+            "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
+        )
+        self._log_sync.note(self.folder / "session.json")
         self._record(SessionStarted(self.started_ns, self.folder.name))
         self.tick()
+        self._log_sync.start()
+        self._media_sync.start()
 
-    def write(self, value: Any) -> None:
-        """Record one value of the stream table."""
+    def write(self, value: Any, arrived_ns: int | None = None) -> None:
+        """Record one value of the stream table. ``arrived_ns`` is when the console got it; None: just now."""
+        if self.paused:
+            return
+        arrived_ns = clock.now_ns() if arrived_ns is None else arrived_ns
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, "this kind is not in the stream table")
-        elif spec.delivery is Delivery.MEDIA:
-            self._write_frame(spec, value)
+        elif isinstance(value, FrameRef):
+            self._write_frame(spec, value, arrived_ns)
+        elif isinstance(value, AudioChunk):
+            self._write_sound(value)
         elif spec.record_every_s:
-            # Large, and stands until replaced: the newest one per second is kept.
-            last_ns, _ = self._latched.get(spec.name, (0, None))
-            if time.monotonic_ns() - last_ns >= _LATCHED_EVERY_NS:
-                self._latched[spec.name] = (time.monotonic_ns(), None)
-                self._put(spec, value)
+            # Large, and stands until replaced: the newest one is kept now and then, the one in between waits.
+            topic = spec.topic_of(value)
+            held = self._latched.get(topic)
+            if held is None or time.monotonic_ns() - held.put_ns >= spec.record_every_s * 1e9:
+                self._latched[topic] = _Held(spec, time.monotonic_ns(), None, 0)
+                self._put(spec, value, arrived_ns)
             else:
-                self._latched[spec.name] = (last_ns, value)
+                self._latched[topic] = _Held(spec, held.put_ns, value, arrived_ns)
         else:
             if isinstance(value, Gap):
                 self.dropped[value.stream] += value.count
-            self._put(spec, value)
+            self._put(spec, value, arrived_ns)
+
+    def note_unreadable(self) -> None:
+        """Something came from the console that could not be taken apart."""
+        if not self.paused:
+            self._miss("unknown", "it could not be read on its way from the console")
 
     def take_photo(self, ref: FrameRef) -> None:
         """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
             self.problem("warning", "No photo was taken.", "This scenario does not permit photos.", "Nothing to do.")
+            return
+        if self.paused:
+            self.problem("warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.")
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is not None:
@@ -122,10 +175,38 @@ class SessionRecorder:
             "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again."
         )
 
-    def set_permissions(self, *, video: bool, photos: bool) -> None:
+    def set_permissions(self, *, video: bool, photos: bool, audio: bool) -> None:
         if self._video_permitted and not video:
             self._media.end_videos()
-        self._video_permitted, self._photos_permitted = video, photos
+        if self._audio_permitted and not audio:
+            self._put_blocks(self._audio.finish_blocks())
+        self._video_permitted, self._photos_permitted, self._audio_permitted = video, photos, audio
+
+    # Pauses
+
+    @property
+    def paused(self) -> bool:
+        return bool(self._pauses) and self._pauses[-1][1] is None
+
+    def pause(self, *, paused: bool, at_ns: int) -> None:
+        """Record nothing from now on, or go on. Both are recorded themselves."""
+        if paused == self.paused:
+            return
+        if paused:
+            self._put_held()
+            self._put_blocks(self._audio.finish_blocks())
+            self._tell_missed()
+            self._record(RecordingPaused(at_ns, True))
+            self._pauses.append([at_ns, None])
+            self._guarded(self._log.flush)
+            self._log_sync.ask()
+        else:
+            self._pauses[-1][1] = at_ns
+            # Latched values that the console sends again are new in the record, however recently they were put.
+            self._latched.clear()
+            self._record(RecordingPaused(at_ns, False))
+
+    # By time
 
     def tick(self) -> None:
         """Whatever is due by time. To be called at least ten times per second."""
@@ -134,62 +215,87 @@ class SessionRecorder:
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._guarded(self._log.flush)
-            self._watch_disk()
+            self._update_sound_headers()
+            self._log_sync.ask()
+            self._watch_disk(now_ns)
         if now_ns - self._housekept_ns >= _SECOND_NS:
             self._housekept_ns = now_ns
-            for name, (last_ns, waiting) in list(self._latched.items()):
-                if waiting is not None and now_ns - last_ns >= _LATCHED_EVERY_NS:
-                    self._latched[name] = (now_ns, None)
-                    self._put(BY_TYPE[type(waiting)], waiting)
+            self._put_held(older_than_ns=now_ns)
             self._tell_missed()
             self._guarded(self._plain.write_people)
-
-    def sync(self) -> None:
-        """Bring everything written to the disk itself. Any thread; may take as long as the disk does."""
-        for sync in (self._log.sync, self._plain.sync, self._media.sync):
-            try:
-                sync()
-            except OSError:
-                _log.exception("the disk did not confirm what was written")
+            for path in self._plain.take_replaced():
+                self._log_sync.note(path)
 
     def status(self) -> RecorderReport:
+        disk = self._disk.state
         return RecorderReport(
             stamp_ns=clock.now_ns(),
-            state="recording",
+            state="paused" if self.paused else "recording",
             folder=self.folder,
             started_ns=self.started_ns,
-            written_bytes=self._log.written_bytes + self._plain.written_bytes + self._media.written_bytes,
-            free_bytes=self._free_bytes,
+            written_bytes=self._written_bytes(),
+            free_bytes=disk.free_bytes,
             dropped=dict(self.dropped),
-            detail="video ended: the disk is nearly full" if self._video_ended else "",
+            detail="; ".join(self._troubles()),
+            bytes_per_s=disk.bytes_per_s,
+            room_s=disk.room_s,
         )
 
     def close(self, reason: str) -> None:
-        """End the session. Does what can be done; what cannot is logged."""
-        for waiting in [value for _, value in self._latched.values() if value is not None]:
-            self._put(BY_TYPE[type(waiting)], waiting)
-        self._latched.clear()
-        # The video first: its index needs room, and the reserve is for the events that come after it.
-        videos = self._media.close(timeout_s=self._limits.close_media_s)
+        """End the session, checksums included."""
+        self.end(reason)
+        self.finish()
+
+    def end(self, reason: str) -> None:
+        """End the session. Does what can be done; what cannot is logged. :meth:`finish` must follow."""
+        self._put_held()
+        # Media first: their indexes need room, and the reserve is for the events that come after them.
+        try:
+            self._put_blocks(self._audio.close())
+        except OSError:
+            _log.exception("closing the sound of %s", self.folder)
+        self._media.close(timeout_s=self._limits.close_media_s)
         self._take_media_results()
         self._tell_missed()
-        ended_ns = clock.now_ns()
-        self._record(SessionEnded(ended_ns, self.folder.name, reason))
+        self._ended_ns, self._reason = clock.now_ns(), reason
+        self._record(SessionEnded(self._ended_ns, self.folder.name, reason))
+        self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
+        self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._reserve.release()
-        for step in (
-            self._log.close,
-            self._plain.close,
-            lambda: self._write_header(ended_ns=ended_ns, reason=reason, videos=videos),
-        ):
+        for step in (self._log.close, self._plain.close, self._write_header):
             try:
                 step()
             except OSError:
                 _log.exception("closing the session %s", self.folder)
 
+    def finish(self, *, may_go_on: Callable[[], bool] = lambda: True) -> None:
+        """After :meth:`end`, and in any thread: the checksums of everything, which may take a while.
+
+        Until then the folder is held, so that nobody takes the session for one that broke off.
+        """
+        try:
+            for path in (*self._plain.take_replaced(), self.folder / "session.json"):
+                self._log_sync.note(path)
+            self._log_sync.bring()
+            if not self._media.wait(timeout_s=0.0):
+                while not self._media.wait(timeout_s=0.1) and may_go_on():
+                    pass
+                self._write_header()
+            write_manifest(self.folder, may_go_on=may_go_on)
+        except HashingStopped:
+            _log.warning("%s is closed, but its checksums are not written: the program ends", self.folder)
+        except OSError:
+            _log.exception("the checksums of %s could not be written", self.folder)
+        finally:
+            self._lock.release()
+
     # Values on their way to the disk
 
-    def _write_frame(self, spec: StreamSpec, ref: FrameRef) -> None:
+    def _write_frame(self, spec: StreamSpec, ref: FrameRef, arrived_ns: int) -> None:
         if not self._video_permitted or self._video_ended:
+            return
+        if not self._media.wants(ref.camera):
+            self._miss(spec.name, f"{ref.camera}: left out to keep up")
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
@@ -197,16 +303,44 @@ class SessionRecorder:
         elif not self._media.add_frame(ref, image_bgr):
             self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
         else:
-            self._put(spec, ref)
+            self._put(spec, ref, arrived_ns)
+
+    def _write_sound(self, chunk: AudioChunk) -> None:
+        if not self._audio_permitted or self._audio_ended:
+            return
+        try:
+            blocks = self._audio.write(chunk)
+        except OSError as error:
+            _log.exception("sound of %s", chunk.source)
+            self._miss("audio", f"{chunk.source}: the disk did not take it")
+            self._end_audio(error)
+        except ValueError as error:
+            self._miss("audio", f"{chunk.source}: {error}"[:200])
+        else:
+            self._put_blocks(blocks)
+
+    def _put_blocks(self, blocks: list[AudioBlock]) -> None:
+        for block in blocks:
+            self._put(BY_TYPE[AudioBlock], block, clock.now_ns())
+
+    def _put_held(self, *, older_than_ns: int | None = None) -> None:
+        """Values that waited for their turn; those that are due at ``older_than_ns``, or all."""
+        for topic, held in list(self._latched.items()):
+            if held.value is None:
+                continue
+            if older_than_ns is None or older_than_ns - held.put_ns >= held.spec.record_every_s * 1e9:
+                self._latched[topic] = _Held(held.spec, time.monotonic_ns(), None, 0)
+                self._put(held.spec, held.value, held.arrived_ns)
 
     def _record(self, event: Any) -> None:
-        """An event of the recorder's own: written, then told."""
-        self._put(BY_TYPE[type(event)], event)
+        """An event of the recorder's own: written, then told. What goes wrong during a pause is only told."""
+        if not (self.paused and isinstance(event, Problem)):
+            self._put(BY_TYPE[type(event)], event, clock.now_ns())
         self._report(event)
 
-    def _put(self, spec: StreamSpec, value: Any) -> None:
+    def _put(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
         try:
-            self._log.write(spec, value)
+            self._log.write(spec, value, arrived_ns)
         except OSError as error:
             self._on_write_error(error)
             self._miss(spec.name, "the disk did not take it")
@@ -214,6 +348,8 @@ class SessionRecorder:
             _log.exception("a value of %s could not be written", spec.name)
             self._miss(spec.name, f"not writable: {error}"[:200])
         self._guarded(lambda: self._plain.add(value))
+        if self._offer is not None:
+            self._offer(spec, value)
 
     def _guarded(self, write: Callable[[], None]) -> None:
         try:
@@ -227,7 +363,10 @@ class SessionRecorder:
         self.full = True
 
     def _make_room(self) -> bool:
-        """The disk is full: give the reserve back, so that what is being written is written whole."""
+        """The disk is full: give some of the reserve back, so that what is being written is written whole."""
+        self._on_reserve = True
+        if self._reserve.release_step(keep_bytes=self._closing_bytes):
+            return True
         self.full = True
         return self._reserve.release()
 
@@ -245,13 +384,34 @@ class SessionRecorder:
         _log.warning("%s %s %s", what, meaning, advice)
         self._record(Problem(clock.now_ns(), severity, what, meaning, advice))
 
+    def _troubles(self) -> list[str]:
+        troubles = []
+        if self._on_reserve:
+            troubles.append("the disk is full: events only, in the room kept for them")
+        elif self._video_ended:
+            troubles.append("video ended: the disk is nearly full")
+        else:
+            troubles += [
+                f"{camera}: every {_ORDINALS.get(step, f'{step}th')} frame is recorded"
+                for camera, step in self._lowered.items()
+                if step > 1
+            ]
+        if self._disk.state.slow:
+            troubles.append("the disk is slow")
+        return troubles
+
+    # Pictures
+
     def _take_media_results(self) -> None:
         for result in self._media.results():
             match result:
                 case PhotoKept(ref=ref, file_name=file_name):
+                    self._log_sync.note(self.folder / file_name)
                     self._record(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name))
                 case MediaFailed():
                     self._on_media_failed(result)
+                case VideoRateChanged():
+                    self._on_rate_changed(result)
 
     def _on_media_failed(self, failure: MediaFailed) -> None:
         if failure.kind == "photo":
@@ -266,7 +426,7 @@ class SessionRecorder:
             self._miss("frame", f"{failure.camera}: {failure.detail}"[:200], failure.lost)
         if failure.disk_full:
             self._end_video("The disk is full.")
-        elif failure.detail != "the video has ended":
+        elif failure.kind == "video" and failure.detail != "the video has ended":
             self.problem(
                 "error",
                 f"The video of {failure.camera} ended: {failure.detail}.",
@@ -274,29 +434,88 @@ class SessionRecorder:
                 "Stop and start the recording to have video again.",
             )
 
+    def _on_rate_changed(self, change: VideoRateChanged) -> None:
+        _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
+        self._lowered[change.camera] = change.step
+        if change.change == "lowered" and change.camera not in self._told_lowered:
+            # Once a session: how it goes on is in the recorder's report, and every frame left out is counted.
+            self._told_lowered.add(change.camera)
+            self.problem(
+                "warning",
+                f"This computer cannot keep up with the video of {change.camera}.",
+                "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is "
+                "missing.",
+                "Close other programs, or choose a smaller picture or fewer frames for this camera.",
+            )
+
     # The disk
 
-    def _watch_disk(self) -> None:
+    def _update_sound_headers(self) -> None:
         try:
-            self._free_bytes = shutil.disk_usage(self.folder).free
+            self._audio.update_headers()
+        except OSError as error:
+            _log.exception("the sound of %s", self.folder)
+            self._end_audio(error)
+
+    def _watch_disk(self, now_ns: int) -> None:
+        try:
+            free_bytes = shutil.disk_usage(self.folder).free
         except OSError:
             _log.exception("free room of %s", self.folder)
             return
-        if self._free_bytes < self._limits.end_video_free_bytes:
-            self._end_video(f"The disk is nearly full: {_megabytes(self._free_bytes)} are left.")
-        elif self._free_bytes < self._limits.warn_free_bytes and not self._warned:
-            self._warned = True
+        before = self._disk.state
+        now_s = time.monotonic()
+        delays_s = [
+            delay_s
+            for lane in (self._log_sync, self._media_sync)
+            for delay_s in lane.delays_s(now_s, within_s=_DELAYS_WITHIN_S)
+        ]
+        disk = self._disk.observe(now_ns, free_bytes=free_bytes, written_bytes=self._written_bytes(), delays_s=delays_s)
+        self._tell_disk(disk)
+        if (before.slow, before.stage) != (disk.slow, disk.stage):
+            _log.info("disk: %s", disk)
+        self._media.limit_rate(2 if disk.slow or disk.stage in ("low", "out") else 1)
+        if self._log_sync.disk_full or self._media_sync.disk_full:
+            self._on_reserve = True
+        if self._on_reserve and not self._told_reserve:
+            self._told_reserve = True
+            self._end_video("The disk is full.")
+            self._end_audio(None)
+            self.problem(
+                "error",
+                "The disk is full: from here on only events and robot data are recorded.",
+                f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
+                "Free some room on the disk now, or stop the recording.",
+            )
+
+    def _tell_disk(self, disk: DiskState) -> None:
+        free = _megabytes(disk.free_bytes or 0)
+        left = "" if disk.room_s is None else f", at this rate for {_minutes(disk.room_s)}"
+        if disk.stage == "out" and self._video_permitted:
+            self._end_video(f"The disk is nearly full: {free} are left.")
+        elif disk.stage != "ample" and not self._told_scarce:
+            self._told_scarce = True
             self.problem(
                 "warning",
-                f"The disk is filling up: {_megabytes(self._free_bytes)} are left.",
-                f"The video ends when {_megabytes(self._limits.end_video_free_bytes)} are left.",
+                f"The disk is filling up: {free} are left{left}.",
+                f"The video gets fewer frames when {_megabytes(self._limits.lower_video_free_bytes)} are left, and "
+                f"ends at {_megabytes(self._limits.end_video_free_bytes)}.",
                 "Delete or move files that you do not need.",
+            )
+        if disk.slow and not self._told_slow:
+            self._told_slow = True
+            self.problem(
+                "warning",
+                f"The disk is slow: it took {disk.delay_s:.1f} s to write what was recorded.",
+                "Every second frame of the videos is left out meanwhile. A power cut now could cost the last "
+                f"{disk.delay_s + 1:.0f} s.",
+                "Close programs that use this disk, or choose a study folder on another one for the next session.",
             )
 
     def _end_video(self, what: str) -> None:
         if self._video_ended or not self._video_permitted:
             return
-        self._video_ended = self._warned = True
+        self._video_ended = self._told_scarce = True
         self._media.end_videos()
         self.problem(
             "error",
@@ -305,10 +524,39 @@ class SessionRecorder:
             "Free some room on the disk, then stop and start the recording.",
         )
 
+    def _end_audio(self, error: OSError | None) -> None:
+        if self._audio_ended or not self._audio_permitted:
+            return
+        self._audio_ended = True
+        try:
+            self._put_blocks(self._audio.close())
+        except OSError:
+            _log.exception("closing the sound of %s", self.folder)
+        if error is not None and not no_room(error):
+            self.problem(
+                "error",
+                f"Sound is no longer recorded: {error.strerror or error}.",
+                "What was recorded up to now is kept. Events and robot data go on.",
+                "Stop and start the recording to have sound again.",
+            )
+        elif error is not None:
+            self._on_reserve = True
+
+    def _written_bytes(self) -> int:
+        return (
+            self._log.file.written_bytes
+            + self._plain.written_bytes
+            + self._media.written_bytes
+            + self._audio.written_bytes
+        )
+
     # session.json
 
-    def _write_header(self, *, ended_ns: int | None, reason: str | None, videos: tuple[VideoInfo, ...]) -> None:
+    def _write_header(self) -> None:
+        """As it stands: before the session, or once it has ended."""
         header = self._header
+        ended = self._ended_ns is not None
+        videos: tuple[VideoInfo, ...] = self._media.infos() if ended else ()
         data = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -320,26 +568,50 @@ class SessionRecorder:
             },
             "robot": {"profile": header.robot_profile, "address": without_credentials(header.robot_address)},
             "trial": header.trial,
+            "software": header.software,
+            "settings": header.settings,
             "clock": {
                 "monotonic_ns": header.anchor.monotonic_ns,
                 "utc_ns": header.anchor.utc_ns,
-                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns).",
+                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap publish_time is the "
+                "stamp of a value and log_time its arrival at the console, both in UTC.",
             },
             "started_ns": self.started_ns,
             "started_utc": self._clock.utc(self.started_ns),
-            "ended_ns": ended_ns,
-            "ended_utc": None if ended_ns is None else self._clock.utc(ended_ns),
-            "duration_s": None if ended_ns is None else round(self._clock.session_s(ended_ns), 3),
-            "reason": reason,
-            "counts": {} if ended_ns is None else dict(sorted(self._log.counts.items())),
+            "ended_ns": self._ended_ns,
+            "ended_utc": None if self._ended_ns is None else self._clock.utc(self._ended_ns),
+            "duration_s": None if self._ended_ns is None else round(self._clock.session_s(self._ended_ns), 3),
+            "reason": self._reason,
+            "pauses": [{"paused_ns": begin_ns, "resumed_ns": end_ns} for begin_ns, end_ns in self._pauses],
+            "counts": dict(sorted(self._log.counts.items())) if ended else {},
             "dropped": dict(sorted(self.dropped.items())),
             "videos": [asdict(video) for video in videos],
-            "files": [] if ended_ns is None else _files(self.folder),
+            "audio": [asdict(sound) for sound in self._audio.infos()] if ended else [],
+            "files": _files(self.folder) if ended else [],
         }
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         replace_file(
             self.folder / "session.json", text.encode("utf-8", "replace"), durable=True, on_full=self._make_room
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """When a value of its topic was put last, and the one that waits for its turn."""
+
+    spec: StreamSpec
+    put_ns: int
+    value: Any
+    arrived_ns: int
+
+
+_ORDINALS = {2: "second", 4: "fourth"}
+
+
+def _reserve(folder: Path, limits: DiskLimits) -> Reserve:
+    """As large as the limits say where the disk is large enough. Raises OSError where not even a little is free."""
+    share_bytes = max(shutil.disk_usage(folder).free // _RESERVE_SHARE, _LEAST_RESERVE_BYTES)
+    return Reserve(folder, min(limits.reserve_bytes, share_bytes), steps=limits.reserve_steps)
 
 
 def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
@@ -358,11 +630,15 @@ def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
 
 def _files(folder: Path) -> list[dict[str, Any]]:
     return [
-        {"name": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size}
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "session.json"
+        {"name": name, "bytes": (folder / name).stat().st_size}
+        for name in session_files(folder)
+        if name != "session.json"
     ]
 
 
 def _megabytes(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+
+
+def _minutes(room_s: float) -> str:
+    return f"{room_s / 60:.0f} minutes" if room_s >= 120 else f"{room_s:.0f} s"

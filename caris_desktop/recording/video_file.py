@@ -1,27 +1,25 @@
-"""One camera's mp4: readable while it grows and after a kill, an ordinary mp4 once it is closed."""
+"""One camera's mp4: readable while it grows and after a kill, an ordinary mp4 once it is closed.
+
+Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it and when it was taken.
+"""
 
 import logging
 import re
+from collections import deque
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.session_clock import SessionClock
+from caris_desktop.recording.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
 
 _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
-_TICKS_PER_S = 90_000
-# ``hybrid_fragmented`` writes fragments (each ends at a key frame, so a kill costs at most one) and turns the whole
-# into a plain mp4 with one index when the file is closed.
-_MUXER = {
-    "movflags": "hybrid_fragmented+frag_keyframe+empty_moov+default_base_moof",
-    "flush_packets": "1",
-}
-# zerolatency: no frame waits in the encoder; one thread: the robot's video must not starve perception and driving.
-_ENCODER = {"preset": "ultrafast", "tune": "zerolatency", "crf": "23", "threads": "1"}
+INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence\n"
 
 
 def video_file_name(camera: str, taken: set[str]) -> str:
@@ -34,13 +32,28 @@ def video_file_name(camera: str, taken: set[str]) -> str:
 
 
 class VideoFile:
-    """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``."""
+    """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``.
 
-    def __init__(self, path: Path, *, width_px: int, height_px: int, on_full: Callable[[], bool]) -> None:
-        """Raises OSError when the file cannot be made, ValueError when the size cannot be encoded."""
+    A line of the index is written when its frame is in the mp4, so that after a kill every line has its frame.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        width_px: int,
+        height_px: int,
+        encoder: Encoder,
+        clock: SessionClock,
+        on_full: Callable[[], bool],
+    ) -> None:
+        """Raises OSError when the files cannot be made, ValueError when the size cannot be encoded, and PyAV's errors
+        when the encoder does not open.
+        """
         import av
 
         self.path = path
+        self.encoder = encoder
         self.frames = 0
         self.first_stamp_ns = 0
         self.last_stamp_ns = 0
@@ -48,43 +61,68 @@ class VideoFile:
         if not (self.width_px and self.height_px):
             raise ValueError(f"a picture of {width_px}x{height_px} pixels is too small for a video")
         self._av = av
+        self._clock = clock
         self._last_tick = -1
         self._last_key_tick = 0
+        # Lines of frames that the encoder still has, that the muxer still has, and how many are in the index.
+        self._encoding: deque[str] = deque()
+        self._muxed: list[str] = []
         self.file = DiskFile(path, on_full=on_full)
-        self._container = av.open(self.file, "w", format="mp4", options=_MUXER)
-        self._stream = self._container.add_stream("libx264", options=_ENCODER)
-        self._stream.width, self._stream.height = self.width_px, self.height_px
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.time_base = Fraction(1, _TICKS_PER_S)
-        self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
+        try:
+            self.index = DiskFile(path.with_suffix(".frames.csv"), on_full=on_full)
+        except OSError:
+            self.file.close()
+            path.unlink(missing_ok=True)
+            raise
+        try:
+            self.index.write(INDEX_HEAD.encode())
+            self._container = av.open(self.file, "w", format="mp4", options=MUXER)
+            self._stream = add_stream(self._container, encoder, self.width_px, self.height_px)
+            self._stream.codec_context.open()
+        except Exception:
+            self.file.discard()
+            self._close_files()
+            path.unlink(missing_ok=True)
+            self.index.path.unlink(missing_ok=True)
+            raise
 
-    def write(self, image_bgr: NDArray[np.uint8], *, stamp_ns: int) -> None:
-        """``image_bgr``: uint8, shape (height, width, 3); an odd last row or column is cut off. Raises OSError."""
-        if not self.frames:
-            self.first_stamp_ns = stamp_ns
-        tick = max((stamp_ns - self.first_stamp_ns) * _TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
+    def write(self, image_bgr: NDArray[np.uint8], ref: FrameRef) -> None:
+        """``image_bgr``: uint8, shape (height, width, 3); an odd last row or column is cut off. It must not change
+        before the next call.
+
+        Raises OSError, and PyAV's errors.
+        """
+        first = self._last_tick < 0
+        if first:
+            self.first_stamp_ns = ref.stamp_ns
+        tick = max((ref.stamp_ns - self.first_stamp_ns) * TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
         even = np.ascontiguousarray(image_bgr[: self.height_px, : self.width_px])
-        frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
-        frame.pts, frame.time_base = tick, Fraction(1, _TICKS_PER_S)
-        if not self.frames or tick - self._last_key_tick >= KEY_FRAME_EVERY_S * _TICKS_PER_S:
+        frame = self._av.VideoFrame.from_numpy_buffer(even, format="bgr24")
+        frame.pts, frame.time_base = tick, self._stream.time_base
+        if first or tick - self._last_key_tick >= KEY_FRAME_EVERY_S * TICKS_PER_S:
             frame.pict_type = self._av.video.frame.PictureType.I
             self._last_key_tick = tick
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
-        self._last_tick, self.last_stamp_ns = tick, stamp_ns
-        self.frames += 1
+        robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
+        video_s = tick / TICKS_PER_S
+        self._encoding.append(
+            f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{self._clock.utc(ref.stamp_ns)},{ref.sequence}\n"
+        )
+        self._mux(self._stream.encode(frame))
+        self._last_tick, self.last_stamp_ns = tick, ref.stamp_ns
 
     def close(self) -> None:
         """Turn the file into a plain mp4. Raises OSError; the video then stays readable as fragments."""
         try:
-            for packet in self._stream.encode(None):
-                self._container.mux(packet)
+            self._mux(self._stream.encode(None))
             self.file.hold_back()
             self._container.close()
             self.file.commit()
+            self._write_index(self._muxed)
+            self._muxed.clear()
             self.file.sync()
+            self.index.sync()
         finally:
-            self.file.close()
+            self._close_files()
 
     def abandon(self) -> None:
         """Stop here, whatever the encoder still holds: what is on disk is readable and is left alone."""
@@ -93,4 +131,32 @@ class VideoFile:
             self._container.close()
         except (OSError, self._av.error.FFmpegError):
             _log.debug("closing an abandoned video", exc_info=True)
+        self._close_files()
+
+    @property
+    def lost(self) -> int:
+        """Frames that were taken and, once it is closed or abandoned, are not in the file."""
+        return len(self._encoding) + len(self._muxed)
+
+    @property
+    def written_bytes(self) -> int:
+        return self.file.written_bytes + self.index.written_bytes
+
+    def _mux(self, packets: list[object]) -> None:
+        for packet in packets:
+            size_before = self.file.size_bytes
+            self._container.mux(packet)
+            self._muxed.append(self._encoding.popleft())
+            if self.file.size_bytes > size_before:
+                # A fragment went out: all up to the key frame that begins the next one.
+                self._write_index(self._muxed[:-1])
+                del self._muxed[:-1]
+
+    def _write_index(self, lines: list[str]) -> None:
+        if lines:
+            self.index.write("".join(f"{self.frames + at},{line}" for at, line in enumerate(lines)).encode())
+            self.frames += len(lines)
+
+    def _close_files(self) -> None:
         self.file.close()
+        self.index.close()

@@ -18,7 +18,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.recording.messages import RecorderReport, SessionHeader, StartRecording, StopRecording
 from caris_desktop.recording.recorder_process import run_recorder
-from caris_desktop.recording.session_recorder import DiskLimits
+from caris_desktop.recording.disk_watch import DiskLimits
 
 SPAWN = multiprocessing.get_context("spawn")
 

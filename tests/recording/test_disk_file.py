@@ -19,7 +19,7 @@ def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: p
     file.write(b" index")
     assert (tmp_path / "f").read_bytes() == b"front body"
     seen_at_sync: list[bytes] = []
-    monkeypatch.setattr(os, "fsync", lambda _descriptor: seen_at_sync.append((tmp_path / "f").read_bytes()))
+    monkeypatch.setattr(os, "fdatasync", lambda _descriptor: seen_at_sync.append((tmp_path / "f").read_bytes()))
     file.commit()
     assert seen_at_sync == [b"front body index"]
     assert (tmp_path / "f").read_bytes() == b"FRONT body index"
@@ -65,6 +65,32 @@ def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, mon
     assert not reserve.held
     assert not reserve.release()
     file.close()
+
+
+def test_a_reserve_is_given_back_step_by_step_down_to_what_is_to_be_kept(tmp_path: Path) -> None:
+    reserve = Reserve(tmp_path, 10_000, steps=4)
+    left = []
+    while reserve.release_step(keep_bytes=1500):
+        left.append(reserve.left_bytes)
+    assert left == [7500, 5000, 2500, 1500]
+    assert reserve.release()
+    assert not reserve.release_step()
+    assert reserve.left_bytes == 0
+
+
+def test_a_file_can_be_patched_and_extended_while_it_grows(tmp_path: Path) -> None:
+    file = DiskFile(tmp_path / "f")
+    file.write(b"head body")
+    file.patch(0, b"HEAD")
+    file.extend_to(12)
+    file.write(b"tail")
+    assert (tmp_path / "f").read_bytes() == b"HEAD body\0\0\0tail"
+    assert file.sync()
+    assert not file.sync()
+    file.write(b"!")
+    assert file.sync()
+    file.close()
+    assert not file.sync()
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

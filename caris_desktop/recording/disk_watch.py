@@ -1,0 +1,98 @@
+"""How the disk of a session stands: how long it lasts at the present rate, and whether it is fast enough."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Stage = Literal["ample", "scarce", "low", "out"]
+_STAGES: tuple[Stage, ...] = ("ample", "scarce", "low", "out")
+_WINDOW_NS = 60_000_000_000
+_SAMPLE_EVERY_NS = 900_000_000
+# Before that long a beginning recording, whose files are just made, says little about its rate.
+_FORECAST_AFTER_NS = 15_000_000_000
+_RATE_AFTER_NS = 2_000_000_000
+_BETTER_BY = 1.5
+_SLOW_S, _VERY_SLOW_S, _FAST_AGAIN_S = 1.0, 2.0, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class DiskLimits:
+    """At how much free room, or how long before the disk is full at the present rate, the recorder does what.
+
+    ``reserve_bytes`` is set aside at the start for the events (less on a small disk), and ``closing_bytes`` of it for
+    closing the session properly.
+    """
+
+    warn_free_bytes: int = 1024 * 1024 * 1024
+    warn_room_s: float = 15 * 60.0
+    lower_video_free_bytes: int = 256 * 1024 * 1024
+    lower_video_room_s: float = 60.0
+    end_video_free_bytes: int = 64 * 1024 * 1024
+    end_video_room_s: float = 8.0
+    reserve_bytes: int = 64 * 1024 * 1024
+    reserve_steps: int = 8
+    closing_bytes: int = 8 * 1024 * 1024
+    close_media_s: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class DiskState:
+    """``bytes_per_s`` is how fast the session grew lately; ``room_s`` also counts what others wrote on the disk.
+
+    ``stage``: ``scarce`` is to be told, at ``low`` the video takes less, from ``out`` on there is none.
+    ``delay_s`` is how long the disk took lately at the longest, ``slow`` whether that is too long.
+    """
+
+    free_bytes: int | None = None
+    bytes_per_s: float = 0.0
+    room_s: float | None = None
+    stage: Stage = "ample"
+    delay_s: float = 0.0
+    slow: bool = False
+
+
+class DiskWatch:
+    """Fed some times per second with what the recorder measures."""
+
+    def __init__(self, limits: DiskLimits) -> None:
+        self._limits = limits
+        self._samples: deque[tuple[int, int, int]] = deque()
+        self.state = DiskState()
+
+    def observe(self, now_ns: int, *, free_bytes: int, written_bytes: int, delays_s: Iterable[float]) -> DiskState:
+        """``delays_s`` is how long writes and their confirmation took lately; one hiccup makes no slow disk unless it
+        is a long one.
+        """
+        longest_s, second_s, *_ = (*sorted(delays_s, reverse=True), 0.0, 0.0)
+        if not self._samples or now_ns - self._samples[-1][0] >= _SAMPLE_EVERY_NS:
+            self._samples.append((now_ns, free_bytes, written_bytes))
+            while now_ns - self._samples[0][0] > _WINDOW_NS:
+                self._samples.popleft()
+        first_ns, first_free_bytes, first_written_bytes = self._samples[0]
+        bytes_per_s, room_s = 0.0, None
+        span_ns = now_ns - first_ns
+        if span_ns >= _RATE_AFTER_NS:
+            bytes_per_s = (written_bytes - first_written_bytes) / (span_ns / 1e9)
+            shrinks_by = max(bytes_per_s, (first_free_bytes - free_bytes) / (span_ns / 1e9))
+            room_s = free_bytes / shrinks_by if shrinks_by > 0 else None
+        slow = longest_s > _VERY_SLOW_S or second_s > _SLOW_S
+        if self.state.slow and not slow:
+            slow = longest_s > _FAST_AGAIN_S
+        forecast_s = room_s if span_ns >= _FORECAST_AFTER_NS else None
+        self.state = DiskState(free_bytes, bytes_per_s, room_s, self._stage(free_bytes, forecast_s), longest_s, slow)
+        return self.state
+
+    def _stage(self, free_bytes: int, room_s: float | None) -> Stage:
+        limits = self._limits
+        worst_first: tuple[tuple[Stage, int, float], ...] = (
+            ("out", limits.end_video_free_bytes, limits.end_video_room_s),
+            ("low", limits.lower_video_free_bytes, limits.lower_video_room_s),
+            ("scarce", limits.warn_free_bytes, limits.warn_room_s),
+        )
+        for stage, least_bytes, least_s in worst_first:
+            # Once there, it takes a good deal more room to be better off again.
+            margin = _BETTER_BY if _STAGES.index(self.state.stage) >= _STAGES.index(stage) else 1.0
+            if free_bytes < least_bytes * margin or (room_s is not None and room_s < least_s * margin):
+                return stage
+        return "ample"

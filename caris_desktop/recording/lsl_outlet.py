@@ -1,0 +1,89 @@
+"""Events to recorders of physiology: a Lab Streaming Layer outlet of markers, where that library is installed."""
+
+import json
+import logging
+from typing import Any
+
+from caris_desktop.domain import clock, events
+from caris_desktop.domain.schema import to_jsonable
+from caris_desktop.domain.streams import Delivery, StreamSpec
+
+_log = logging.getLogger(__name__)
+STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
+_SOURCE_ID = "caris-desktop-markers"
+# Many times per second, or of no use beside a physiological signal.
+_NOT_SENT = (events.CommandSent, events.HeadMoved, events.LinkQuality, events.TrafficMeasured)
+_LONGEST_TEXT = 1000
+_TRIES = 25
+_MEASURE_EVERY_NS = 10_000_000_000
+
+
+class OutletUnavailableError(Exception):
+    """No markers go out; ``what`` and ``advice`` are for the wizard."""
+
+    def __init__(self, what: str, advice: str) -> None:
+        super().__init__(what)
+        self.what, self.advice = what, advice
+
+
+class MarkerOutlet:
+    """One string per event, as JSON: ``event``, ``stamp_ns`` of the session clock, and the event's own fields.
+
+    The sample's timestamp is the same moment on LSL's clock. One thread.
+    """
+
+    def __init__(self) -> None:
+        """Raises OutletUnavailableError when the library is not there or does not work."""
+        try:
+            import pylsl
+        except (ImportError, RuntimeError, OSError) as error:
+            # Without its native library the package raises RuntimeError, or OSError for one that does not load.
+            _log.warning("pylsl: %s", error)
+            raise OutletUnavailableError(
+                "No markers go out: Lab Streaming Layer is not installed.",
+                'Install it: pip install "caris-desktop[lsl]", then start the recording again.',
+            ) from error
+        try:
+            info = pylsl.StreamInfo(STREAM_NAME, STREAM_TYPE, 1, pylsl.IRREGULAR_RATE, pylsl.cf_string, _SOURCE_ID)
+            info.desc().append_child_value("manufacturer", "CARIS Desktop")
+            info.desc().append_child_value("format", "one JSON object per event, with stamp_ns of the session clock")
+            self._outlet: Any = pylsl.StreamOutlet(info)
+        except (RuntimeError, OSError) as error:
+            _log.exception("the outlet does not open")
+            raise OutletUnavailableError(
+                f"No markers go out: the Lab Streaming Layer outlet does not open ({error}).",
+                "Check the network of this computer, then start the recording again.",
+            ) from error
+        self._lsl_clock = pylsl.local_clock
+        self._lsl_minus_session_s = 0.0
+        self._measured_ns = 0
+        self._measure()
+
+    def offer(self, spec: StreamSpec, value: Any) -> None:
+        """Send ``value`` out if it is an event that others can use."""
+        if spec.delivery is not Delivery.LOSSLESS or isinstance(value, _NOT_SENT):
+            return
+        if clock.now_ns() - self._measured_ns > _MEASURE_EVERY_NS:
+            self._measure()
+        fields = {
+            key: f"{field[:_LONGEST_TEXT]}…" if isinstance(field, str) and len(field) > _LONGEST_TEXT else field
+            for key, field in to_jsonable(value).items()
+        }
+        marker = json.dumps({"event": spec.name.removeprefix("event/"), **fields}, ensure_ascii=False)
+        text = marker.encode("utf-8", "replace").decode("utf-8")
+        self._outlet.push_sample([text], value.stamp_ns / 1e9 + self._lsl_minus_session_s)
+
+    def close(self) -> None:
+        """The stream disappears from the network."""
+        self._outlet = None
+
+    def _measure(self) -> None:
+        """The two clocks side by side: the reading of which the two sides are closest counts."""
+        readings = []
+        for _ in range(_TRIES):
+            before_ns = clock.now_ns()
+            lsl_s = self._lsl_clock()
+            after_ns = clock.now_ns()
+            readings.append((after_ns - before_ns, lsl_s - (before_ns + after_ns) / 2e9))
+        self._lsl_minus_session_s = min(readings)[1]
+        self._measured_ns = clock.now_ns()
