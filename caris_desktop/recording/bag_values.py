@@ -287,6 +287,7 @@ class ValueMaker:
         self._tree = FrameTree()
         self._pose_from_tf = not any(role.stream == "pose" for role in roles)
         self._tf_pose_ns = -_TF_POSE_EVERY_NS
+        self._moving: set[str] = set()
         self._commands = self._goals = self._utterances = 0
         self._lenses: dict[str, CameraModel] = {}
         self.lasers_without_place: set[str] = set()
@@ -367,14 +368,15 @@ class ValueMaker:
         base = self._tree.base()
         if not self._pose_from_tf or base is None or channel.topic.endswith("static"):
             return
-        chain = set(self._tree.chain(base))
-        moved = [transform for transform in transforms if transform.child_frame in chain]
+        self._moving.update(transform.child_frame for transform in transforms)
+        # The joint that moves nearest to the robot moves most often; those above it only correct it.
+        joint = next((frame for frame in self._tree.chain(base) if frame in self._moving), None)
+        moved = [transform for transform in transforms if transform.child_frame == joint]
         if moved and at_ns - self._tf_pose_ns >= _TF_POSE_EVERY_NS:
             pose = self._tree.pose_in(MAP_FRAME, base)
             if pose is not None:
                 self._tf_pose_ns = at_ns
-                stamps = [transform.robot_stamp_ns for transform in moved if transform.robot_stamp_ns is not None]
-                yield RobotPose(at_ns, max(stamps, default=None), pose)
+                yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose)
 
     def _command(self, twist: Any, at_ns: int) -> Iterator[CommandSent]:
         self._commands += 1
