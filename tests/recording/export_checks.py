@@ -1,0 +1,113 @@
+"""Whether an export is what its format asks for, judged by programs that are not ours."""
+
+import csv
+import importlib.util
+import json
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+from caris_desktop.recording.export import FORMATS
+
+_SCHEMA = Path(__file__).parents[3] / "shared" / "data" / "EAFv3.0.xsd"
+
+
+def formats_there() -> list[str]:
+    """The formats whose exporter there is."""
+    return [fmt.name for fmt in FORMATS if importlib.util.find_spec(fmt.module) is not None]
+
+
+def check_export(fmt: str, out: Path) -> None:
+    """Fails when the files in ``out`` are not what ``fmt`` promises."""
+    assert any(path.is_file() and path.stat().st_size for path in out.rglob("*")), f"{fmt} holds nothing"
+    _CHECKS[fmt](out)
+
+
+def _csv(out: Path) -> None:
+    tables = sorted(out.glob("*.csv"))
+    assert {"session.csv", "data_dictionary.csv"} <= {path.name for path in tables}
+    for path in tables:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+        assert rows, path
+        assert {len(row) for row in rows} == {len(rows[0])}, path
+
+
+def _parquet(out: Path) -> None:
+    import pyarrow.parquet as pq
+
+    for path in out.rglob("*.parquet"):
+        pq.read_table(path).validate(full=True)
+
+
+def _eaf(out: Path) -> None:
+    import xmlschema
+    from pympi.Elan import Eaf
+
+    (path,) = out.glob("*.eaf")
+    assert Eaf(str(path)).get_tier_names()
+    if _SCHEMA.exists():
+        xmlschema.validate(str(path), str(_SCHEMA))
+
+
+def _textgrid(out: Path) -> None:
+    import parselmouth
+
+    for path in out.glob("*.TextGrid"):
+        assert parselmouth.read(str(path)).class_name == "TextGrid"
+
+
+def _vtt(out: Path) -> None:
+    import webvtt
+
+    for path in out.glob("*.vtt"):
+        webvtt.read(str(path))
+
+
+def _rosbag2(out: Path) -> None:
+    from mcap.reader import make_reader
+    from rosbags.highlevel import AnyReader
+
+    for path in out.rglob("*.mcap"):
+        with path.open("rb") as file:
+            assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+    for path in (out / "session.bag", out / "ros2"):
+        with AnyReader([path]) as reader:
+            for connection, _, raw in reader.messages():
+                reader.deserialize(raw, connection.msgtype)
+
+
+def _frames(out: Path) -> None:
+    for path in out.rglob("*.jsonl"):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            json.loads(line)
+
+
+def _rocrate(out: Path) -> None:
+    from rocrate.rocrate import ROCrate
+
+    metadata = sorted(out.rglob("ro-crate-metadata.json"))
+    assert metadata
+    crate = ROCrate(str(metadata[0].parent))
+    assert crate.root_dataset["name"]
+
+
+def _page(out: Path) -> None:
+    for path in [*out.rglob("*.html"), *out.rglob("*.md")]:
+        text = path.read_text(encoding="utf-8")
+        assert len(text) > 200, path
+        HTMLParser().feed(text)
+
+
+_CHECKS: dict[str, Callable[[Path], None]] = {
+    "csv": _csv,
+    "parquet": _parquet,
+    "eaf": _eaf,
+    "textgrid": _textgrid,
+    "vtt": _vtt,
+    "rosbag2": _rosbag2,
+    "frames": _frames,
+    "rocrate": _rocrate,
+    "html": _page,
+    "methods": _page,
+}
