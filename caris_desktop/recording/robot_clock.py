@@ -173,9 +173,10 @@ def _run(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float], *,
     bound_ns = np.array(uncertainty_ns, dtype=np.float64)
     if fitted:
         smooth_ns, rates = _lines(session_ns, measured_ns, bound_ns)
-        # The truth lies within the bound of what was measured, so that is where the line has to pass.
-        offset = np.clip(smooth_ns, measured_ns - bound_ns, measured_ns + bound_ns)
-        uncertainty = bound_ns + np.abs(offset - measured_ns)
+        # The truth lies within the bounds of what was measured, so that is where the line has to pass.
+        lower_ns, upper_ns = _bounds(session_ns, measured_ns, bound_ns)
+        offset = np.clip(smooth_ns, lower_ns, upper_ns)
+        uncertainty = np.maximum(upper_ns - offset, offset - lower_ns)
         robot_ns = np.maximum.accumulate(session_ns + offset)
     else:
         rates = np.zeros_like(session_ns)
@@ -193,6 +194,24 @@ def _run(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float], *,
         float(rates[0]),
         float(rates[-1]),
     )
+
+
+def _bounds(
+    at_ns: NDArray[np.float64], offset_ns: NDArray[np.float64], bound_ns: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Between what the offset was at each estimate: an uncertain one is bounded by better ones before and after it."""
+    lower_ns, upper_ns = offset_ns - bound_ns, offset_ns + bound_ns
+    for order in (range(1, len(at_ns)), range(len(at_ns) - 2, -1, -1)):
+        for index in order:
+            neighbour = index - 1 if order.step > 0 else index + 1
+            drift_ns = DRIFT_LIMIT * abs(at_ns[index] - at_ns[neighbour])
+            lower_ns[index] = max(lower_ns[index], lower_ns[neighbour] - drift_ns)
+            upper_ns[index] = min(upper_ns[index], upper_ns[neighbour] + drift_ns)
+    # Nothing agrees with all of a clock that drifts more than any should; each then stands for itself.
+    contrary = lower_ns > upper_ns
+    lower_ns[contrary] = (offset_ns - bound_ns)[contrary]
+    upper_ns[contrary] = (offset_ns + bound_ns)[contrary]
+    return lower_ns, upper_ns
 
 
 def _lines(

@@ -3,6 +3,7 @@
 import itertools
 import random
 from collections.abc import Callable
+from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -52,6 +53,17 @@ def test_noise_is_taken_out_by_the_neighbours() -> None:
         off_ns.append(abs(measured.stamp_ns - START - second * S))
     assert sum(off_ns) / len(off_ns) < 2e6
     assert max(off_ns) < 4e6
+
+
+def test_an_uncertain_estimate_is_bounded_by_better_ones_around_it() -> None:
+    told = estimates(drifting, bound_ms=1.0)
+    told[0] = replace(told[0], clock_offset_ms=(told[0].clock_offset_ms or 0.0) + 25.0, clock_uncertainty_ms=30.0)
+    told[60] = replace(told[60], clock_offset_ms=(told[60].clock_offset_ms or 0.0) - 40.0, clock_uncertainty_ms=45.0)
+    robot = RobotClock(told)
+    for second in (0, 60):
+        measured = robot.measured(drifting(START + second * S), arrival_ns=START + second * S)
+        assert measured is not None
+        assert abs(measured.stamp_ns - START - second * S) <= measured.uncertainty_ns < 4e6
 
 
 def test_without_an_estimate_nothing_is_known() -> None:
