@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QFontMetricsF,
     QHideEvent,
@@ -20,6 +20,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
+from caris_desktop.ui.replay.seek_throttle import SeekThrottle
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.timeline_model import exact_text
 from caris_desktop.ui.theme import Theme
@@ -27,7 +28,6 @@ from caris_desktop.ui.theme import Theme
 HEIGHT_PX = 32
 _SIDE_PX = 8
 _GROOVE_Y = 17.0
-_SEEK_EVERY_MS = 40
 _STEP_NS = 5_000_000_000
 _PICTURE = QSize(192, 108)
 
@@ -58,9 +58,8 @@ class Scrubber(QWidget):
         self._ticks: QPixmap | None = None
         self._hover_ns: int | None = None
         self._dragging = False
-        self._wanted_ns: int | None = None
-        self._throttle = QTimer(self, singleShot=True, interval=_SEEK_EVERY_MS)
-        self._throttle.timeout.connect(self._send)
+        self._seeks = SeekThrottle(self)
+        self._seeks.due.connect(self.seek_wanted)
         self._bubble: MomentBubble | None = None
         thumbnails.made.connect(self._on_picture_made)
         theme.changed.connect(self._forget_ticks)
@@ -114,20 +113,18 @@ class Scrubber(QWidget):
         if event.button() == Qt.MouseButton.LeftButton:
             self._dragging = True
             self._point_at(event.position().x())
-            self._want(self.moment_at(event.position().x()))
+            self._seeks.want(self.moment_at(event.position().x()))
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         self._point_at(event.position().x())
         if self._dragging:
-            self._want(self.moment_at(event.position().x()))
+            self._seeks.want(self.moment_at(event.position().x()))
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and self._dragging:
             self._dragging = False
-            self._wanted_ns = self.moment_at(event.position().x())
-            self._position_ns = self._wanted_ns
-            self._throttle.stop()
-            self._send()
+            self._position_ns = self.moment_at(event.position().x())
+            self._seeks.want(self._position_ns)
             self.update()
             if not self.rect().contains(event.position().toPoint()):
                 self._put_away()
@@ -159,18 +156,6 @@ class Scrubber(QWidget):
 
     def _bounded(self, at_ns: int) -> int:
         return min(max(self._start_ns, at_ns), self._end_ns)
-
-    def _want(self, at_ns: int) -> None:
-        self._wanted_ns = at_ns
-        if not self._throttle.isActive():
-            self._send()
-
-    def _send(self) -> None:
-        if self._wanted_ns is not None:
-            wanted, self._wanted_ns = self._wanted_ns, None
-            self.seek_wanted.emit(wanted)
-            if self._dragging:
-                self._throttle.start()
 
     def _point_at(self, x_px: float) -> None:
         self._hover_ns = self.moment_at(x_px)

@@ -1,0 +1,196 @@
+"""How far two coders agree on a tier: the figures, and where they differ."""
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QApplication,
+    QDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.recording.annotation.agreement import Agreement, TierAgreement, compare_tiers, report
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+TOLERANCES_MS = (100, 250, 500, 1000, 2000)
+UNIT_MS = 100
+_USUAL_MS = 500
+# Landis and Koch (1977), the words that readers of the field know.
+_STRENGTHS = ((0.0, "slight"), (0.2, "fair"), (0.4, "moderate"), (0.6, "substantial"), (0.8, "almost perfect"))
+
+
+def strength(kappa: float) -> str:
+    """Landis and Koch's word for a kappa."""
+    if kappa < 0:
+        return "poor"
+    return next(word for floor, word in reversed(_STRENGTHS) if kappa >= floor)
+
+
+def kappa_words(result: Agreement) -> str:
+    if result.kappa is None:
+        return "not defined" if result.observed is None else "not defined: one label throughout"
+    return f"{result.kappa:.2f}, {strength(result.kappa)}"
+
+
+def likely_pair(tiers: list[Tier]) -> tuple[int, int]:
+    """Two coders' tiers of one name, else the first two."""
+    for first, one in enumerate(tiers):
+        for second, other in enumerate(tiers[first + 1 :], start=first + 1):
+            if one.name == other.name and one.coder != other.coder:
+                return first, second
+    return 0, min(1, len(tiers) - 1)
+
+
+class AgreementDialog(QDialog):
+    """Compares two tiers as they are when it opens, again with each choice."""
+
+    def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("agreement_dialog")
+        self.setWindowTitle("Agreement of two coders")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._theme = theme
+        self._document = document
+        self._tiers = [tier for tier in document.tiers if tier.coder]
+        self._result: TierAgreement | None = None
+        self._first = DropDown(theme, "agreement_first", "First tier")
+        self._second = DropDown(theme, "agreement_second", "Second tier")
+        self._tolerance = DropDown(theme, "agreement_tolerance", "Timing tolerance")
+        for tier in self._tiers:
+            for choice in (self._first, self._second):
+                choice.addItem(f"{tier.name} of {tier.coder}", tier.tier_id)
+        for milliseconds in TOLERANCES_MS:
+            self._tolerance.addItem(f"± {milliseconds} ms", milliseconds)
+        self._tolerance.setCurrentIndex(TOLERANCES_MS.index(_USUAL_MS))
+        first, second = likely_pair(self._tiers)
+        self._first.setCurrentIndex(first)
+        self._second.setCurrentIndex(second)
+        for choice in (self._first, self._second, self._tolerance):
+            choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+            choice.currentIndexChanged.connect(self._compare)
+        self._kappa = QLabel()
+        self._kappa.setObjectName("agreement_kappa")
+        self._kappa.setFont(theme.font(28, tokens.WEIGHT_SEMIBOLD))
+        self._lines = QLabel()
+        self._lines.setObjectName("agreement_lines")
+        self._lines.setWordWrap(True)
+        self._lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._table_words = QLabel("Where they differ, in tenths of a second: rows the first coder, columns the second")
+        self._table_words.setFont(theme.font(tokens.STATUS_PX))
+        palette = self._table_words.palette()
+        palette.setColor(self._table_words.foregroundRole(), theme.color("dim"))
+        self._table_words.setPalette(palette)
+        self._table = QTableWidget()
+        self._table.setObjectName("agreement_table")
+        self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self._table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self._table.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._table.setFont(theme.font(tokens.STATUS_PX))
+        self._table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        choices = QGridLayout()
+        choices.setHorizontalSpacing(16)
+        choices.setVerticalSpacing(8)
+        for row, (words, choice) in enumerate(
+            (("First", self._first), ("Second", self._second), ("Boundaries may differ by", self._tolerance))
+        ):
+            choices.addWidget(QLabel(words), row, 0)
+            choices.addWidget(choice, row, 1)
+        choices.setColumnStretch(1, 1)
+        copy = ActionButton(theme, "Copy the report", icon="copy", height_px=40)
+        copy.setObjectName("agreement_copy")
+        copy.clicked.connect(self._on_copy)
+        close = ActionButton(theme, "Close", look="ghost", height_px=40)
+        close.clicked.connect(self.reject)
+        buttons = QHBoxLayout()
+        buttons.addWidget(close)
+        buttons.addStretch(1)
+        buttons.addWidget(copy)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 24, 24, 24)
+        layout.setSpacing(12)
+        layout.addLayout(choices)
+        layout.addWidget(self._kappa)
+        layout.addWidget(self._lines)
+        layout.addWidget(self._table_words)
+        layout.addWidget(self._table, 1)
+        layout.addLayout(buttons)
+        self._copy = copy
+        self._compare()
+
+    def sizeHint(self) -> QSize:
+        return QSize(560, 560)
+
+    @property
+    def agreement(self) -> TierAgreement | None:
+        """The comparison on show."""
+        return self._result
+
+    def _compare(self) -> None:
+        first, second = self._first.currentData(), self._second.currentData()
+        self._result = None
+        refusal = "Choose two different tiers."
+        try:
+            if first != second:
+                self._result = compare_tiers(
+                    self._document, first, second, unit_ms=UNIT_MS, tolerance_ms=self._tolerance.currentData()
+                )
+        except AnnotationError as error:
+            refusal = str(error)
+        if self._result is None:
+            self._lines.setText(refusal)
+        else:
+            self._show(self._result)
+        for part in (self._kappa, self._table, self._table_words):
+            part.setVisible(self._result is not None)
+        self._copy.setEnabled(self._result is not None)
+
+    def _show(self, result: TierAgreement) -> None:
+        self._kappa.setText(f"κ {kappa_words(result.per_unit)}")
+        lines = []
+        if result.per_unit.observed is not None:
+            share = 100 * result.per_unit.observed
+            lines.append(f"The same label {share:.0f} % of the time, in steps of {UNIT_MS} ms.")
+        lines.append(f"By annotations: κ {kappa_words(result.per_annotation)}.")
+        if result.offsets is not None:
+            offsets = result.offsets
+            lines.append(
+                f"{offsets.matched} annotations lie at the same place. {result.coders[1]} starts them "
+                f"{_shift(offsets.start_mean_ms)} and ends them {_shift(offsets.end_mean_ms)}, on average."
+            )
+        self._lines.setText("\n".join(lines))
+        names = [label or "nothing" for label in result.per_unit.labels]
+        self._table.setRowCount(len(names))
+        self._table.setColumnCount(len(names))
+        self._table.setHorizontalHeaderLabels(names)
+        self._table.setVerticalHeaderLabels(names)
+        for row, counts in enumerate(result.per_unit.matrix):
+            for column, count in enumerate(counts):
+                cell = QTableWidgetItem(f"{count:,}" if count else "·")
+                cell.setTextAlignment(Qt.AlignmentFlag.AlignCenter)
+                cell.setForeground(self._theme.color("text" if count else "dim"))
+                if row == column:
+                    cell.setBackground(self._theme.color("green_soft"))
+                elif count:
+                    cell.setBackground(self._theme.color("amber_soft"))
+                self._table.setItem(row, column, cell)
+
+    def _on_copy(self) -> None:
+        if self._result is not None:
+            QApplication.clipboard().setText(report(self._result))
+
+
+def _shift(milliseconds: float) -> str:
+    if abs(milliseconds) < 0.5:
+        return "at the same moment"
+    return f"{abs(milliseconds):.0f} ms {'later' if milliseconds > 0 else 'earlier'}"
