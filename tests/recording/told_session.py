@@ -43,6 +43,8 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.streams import BY_TYPE
 
 ANCHOR = ClockAnchor(monotonic_ns=5_000_000_000_000, utc_ns=1_795_255_200_000_000_000)
+# Robot minus session clock: the robot keeps UTC, two seconds ahead.
+_ROBOT_AHEAD_MS = (ANCHOR.utc_ns - ANCHOR.monotonic_ns) / 1e6 + 2000.0
 STARTED_NS = ANCHOR.monotonic_ns + 3_000_000_000
 TRIAL = {
     "study": "Tour",
@@ -196,8 +198,8 @@ def tour(seed: int, *, minutes: float = 8.0, state_hz: float = 10.0, building: b
         LinkChanged(at(-0.5), "control", "connected", "ws://127.0.0.1:9090"),
         GuardChanged(at(-0.5), "clear"),
         PersonAppeared(at(2.0), "p-1", 1),
-        LinkQuality(at(1.0), 3.1, 2000.0, 1.2),
-        LinkQuality(at(minutes * 60 - 1), 4.0, 2000.0 + 50.0 * minutes, 1.4),
+        LinkQuality(at(1.0), 3.1, _ROBOT_AHEAD_MS, 1.2),
+        LinkQuality(at(minutes * 60 - 1), 4.0, _ROBOT_AHEAD_MS + 50.0 * minutes, 1.4),
     ]
     end_s = minutes * 60
     now_s, number = 4.0, 0

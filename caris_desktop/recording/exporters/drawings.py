@@ -25,6 +25,7 @@ _LEAST_BAR_PX = 1.6
 _MAP_PX = 1080.0
 _MAP_MAX_HEIGHT_PX = 620.0
 _WAY_CHUNKS = 48
+_SCALE_PX = 18.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +300,9 @@ def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> M
     def spot(x_m: float, y_m: float) -> tuple[float, float]:
         return (x_m - left) * scale, (top - y_m) * scale
 
-    parts = [_element("rect", x=0.0, y=0.0, width=width, height=height, class_="floor", rx=8.0)]
+    # Below the map, so that its scale covers nothing.
+    whole = height + _SCALE_PX
+    parts = [_element("rect", x=0.0, y=0.0, width=width, height=whole, class_="floor", rx=8.0)]
     if grid is not None:
         parts.append(_map_picture(grid, spot, scale))
     parts += [_pin(pin, spot, width) for pin in places]
@@ -308,8 +311,8 @@ def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> M
     parts += [_pin(pin, spot, width) for pin in way.pins]
     parts.append(_start(spot(*way.points_m[0])))
     parts.append(_robot(spot(*way.points_m[-1]), float(way.headings_rad[-1])))
-    parts.append(_scale_bar(width, height, scale))
-    return _svg(width, height, *parts, title="The way of the robot on the map")
+    parts.append(_scale_bar(width, whole, scale))
+    return _svg(width, whole, *parts, title="The way of the robot on the map")
 
 
 def _bounds(way: Way, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
@@ -460,7 +463,6 @@ def _scale_bar(width: float, height: float, scale: float) -> Markup:
     y = height - 14.0
     return _element(
         "g",
-        _element("rect", x=6.0, y=y - 26.0, width=length + 16.0, height=34.0, rx=6.0, class_="scale-ground"),
         _element("path", d=f"M14 {y - 5:.1f}v5h{length:.1f}v-5", class_="scale"),
         _text(14.0 + length / 2, y - 8.0, f"{metres:g} m", "axis", "middle"),
     )
