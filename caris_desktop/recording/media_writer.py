@@ -23,6 +23,7 @@ from caris_desktop.recording.video_rate import Change, VideoRate
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _ENCODER_NICENESS = 5
+_CROWDED_SHARE = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +222,11 @@ class _Budget:
             self._taken_bytes += size_bytes
             return True
 
+    @property
+    def crowded(self) -> bool:
+        """Whether soon no more can wait."""
+        return self._taken_bytes > _CROWDED_SHARE * self._most_bytes
+
     def give_back(self, size_bytes: int) -> None:
         with self.lock:
             self._taken_bytes -= size_bytes
@@ -299,7 +305,8 @@ class _CameraThread:
             ended_ns = time.monotonic_ns()
             del frame, image_bgr
             waited_s, took_s = (begun_ns - queued_ns) / 1e9, (ended_ns - begun_ns) / 1e9
-            self._adapt(self.rate.observe(ended_ns, waited_s=waited_s, took_s=took_s))
+            crowded = self._budget.crowded and waited_s > took_s
+            self._adapt(self.rate.observe(ended_ns, waited_s=waited_s, took_s=took_s, crowded=crowded))
         self._close()
 
     def _adapt(self, change: Change) -> None:

@@ -212,6 +212,8 @@ class SessionRecorder:
         """Whatever is due by time. To be called at least ten times per second."""
         now_ns = time.monotonic_ns()
         self._take_media_results()
+        if self._on_reserve and not self._told_reserve:
+            self._live_on_reserve()
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._guarded(self._log.flush)
@@ -477,16 +479,18 @@ class SessionRecorder:
         self._media.limit_rate(2 if disk.slow or disk.stage in ("low", "out") else 1)
         if self._log_sync.disk_full or self._media_sync.disk_full:
             self._on_reserve = True
-        if self._on_reserve and not self._told_reserve:
-            self._told_reserve = True
-            self._end_video("The disk is full.")
-            self._end_audio(None)
-            self.problem(
-                "error",
-                "The disk is full: from here on only events and robot data are recorded.",
-                f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
-                "Free some room on the disk now, or stop the recording.",
-            )
+
+    def _live_on_reserve(self) -> None:
+        """Events only, from now on."""
+        self._told_reserve = True
+        self._end_video("The disk is full.")
+        self._end_audio(None)
+        self.problem(
+            "error",
+            "The disk is full: from here on only events and robot data are recorded.",
+            f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
+            "Free some room on the disk now, or stop the recording.",
+        )
 
     def _tell_disk(self, disk: DiskState) -> None:
         free = _megabytes(disk.free_bytes or 0)
