@@ -3,7 +3,6 @@
 import heapq
 import json
 import math
-import wave
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -39,7 +38,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
-    AudioBlock,
+    AudioChunk,
     BatteryState,
     FrameRef,
     LaserScan,
@@ -54,9 +53,11 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.status import DriveStatus, LinkStatus, SpeechStatus
+from caris_desktop.recording.audio_file import AudioInfo, AudioWriter
 from caris_desktop.recording.disk_file import DiskFile, replace_file
 from caris_desktop.recording.event_log import EventLog
-from caris_desktop.recording.manifest import write_manifest
+from caris_desktop.recording.manifest import session_files, write_manifest
+from caris_desktop.recording.media_writer import VideoInfo
 from caris_desktop.recording.plain_files import PlainFiles
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_recorder import FORMAT, FORMAT_VERSION
@@ -77,6 +78,7 @@ SAID = (
 )
 _LABELS = ("greeting", "question", "laughs", "wizard: late")
 _NUMBER_BITS = 24
+_FLUSH_EVERY_NS = 300_000_000
 # How long after its stamp a value reaches the console: perception takes its time, the rest is quick.
 _PEOPLE_AFTER_NS, _REST_AFTER_NS = 140_000_000, 900_000
 
@@ -153,41 +155,54 @@ class MadeSession:
     values: tuple[tuple[int, Any], ...]
 
 
-def make_session(folder: Path, plan: SessionPlan | None = None, *, keep: bool = False, **fields: Any) -> MadeSession:
+def make_session(
+    folder: Path, plan: SessionPlan | None = None, *, keep: bool = False, killed: bool = False, **fields: Any
+) -> MadeSession:
     """Record a session into ``folder``, which is made. ``fields`` are those of :class:`SessionPlan`.
 
-    With ``keep`` what was recorded is given back, to compare with; for an hour that is gigabytes.
+    With ``keep`` what was recorded is given back, to compare with; for an hour that is gigabytes. With ``killed`` the
+    files are left as a kill of the recorder leaves them.
     """
     plan = plan or SessionPlan(**fields)
     folder.mkdir(parents=True)
     clock = _clock_of(plan)
-    videos = _write_videos(folder, plan)
-    log = EventLog(
-        DiskFile(folder / "events.mcap"),
-        anchor=clock.anchor,
-        metadata={"program_version": "0.test"},
-    )
+    videos = _write_videos(folder, plan, killed=killed)
+    log = EventLog(DiskFile(folder / "events.mcap"), anchor=clock.anchor, metadata={"program_version": "0.test"})
     plain = PlainFiles(folder, clock, on_full=lambda: False)
+    audio = AudioWriter(folder, on_full=lambda: False)
     kept: list[tuple[int, Any]] = []
-    audio = _AudioFiles(folder, plan)
-    flushed_ns = plan.started_ns
-    for arrived_ns, value in values_of(plan):
-        if arrived_ns - flushed_ns > 300_000_000:
-            log.flush()
-            flushed_ns = arrived_ns
-        if isinstance(value, AudioBlock):
-            audio.write(value)
-        elif isinstance(value, PhotoTaken):
-            _write_photo(folder, value)
+
+    def put(arrived_ns: int, value: Any) -> None:
         log.write(BY_TYPE[type(value)], value, arrived_ns)
         plain.add(value)
         if keep:
             kept.append((arrived_ns, value))
-    audio.close()
-    log.close()
+
+    flushed_ns = plan.started_ns
+    for arrived_ns, value in values_of(plan):
+        if arrived_ns - flushed_ns > _FLUSH_EVERY_NS:
+            log.flush()
+            flushed_ns = arrived_ns
+        if isinstance(value, AudioChunk):
+            for block in audio.write(value):
+                put(arrived_ns, block)
+            continue
+        if isinstance(value, PhotoTaken):
+            _write_photo(folder, value)
+        if not (killed and isinstance(value, SessionEnded)):
+            put(arrived_ns, value)
+    if killed:
+        log.flush()
+        for file in (log.file, *audio.files()):
+            file.close()
+    else:
+        for block in audio.close():
+            put(plan.ended_ns, block)
+        log.close()
     plain.close()
-    _write_header(folder, plan, clock, videos, log.counts)
-    write_manifest(folder)
+    _write_header(folder, plan, clock, videos, audio.infos(), counts=log.counts, killed=killed)
+    if not killed:
+        write_manifest(folder)
     return MadeSession(folder, plan, tuple(kept))
 
 
@@ -480,43 +495,40 @@ def _goals(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
             yield stamp_ns, GoalChanged(stamp_ns, f"g{number + 1}", state, target, "kitchen")  # type: ignore[arg-type]
 
 
-_SAMPLE_RATE_HZ, _BLOCK_S = 16_000, 0.1
+_SAMPLE_RATE_HZ, _CHUNK_S = 16_000, 0.1
+_SPEAKERS = {"robot voice": "robot", "microphone": "participant"}
 
 
 def _sound(plan: SessionPlan, source: str) -> Iterator[tuple[int, Any]]:
-    samples, name = int(_SAMPLE_RATE_HZ * _BLOCK_S), _audio_name(source)
-    for number in range(int((plan.seconds - 0.3) / _BLOCK_S)):
-        stamp_ns = plan.started_ns + round((0.15 + number * _BLOCK_S) * SECOND_NS)
-        arrived_ns = stamp_ns + round(_BLOCK_S * SECOND_NS)
-        yield arrived_ns, AudioBlock(stamp_ns, source, name, number * samples, samples, _SAMPLE_RATE_HZ)
+    """A tone while somebody speaks, and a murmur between; a microphone hears the robot too."""
+    count = int(_SAMPLE_RATE_HZ * _CHUNK_S)
+    rng = np.random.default_rng([plan.seed, 11])
+    tone = 6000 * np.sin(np.arange(count) * 2 * math.pi * 220 / _SAMPLE_RATE_HZ)
+    murmur = rng.normal(0.0, 60.0, count)
+    spoken = [
+        (begin_ns, end_ns, 1.0 if speaker == _SPEAKERS.get(source) else 0.3 if source == "microphone" else 0.0)
+        for begin_ns, end_ns, speaker in _spoken(plan)
+    ]
+    for number in range(int((plan.seconds - 0.3) / _CHUNK_S)):
+        stamp_ns = plan.started_ns + round((0.15 + number * _CHUNK_S) * SECOND_NS)
+        while spoken and spoken[0][1] <= stamp_ns:
+            spoken.pop(0)
+        loud = spoken[0][2] if spoken and spoken[0][0] <= stamp_ns else 0.0
+        samples = np.round(tone * loud + murmur).astype(np.int16)[:, None]
+        arrived_ns = stamp_ns + round(_CHUNK_S * SECOND_NS)
+        yield arrived_ns, AudioChunk(stamp_ns, source, _SAMPLE_RATE_HZ, samples)
 
 
-def _audio_name(source: str) -> str:
-    return f"audio-{source.replace(' ', '-')}.wav"
-
-
-class _AudioFiles:
-    """A tone for each source, louder and softer."""
-
-    def __init__(self, folder: Path, plan: SessionPlan) -> None:
-        self._files: dict[str, wave.Wave_write] = {}
-        self._folder = folder
-        self._tone = (6000 * np.sin(np.arange(_SAMPLE_RATE_HZ) * 2 * math.pi * 220 / _SAMPLE_RATE_HZ)).astype("<i2")
-
-    def write(self, block: AudioBlock) -> None:
-        file = self._files.get(block.source)
-        if file is None:
-            file = self._files[block.source] = wave.open(str(self._folder / block.file_name), "wb")  # noqa: SIM115
-            file.setnchannels(1)
-            file.setsampwidth(2)
-            file.setframerate(block.sample_rate_hz)
-        at = block.first_sample % _SAMPLE_RATE_HZ
-        loud = block.first_sample // _SAMPLE_RATE_HZ % 3
-        file.writeframesraw((self._tone[at : at + block.sample_count] * loud // 2).astype("<i2").tobytes())
-
-    def close(self) -> None:
-        for file in self._files.values():
-            file.close()
+def _spoken(plan: SessionPlan) -> list[tuple[int, int, str]]:
+    """Beginning, end and speaker of all that is said."""
+    begins: dict[str, int] = {}
+    spoken = []
+    for stamp_ns, event in _speech(plan):
+        if event.state == "started":
+            begins[event.utterance_id] = stamp_ns
+        elif event.state == "finished":
+            spoken.append((begins[event.utterance_id], stamp_ns, event.speaker))
+    return spoken
 
 
 def _clock_of(plan: SessionPlan) -> SessionClock:
@@ -524,15 +536,15 @@ def _clock_of(plan: SessionPlan) -> SessionClock:
     return SessionClock(anchor, plan.started_ns)
 
 
-def _write_videos(folder: Path, plan: SessionPlan) -> list[dict[str, Any]]:
-    jobs = [(folder, plan, camera) for camera in plan.cameras]
+def _write_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> list[VideoInfo]:
+    jobs = [(folder, plan, camera, killed) for camera in plan.cameras]
     if plan.seconds * plan.fps < 10_000 or len(jobs) < 2:
         return [_write_video(*job) for job in jobs]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         return list(pool.map(_write_video, *zip(*jobs, strict=True)))
 
 
-def _write_video(folder: Path, plan: SessionPlan, camera: str) -> dict[str, Any]:
+def _write_video(folder: Path, plan: SessionPlan, camera: str, killed: bool) -> VideoInfo:
     width_px, height_px = plan.size_px
     path = folder / video_file_name(camera, set())
     video = VideoFile(
@@ -541,16 +553,23 @@ def _write_video(folder: Path, plan: SessionPlan, camera: str) -> dict[str, Any]
     number_of_camera = plan.cameras.index(camera)
     for number, (_, ref) in enumerate(_frames(plan, camera)):
         video.write(picture_of(number_of_camera, number, plan.size_px), ref)
-    video.close()
-    return {
-        "file_name": path.name,
-        "camera": camera,
-        "frames": video.frames,
-        "width_px": video.width_px,
-        "height_px": video.height_px,
-        "first_stamp_ns": video.first_stamp_ns,
-        "last_stamp_ns": video.last_stamp_ns,
-    }
+    if killed:
+        video.abandon()
+    else:
+        video.close()
+    return VideoInfo(
+        file_name=path.name,
+        camera=camera,
+        frames=video.frames,
+        width_px=video.width_px,
+        height_px=video.height_px,
+        first_stamp_ns=video.first_stamp_ns,
+        last_stamp_ns=video.last_stamp_ns,
+        index_file=video.index.path.name,
+        encoder=FASTEST.title,
+        rate_hz=plan.fps,
+        left_out=0,
+    )
 
 
 def _write_photo(folder: Path, photo: PhotoTaken) -> None:
@@ -562,7 +581,14 @@ def _write_photo(folder: Path, photo: PhotoTaken) -> None:
 
 
 def _write_header(
-    folder: Path, plan: SessionPlan, clock: SessionClock, videos: list[dict[str, Any]], counts: Counter[str]
+    folder: Path,
+    plan: SessionPlan,
+    clock: SessionClock,
+    videos: list[VideoInfo],
+    sounds: tuple[AudioInfo, ...],
+    *,
+    counts: Counter[str],
+    killed: bool,
 ) -> None:
     data = {
         "format": FORMAT,
@@ -571,16 +597,26 @@ def _write_header(
         "scenario": {"title": "Tour guide", "file": "tour-guide.yaml", "sha256": ""},
         "robot": {"profile": "temi", "address": "ws://robot.local:9090"},
         "trial": plan.trial,
+        "software": {"caris-desktop": "0.test", "python": "3.11"},
+        "settings": {},
         "clock": asdict(clock.anchor),
         "started_ns": plan.started_ns,
         "started_utc": clock.utc(plan.started_ns),
-        "ended_ns": plan.ended_ns,
-        "ended_utc": clock.utc(plan.ended_ns),
-        "duration_s": round(plan.seconds, 3),
-        "reason": "wizard",
-        "counts": dict(sorted(counts.items())),
+        "ended_ns": None if killed else plan.ended_ns,
+        "ended_utc": None if killed else clock.utc(plan.ended_ns),
+        "duration_s": None if killed else round(plan.seconds, 3),
+        "reason": None if killed else "wizard",
+        "pauses": [],
+        "counts": {} if killed else dict(sorted(counts.items())),
         "dropped": {},
-        "videos": videos,
-        "files": [],
+        "videos": [] if killed else [asdict(video) for video in videos],
+        "audio": [] if killed else [asdict(sound) for sound in sounds],
+        "files": []
+        if killed
+        else [
+            {"name": name, "bytes": (folder / name).stat().st_size}
+            for name in session_files(folder)
+            if name != "session.json"
+        ],
     }
     replace_file(folder / "session.json", (json.dumps(data, indent=2) + "\n").encode(), durable=False)
