@@ -175,5 +175,5 @@ TEXT_PAIRS: tuple[tuple[str, str], ...] = (
     ("on_blue", "blue"), ("on_green", "green"), ("on_red", "red_fill"), ("on_red", "red_hover"),
     ("video_text", "video_ground"), ("video_dim", "video_ground"),
     ("on_box", "box_named"), ("on_box", "box_unnamed"),
-    ("text", "map_free"), ("text", "map_unknown"),
+    ("text", "map_free"), ("text", "map_unknown"), ("text", "line"),
 )  # fmt: skip

@@ -26,6 +26,7 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 TOLERANCES_MS = (100, 250, 500, 1000, 2000)
 UNIT_MS = 100
 _USUAL_MS = 500
+_FITTING_COLUMNS = 7
 # Landis and Koch (1977), the words that readers of the field know.
 _STRENGTHS = ((0.0, "slight"), (0.2, "fair"), (0.4, "moderate"), (0.6, "substantial"), (0.8, "almost perfect"))
 
@@ -97,7 +98,6 @@ class AgreementDialog(QDialog):
         self._table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self._table.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._table.setFont(theme.font(tokens.STATUS_PX))
-        self._table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         choices = QGridLayout()
         choices.setHorizontalSpacing(16)
         choices.setVerticalSpacing(8)
@@ -129,7 +129,7 @@ class AgreementDialog(QDialog):
         self._compare()
 
     def sizeHint(self) -> QSize:
-        return QSize(560, 560)
+        return QSize(640, 620)
 
     @property
     def agreement(self) -> TierAgreement | None:
@@ -170,6 +170,10 @@ class AgreementDialog(QDialog):
             )
         self._lines.setText("\n".join(lines))
         names = [label or "nothing" for label in result.per_unit.labels]
+        few = len(names) <= _FITTING_COLUMNS
+        self._table.horizontalHeader().setSectionResizeMode(
+            QHeaderView.ResizeMode.Stretch if few else QHeaderView.ResizeMode.ResizeToContents
+        )
         self._table.setRowCount(len(names))
         self._table.setColumnCount(len(names))
         self._table.setHorizontalHeaderLabels(names)

@@ -74,7 +74,7 @@ class CodingStrip(QWidget):
         if not tiers:
             words = "Nothing is coded in this session yet."
         elif row is None or not own:
-            words = "Click a coder’s tier to code on it."
+            words = "Every coder’s tier is hidden."
         elif stretch is not None:
             words = f"{row.name}: since {exact_text(stretch.start_ms)[:-2]}"
         elif entries:

@@ -57,8 +57,16 @@ class ReplayBar(QWidget):
         self._play.setFixedWidth(self._play.sizeHint().width())
         self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", "To the previous mark")
         self._next_mark = self._button(actions, "next_mark", "", "skip-forward", "To the next mark")
+        self._previous_utterance = self._button(
+            actions, "previous_utterance", "", "caret-double-left", "To the previous utterance"
+        )
+        self._next_utterance = self._button(
+            actions, "next_utterance", "", "caret-double-right", "To the next utterance"
+        )
         self._frame_back = self._button(actions, "frame_back", "", "caret-left", "One frame back")
         self._frame_on = self._button(actions, "frame_on", "", "caret-right", "One frame on")
+        for button in (self._previous_utterance, self._next_utterance):
+            button.hide()  # until it is known that there is room
         self._times = ReplayTimes(theme)
         self._rate = DropDown(theme, "replay_rate", "Speed of the replay")
         self._rate.setToolTip("How fast it plays. Slower with <, faster with >")
@@ -77,7 +85,10 @@ class ReplayBar(QWidget):
         left.addWidget(self._hint, 1)
         middle = QHBoxLayout()
         middle.setSpacing(8)
-        for button in (self._previous_mark, self._frame_back, self._play, self._frame_on, self._next_mark):
+        for button in (
+            self._previous_mark, self._previous_utterance, self._frame_back, self._play, self._frame_on,
+            self._next_utterance, self._next_mark,
+        ):  # fmt: skip
             middle.addWidget(button)
         right = QHBoxLayout()
         right.setSpacing(12)
@@ -117,6 +128,8 @@ class ReplayBar(QWidget):
         super().resizeEvent(event)
         self._times.set_wall_shown(self.width() >= 1000)
         self._title.set_date_shown(self.width() >= 820)
+        self._previous_utterance.setVisible(self.width() >= 1240)
+        self._next_utterance.setVisible(self.width() >= 1240)
 
     # ---- what the table's actions do
 

@@ -141,12 +141,12 @@ class TierDialog(QDialog):
         form.setVerticalSpacing(8)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         if tier is None:
-            form.addRow("Coder", self._coder)
+            form.addRow(_form_label("Coder"), self._coder)
         else:
             self._coder.setParent(self)
             self._coder.hide()
-        form.addRow("Tier", self._name)
-        form.addRow("Labels", self._labels)
+        form.addRow(_form_label("Tier"), self._name)
+        form.addRow(_form_label("Labels"), self._labels)
         form.addRow("", self._list)
         self._save = ActionButton(
             theme, "Add tier" if tier is None else "Change", icon="check", key="Enter", look="primary", height_px=40
@@ -176,7 +176,7 @@ class TierDialog(QDialog):
         (self._name if self._coder.currentText() else self._coder).setFocus(Qt.FocusReason.OtherFocusReason)
 
     def sizeHint(self) -> QSize:
-        return QSize(480, 400)
+        return QSize(480, super().sizeHint().height())
 
     def wish(self) -> TierWish:
         coder, name = " ".join(self._coder.currentText().split()), " ".join(self._name.text().split())
@@ -210,6 +210,7 @@ class TierDialog(QDialog):
         else:
             self._list.clear()
         self._list.setVisible(self._labels.currentText() != FREE_TEXT)
+        self.adjustSize()
 
     def _on_save(self) -> None:
         wish = self.wish()
@@ -221,3 +222,10 @@ class TierDialog(QDialog):
         self._refusal.setVisible(bool(refusal))
         if not refusal:
             self.accept()
+
+
+def _form_label(text: str) -> QLabel:
+    """As high as its field, so that both stand on one line."""
+    label = QLabel(text)
+    label.setMinimumHeight(36)
+    return label

@@ -41,11 +41,11 @@ from caris_desktop.ui.replay.timeline_model import (
     exact_text,
     initials,
     length_text,
+    picture_step_ms,
     ruler_ticks,
     runs,
     snapped,
     speed_columns,
-    tick_step_ms,
     wave_columns,
     whole_session,
 )
@@ -308,7 +308,7 @@ class TimelineCanvas(QWidget):
 
     @property
     def active(self) -> Row | None:
-        """The row that keys act on."""
+        """The coder's tier that keys act on."""
         index = self.index_of(self._active)
         return None if index is None else self._rows[index]
 
@@ -379,14 +379,15 @@ class TimelineCanvas(QWidget):
         at_ms = self._ms_at(point)
         if hit.part == "names":
             row = self._rows[hit.row]
-            if row.kind == "tier":
+            if row.own:
                 self.activate(row.key)
             if point.x() >= NAMES_PX - _MENU_PX:
                 self.row_menu_wanted.emit(row.key, event.globalPosition().toPoint())
             else:
                 self._drag = Drag("row", point, hit.row, target=hit.row)
         elif hit.part == "row" and self._rows[hit.row].kind == "tier":
-            self.activate(self._rows[hit.row].key)
+            if self._rows[hit.row].own:
+                self.activate(self._rows[hit.row].key)
             self._press_tier(hit, point, at_ms)
         elif hit.part in ("ruler", "row", "below"):
             self._drag = Drag("seek", point, moving=True)
@@ -542,7 +543,7 @@ class TimelineCanvas(QWidget):
             return
         hit = self.hit(QPointF(event.pos()))
         if hit.row >= 0:
-            if self._rows[hit.row].kind == "tier":
+            if self._rows[hit.row].own:
                 self.activate(self._rows[hit.row].key)
             if hit.annotation is not None:
                 self.select(hit.annotation.annotation_id)
@@ -808,7 +809,7 @@ class TimelineCanvas(QWidget):
     def _draw_pictures(self, painter: QPainter, row: Row, top: int, wanted: list[Moment]) -> None:
         height = row.height_px - 5
         width = height * _PICTURE_SHAPE
-        step_ms = tick_step_ms(self._scale.px_per_ms, width + 4)
+        step_ms = picture_step_ms(self._scale.px_per_ms, width + 2)
         first = int(self._scale.start_ms // step_ms) * step_ms
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         ground = self._theme.color("raised")
@@ -867,7 +868,7 @@ class TimelineCanvas(QWidget):
         theme = self._theme
         line = self.color_of(row.coder) if row.own else theme.color("line_strong")
         solid = line if row.own else theme.color("dim")
-        ground = QColor(line) if row.own else theme.color("raised")
+        ground = QColor(line) if row.own else theme.color("line")
         if row.own:
             ground.setAlpha(70)
         y, height = top + _PAD_PX, row.height_px - 2 * _PAD_PX - 1
@@ -886,9 +887,17 @@ class TimelineCanvas(QWidget):
         painter.setPen(theme.color("text"))
         metrics = QFontMetricsF(painter.font())
         flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        # Beside a short one its label may take the room up to the next.
+        ends = np.append(lefts[1:], self.room_px)
         for number, box in zip(large, boxes, strict=True):
-            if box.width() >= _TEXT_FROM_PX:
-                self._draw_label(painter, metrics, track.annotations[found.start + int(number)].value, box, flags)
+            item = track.annotations[found.start + int(number)]
+            if box.width() >= _TEXT_FROM_PX + 12 or not item.value:
+                self._draw_label(painter, metrics, item.value, box, flags)
+            else:
+                room = NAMES_PX + int(ends[number]) - box.right() - 4
+                if room >= _TEXT_FROM_PX + 12:
+                    beside = QRect(box.right() - 1, box.top(), min(room, 240), box.height())
+                    self._draw_label(painter, metrics, item.value, beside, flags)
 
     def _draw_label(self, painter: QPainter, metrics: QFontMetricsF, value: str, box: QRect, flags: int) -> None:
         # Of a long stretch that begins before the visible part the label still shows.
@@ -919,8 +928,8 @@ class TimelineCanvas(QWidget):
         if own and rect.width() >= 24:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(self._theme.color("text"))
-            for x in (rect.left() + 3.5, rect.right() - 5.5):
-                painter.drawRoundedRect(QRectF(x, rect.center().y() - 5, 2, 10), 1, 1)
+            for x in (rect.left(), rect.right()):
+                painter.drawRoundedRect(QRectF(x - 2.5, rect.center().y() - 6, 5, 12), 2, 2)
 
     def _paint_open(self, painter: QPainter) -> None:
         stretch = self._open
@@ -941,6 +950,11 @@ class TimelineCanvas(QWidget):
         rect = self._stretch_rect(index, drag.start_ms, drag.end_ms)
         color = self._theme.color("amber") if self._refused else self.color_of(self._rows[index].coder)
         value = "" if drag.annotation is None else drag.annotation.value
+        before = None if drag.annotation is None else self.rect_of(drag.annotation)
+        if before is not None:
+            ground = self._theme.color("window")
+            ground.setAlpha(150)
+            painter.fillRect(before, ground)
         self._paint_ghost(painter, rect, color, value)
         text = f"{exact_text(drag.start_ms)} – {exact_text(drag.end_ms)} · {length_text(drag.end_ms - drag.start_ms)}"
         if self._refused:

@@ -66,6 +66,12 @@ def tick_step_ms(px_per_ms: float, apart_px: float) -> int:
     return next((step for step in _TICK_STEPS_MS if step * px_per_ms >= apart_px), _TICK_STEPS_MS[-1])
 
 
+def picture_step_ms(px_per_ms: float, apart_px: float) -> int:
+    """How far apart pictures are taken: of steps that grow by half an octave, so that zooming keeps most of them."""
+    needed_ms = max(250.0, apart_px / px_per_ms)
+    return round(250 * 2 ** (math.ceil(2 * math.log2(needed_ms / 250)) / 2))
+
+
 @dataclass(frozen=True, slots=True)
 class RulerTick:
     at_ms: int

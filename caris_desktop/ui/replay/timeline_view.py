@@ -7,7 +7,6 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import (
-    QFrame,
     QGridLayout,
     QHBoxLayout,
     QLabel,
@@ -100,9 +99,10 @@ class TimelineView(QWidget):
         middle.setSpacing(0)
         middle.addWidget(self.canvas, 0, 0)
         middle.addWidget(self._down, 0, 1)
-        middle.addWidget(self._across, 1, 0)
-        line = QFrame()
-        line.setFixedHeight(1)
+        under = QHBoxLayout()
+        under.setContentsMargins(NAMES_PX, 0, 0, 0)
+        under.addWidget(self._across)
+        middle.addLayout(under, 1, 0)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 1)
         column.setSpacing(0)
@@ -118,9 +118,8 @@ class TimelineView(QWidget):
         self._on_overview_changed(replay.overview.value)
         self._on_coding_changed(replay.coding.value)
         self._on_playback_changed(replay.playback.value)
-        own = [row for row in self._rows if row.own]
-        if own:
-            self.canvas.activate(own[0].key)
+        self.setFocusProxy(self.canvas)
+        QWidget.setTabOrder(self.canvas, self._filter)
         self._style()
 
     def _connect_canvas(self) -> None:
@@ -265,6 +264,9 @@ class TimelineView(QWidget):
         if rows and not self._rows:
             words = "No row has these words." if self._filter.text().strip() else "All rows are hidden."
         self.canvas.show_rows(self._rows, editing.coders_of(self.document), words=words)
+        own = [row for row in self._rows if row.own]
+        if self.canvas.active is None and own:
+            self.canvas.activate(own[0].key)
         self._on_selection_changed()
 
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
@@ -354,10 +356,6 @@ class TimelineView(QWidget):
     # ---- what the table's actions do
 
     def focus_timeline(self) -> None:
-        if self.canvas.active is None:
-            row = next((row for row in self._rows if row.kind == "tier"), None)
-            if row is not None:
-                self.canvas.activate(row.key)
         self.canvas.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def undo(self) -> None:
@@ -378,8 +376,8 @@ class TimelineView(QWidget):
         self._seek(self.position_ms + 1000 * seconds)
 
     def select_tier(self, direction: int) -> None:
-        """The next tier below (1) or above (-1)."""
-        tiers = [row.key for row in self._rows if row.kind == "tier"]
+        """The coder's tier below (1) or above (-1)."""
+        tiers = [row.key for row in self._rows if row.own]
         active = self.canvas.active
         if not tiers:
             return
@@ -405,7 +403,7 @@ class TimelineView(QWidget):
 
     def code(self, number: int) -> None:
         """The key of a label: names what is selected, else starts the label at the playhead, or ends it there."""
-        tier = self._own_tier("Choose a coder’s tier first: click its name.")
+        tier = self._own_tier("Add a tier to code on first.")
         if tier is None:
             return
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
@@ -459,7 +457,7 @@ class TimelineView(QWidget):
 
     def add_at_playhead(self) -> None:
         """A second, or as much of it as is free."""
-        tier = self._own_tier("Choose a coder’s tier first: click its name.")
+        tier = self._own_tier("Add a tier to code on first.")
         if tier is None:
             return
         start_ms = self.position_ms
@@ -718,6 +716,7 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is None:
             return
+        self._bubble.hide()
         rect = self.canvas.rect_of(item)
         tier = next((tier for tier in self.document.tiers if tier.tier_id == item.tier_id), None)
         if rect is None or tier is None:
