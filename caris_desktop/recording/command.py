@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
             line.clear()
             print(f"Cancelled. {written} of {len(sessions)} exports are whole; nothing else was kept.", file=sys.stderr)
             return _CANCELLED
-    for problem in (*damaged, *finished.problems):
-        print(problem, file=sys.stderr)
+    for sentence in (*finished.notices, *damaged, *finished.problems):
+        print(sentence, file=sys.stderr)
     if one and finished.written:
         print(f"Exported {args.session} to {args.out}")
     elif not one:

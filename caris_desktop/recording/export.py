@@ -108,10 +108,14 @@ class ExportProgress:
 
 @dataclass(frozen=True, slots=True)
 class ExportFinished:
-    """The folders written, one for each session, and a sentence for everything that was not."""
+    """The folders written, one for each session, and a sentence for everything that was not.
+
+    ``notices`` say what was repaired in sessions that had not been closed properly.
+    """
 
     written: tuple[Path, ...]
     problems: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
 
 
 class ExportError(Exception):
@@ -163,13 +167,17 @@ def export_all(
     done_weight, whole_weight = 0, sum(weights) or 1
     written: list[Path] = []
     problems: list[str] = []
+    notices: list[str] = []
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
             told(ExportProgress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what))
 
+        tell(0.0, folder.absolute().name)
         try:
-            problems += _export_formats(folder, request, target, tell)
+            session = _opened(folder)
+            notices += [f"{folder.name}: {notice}" for notice in session.notices]
+            problems += _export_formats(session, request, target, tell)
             written.append(target)
             on_written(target)
         except _DiskFullError as error:
@@ -182,7 +190,7 @@ def export_all(
             problems.append(f"{folder.name}: {error}")
         done_weight += weight
     told(ExportProgress(1.0, "done"), now=True)
-    return ExportFinished(tuple(written), tuple(problems))
+    return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
 
 def export_folders(request: ExportRequest) -> tuple[Path, ...]:
@@ -266,15 +274,13 @@ def remove_partial_exports(out: Path) -> None:
 
 
 def _export_formats(
-    folder: Path, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
+    session: Session, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
 ) -> tuple[str, ...]:
     """Write one session in all formats; what went wrong or was left out. Raises ExportError when nothing is left."""
-    name, formats = folder.absolute().name, request.formats
-    tell(0.0, name)
-    session = _opened(folder)
+    name, formats = session.folder.absolute().name, request.formats
     problems: list[str] = []
     failed = 0
-    with _whole_folder(out, folder) as partial:
+    with _whole_folder(out, session.folder) as partial:
         for number, fmt in enumerate(formats):
             title = f"{name}: {BY_FORMAT[fmt].title}"
 

@@ -160,6 +160,6 @@ def rows(value: Any) -> list[dict[str, Any]]:
 
 def test_what_is_missing_is_empty() -> None:
     (row,) = rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))
-    assert list(row.values())[3:] == ["Kitchen", 1.0, 2.0, 3.0]
+    assert list(row.values())[4:] == ["Kitchen", 1.0, 2.0, 3.0]
     (row,) = rows(PlacesChanged(1, "Kitchen", None))
-    assert list(row.values())[3:] == ["Kitchen", None, None, None]
+    assert list(row.values())[4:] == ["Kitchen", None, None, None]

@@ -49,17 +49,28 @@ _UNITS = {
     "fraction": "0 to 1",
 }
 # Columns that precede or follow those of a value's own fields, here or in one of the formats.
-_RESERVED = ("session", "participant", "condition", "trial", "session_s", "utc", "stamp_ns", "number")
+_RESERVED = (
+    "session",
+    "participant",
+    "condition",
+    "trial",
+    "session_s",
+    "utc",
+    "stamp_ns",
+    "arrived_session_s",
+    "number",
+)
 _HALVES = re.compile("[\ud800-\udfff]")
 _PROGRESS_EVERY_ROWS = 500
 
 
 @dataclass(frozen=True, slots=True)
 class RowTimes:
-    """Turns stamps into what the time columns show."""
+    """Turns stamps into what the time columns show. ``arrival_ns`` is when the value of the row reached the console."""
 
     clock: SessionClock
     robot: RobotClock
+    arrival_ns: int | None = None
 
     def session_s(self, stamp_ns: int | None) -> float | None:
         return None if stamp_ns is None else round(self.clock.session_s(stamp_ns), 6)
@@ -84,21 +95,21 @@ class Column:
 class Table:
     """One table. ``items`` gives the rows, as dataclasses for ``columns``, that one recorded value makes.
 
-    The time columns, which tell ``stamp_ns`` of that value, precede them where the table is ``timed``.
+    ``time_columns`` precede them, and tell when that value was.
     """
 
     name: str
     description: str
     own_columns: tuple[Column, ...]
     items: Callable[[Any], Iterable[Any]] = lambda value: (value,)
-    timed: bool = True
+    time_columns: tuple[Column, ...] = ()
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (TIME_COLUMNS if self.timed else ()) + self.own_columns
+        return self.time_columns + self.own_columns
 
     def rows(self, value: Any, times: RowTimes) -> Iterator[list[Any]]:
-        head = [column.read(value, times) for column in TIME_COLUMNS] if self.timed else []
+        head = [column.read(value, times) for column in self.time_columns]
         for item in self.items(value):
             yield [*head, *(column.read(item, times) for column in self.own_columns)]
 
@@ -129,6 +140,17 @@ TIME_COLUMNS = (
         "session",
     ),
 )
+STREAM_TIME_COLUMNS = (
+    *TIME_COLUMNS,
+    Column(
+        "arrived_session_s",
+        "seconds",
+        "number",
+        "When it reached the console, as time since the session began; rows are in this order.",
+        lambda _value, times: times.session_s(times.arrival_ns),
+        "session",
+    ),
+)
 
 
 def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Table, list[Any]]]:
@@ -147,12 +169,13 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
         yield from _rows_of(ANNOTATIONS_TABLE, annotation, times)
     whole_ns = max(1, session.ended_ns - session.started_ns)
     tables: dict[str, tuple[Table, ...]] = {}
-    for number, (spec, value) in enumerate(session.values()):
+    for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
         if not isinstance(value.stamp_ns, int):
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
         if spec.name not in tables:
             tables[spec.name] = tables_of(spec)
+        times = dataclasses.replace(times, arrival_ns=arrival_ns)
         for table in tables[spec.name]:
             yield from _rows_of(table, value, times)
         if number % _PROGRESS_EVERY_ROWS == 0:
@@ -170,7 +193,8 @@ def dictionary_rows(tables: Iterable[Table]) -> Iterator[list[Any]]:
 def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
     """The table of one stream, and one for each of its fields that holds a list of records."""
     name = spec.name.replace("/", "_")
-    tables = [Table(name, _doc(spec.value_type), tuple(_columns(spec.value_type)))]
+    columns = tuple(_columns(spec.value_type))
+    tables = [Table(name, _doc(spec.value_type), columns, time_columns=STREAM_TIME_COLUMNS)]
     for field, hint in _fields(spec.value_type):
         item_type = _record_list(hint)
         if item_type is not None:
@@ -461,6 +485,7 @@ def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
         f"The {field} of {parent}, one row each. {_doc(item_type)}".strip(),
         (index, *columns),
         lambda value: enumerate(getattr(value, field) or (), start=1),
+        STREAM_TIME_COLUMNS,
     )
 
 
@@ -547,7 +572,7 @@ def _doc(value_type: type[Any]) -> str:
 
 
 def _described(row_type: type[Any], name: str) -> Table:
-    return Table(name, _doc(row_type), tuple(_columns(row_type)))
+    return Table(name, _doc(row_type), tuple(_columns(row_type)), time_columns=TIME_COLUMNS)
 
 
 UTTERANCES_TABLE = _described(_UtteranceRow, "utterances")
@@ -560,7 +585,6 @@ SESSION_TABLE = Table(
         Column("key", "", "text", "What is told.", lambda fact, _: fact.key),
         Column("value", "", "text", "What it is; units are in the names of the keys.", lambda fact, _: fact.value),
     ),
-    timed=False,
 )
 DICTIONARY_TABLE = Table(
     "data_dictionary",
@@ -576,7 +600,6 @@ DICTIONARY_TABLE = Table(
             ("description", "What it means."),
         )
     ),
-    timed=False,
 )
 
 
