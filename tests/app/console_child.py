@@ -1,9 +1,9 @@
 """The real console in a process of its own, told by lines on stdin what keys to press; for tests that stop or kill it.
 
 ``python -m tests.app.console_child ADDRESS STUDY_DIR``. Lines: ``press KEY``, ``release KEY``, ``record``,
-``end_recording``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``, ``place X_M Y_M NAME``,
-``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``, ``unplug``
-(the virtual gamepad), ``quit``.
+``end_recording``, ``pause``, ``go_on``, ``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``,
+``place X_M Y_M NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``,
+``unplug`` (the virtual gamepad), ``quit``.
 Prints a JSON line whenever something that a wizard would see has changed.
 """
 
@@ -65,6 +65,10 @@ class Driver(QObject):
             self._run.console.start_session(TrialDetails(participant="P1"))
         elif word == "end_recording":
             self._run.console.stop_session()
+        elif word in ("pause", "go_on"):
+            self._run.console.pause_session(paused=word == "pause")
+        elif word == "mark":
+            self._run.console.mark(rest)
         elif word == "open":
             self._run.console.open_scenario(Path(rest))
         elif word == "photo":

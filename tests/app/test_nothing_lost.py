@@ -1,0 +1,86 @@
+"""What the robot sent, by its own log, is what the recording holds: nothing lost that was not written down as lost."""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+
+from caris_desktop.domain.events import Gap, Marked, RecordingPaused
+from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
+from caris_desktop.recording.session_reader import open_session
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+
+_MARKS = 40
+
+
+def _sent(log: Path) -> dict[str, list[int]]:
+    """By topic, the robot's stamps of what was delivered, in that order."""
+    stamps: dict[str, list[int]] = defaultdict(list)
+    for line in log.read_text("utf-8").splitlines():
+        message = json.loads(line)
+        if message["stamp_ns"] is not None:
+            stamps[message["topic"]].append(message["stamp_ns"])
+    return stamps
+
+
+def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> None:
+    log = tmp_path / "sent.jsonl"
+    with SimulatedRobot("--log", str(log)) as robot:
+        console = ConsoleProcess(robot.address, tmp_path / "study", XDG_CONFIG_HOME=str(tmp_path / "config"))
+        try:
+            console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
+            console.say("record")
+            console.wait_until_shown(recording="recording")
+            for number in range(_MARKS):
+                console.say(f"mark {number}")
+            here = robot.state()["pose"]
+            console.say(f"go {here['x_m'] + 1.2} {here['y_m'] + 0.3}")
+            console.wait_until_shown(goal="reached")
+            console.say("pause")
+            console.wait_until_shown(recording="paused")
+            before = len(_sent(log)["/odom"])
+            console.say("mark private")
+            wait_for(lambda: len(_sent(log)["/odom"]) > before + 20, "the robot goes on while nothing is recorded")
+            console.say("go_on")
+            console.wait_until_shown(recording="recording")
+            console.say("mark public")
+            resumed = len(_sent(log)["/odom"])
+            wait_for(lambda: len(_sent(log)["/odom"]) > resumed + 20, "some more is recorded")
+            console.say("end_recording")
+            console.wait_until_shown(recording="idle", timeout_s=30)
+            session = open_session(Path(console.shown["session"]))
+        finally:
+            console.close()
+    values = [value for _, value in session.values()]
+    labels = [value.label for value in values if isinstance(value, Marked)]
+    assert labels == [*map(str, range(_MARKS)), "public"]
+    pauses = [value for value in values if isinstance(value, RecordingPaused)]
+    assert [pause.paused for pause in pauses] == [True, False]
+    paused_ns, resumed_ns = (pause.stamp_ns for pause in pauses)
+    sent = _sent(log)
+    for kind, topic in ((LaserScan, "/scan"), (Odometry, "/odom")):
+        recorded = [value for value in values if isinstance(value, kind)]
+        inside = [value for value in recorded if paused_ns + 300_000_000 < value.stamp_ns < resumed_ns]
+        assert inside == [], "nothing of the pause is recorded"
+        for part in (
+            [value.robot_stamp_ns for value in recorded if value.stamp_ns <= paused_ns],
+            [value.robot_stamp_ns for value in recorded if value.stamp_ns >= resumed_ns],
+        ):
+            # The first may be the one that stood when the recording began or went on.
+            first, last = part[1], part[-1]
+            delivered = [stamp for stamp in sent[topic] if first <= stamp <= last]
+            assert part[1:] == delivered, topic
+            assert len(part) > 5
+    (pictures,) = {topic for topic in sent if "image" in topic}
+    refs = [value for value in values if isinstance(value, FrameRef)]
+    told = sum(value.count for value in values if isinstance(value, Gap) and value.stream == "frame")
+    missing = 0
+    for of_part in (
+        [ref.robot_stamp_ns for ref in refs if ref.stamp_ns <= paused_ns],
+        [ref.robot_stamp_ns for ref in refs if ref.stamp_ns >= resumed_ns],
+    ):
+        assert len(of_part) > 10
+        delivered = [stamp for stamp in sent[pictures] if of_part[0] <= stamp <= of_part[-1]]
+        missing += len(set(delivered) - set(of_part))
+    assert missing <= told, "a frame that is missing is written down as missing"
