@@ -8,6 +8,7 @@ scans reads "nothing returned". Reading null back into a float array gives ``inf
 import base64
 import binascii
 import dataclasses
+import functools
 import math
 import types
 import typing
@@ -104,8 +105,7 @@ def _build(kind: Any, data: Any) -> Any:
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         if not isinstance(data, dict):
             raise ValueError(f"expected an object, found {type(data).__name__}")
-        hints = typing.get_type_hints(kind)
-        return kind(**{f.name: _build(hints[f.name], data[f.name]) for f in dataclasses.fields(kind) if f.name in data})
+        return kind(**{name: _build(hint, data[name]) for name, hint in _fields(kind) if name in data})
     if kind is float and data is None:
         return math.inf
     if kind is float:
@@ -121,6 +121,13 @@ def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         if np.array_equal(short.astype(np.float32), value, equal_nan=True):
             return short
     return wide
+
+
+@functools.cache
+def _fields(kind: type[Any]) -> tuple[tuple[str, Any], ...]:
+    """Name and type of each field. Finding them out takes longer than building a value."""
+    hints = typing.get_type_hints(kind)
+    return tuple((field.name, hints[field.name]) for field in dataclasses.fields(kind))
 
 
 def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
