@@ -85,6 +85,28 @@ def repair_wav(path: Path) -> SoundContent:
         return replace(content, repaired=True)
 
 
+def whole_bytes(path: Path) -> int:
+    """Where the last whole fragment of a growing mp4 ends; its size for one that was finished. Raises OSError."""
+    at, good, fragmented = 0, 0, False
+    with path.open("rb") as file:
+        size_bytes = file.seek(0, os.SEEK_END)
+        while at + 8 <= size_bytes:
+            file.seek(at)
+            head = file.read(16)
+            length, kind = int.from_bytes(head[:4], "big"), head[4:8]
+            if length == 1:
+                length = int.from_bytes(head[8:], "big")
+            if length < 8 or at + length > size_bytes:
+                break
+            # A moof tells of the mdat behind it and is worth nothing without that.
+            if kind == b"moof":
+                fragmented = True
+            else:
+                good = at + length
+            at += length
+    return good if fragmented else size_bytes
+
+
 def content_of(path: Path) -> VideoContent | None:
     """Which frames of a video are whole; None where it cannot be read at all."""
     import av

@@ -301,6 +301,7 @@ class _Repair:
         return videos
 
     def _repair_video(self, path: Path, told: dict[str, Any]) -> dict[str, Any] | None:
+        self._cut_tail(path)
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
             self._sentences.append(f"{path.name} holds no whole picture; it was left as it is.")
@@ -331,6 +332,23 @@ class _Repair:
             left_out=sum(first_ns < ref.stamp_ns < last_ns and ref.stamp_ns not in shown for ref in recorded),
         )
         return {**told, **asdict(info)}
+
+    def _cut_tail(self, path: Path) -> None:
+        """Half a fragment at the end of a video is no use and makes some players fail: it is put aside."""
+        whole = media_repair.whole_bytes(path)
+        if whole in (0, path.stat().st_size):
+            return
+        with path.open("rb") as file:
+            file.seek(whole)
+            tail = file.read()
+        kept = self._folder / KEPT_FOLDER / f"{path.name}.tail"
+        kept.parent.mkdir(exist_ok=True)
+        if not (kept.exists() and kept.read_bytes() == tail):
+            replace_file(_unused(kept), tail, durable=True)
+        with path.open("rb+") as file:
+            file.truncate(whole)
+            os.fsync(file.fileno())
+        self._sentences.append(f"{path.name} broke off within its last part, which is now {KEPT_FOLDER}/{kept.name}.")
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
         """Frames that the record tells of and that came after the last whole part of the video."""

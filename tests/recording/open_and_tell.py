@@ -1,0 +1,18 @@
+"""Opens a session and prints, as JSON, what it said, how many marks it holds, and which files lie there then."""
+
+import json
+import sys
+from pathlib import Path
+
+from caris_desktop.recording.session_reader import open_session
+
+
+def main(folder: Path) -> None:
+    session = open_session(folder)
+    marks = sum(1 for _ in session.values("event/marked"))
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    print(json.dumps({"notices": session.notices, "reason": session.reason, "marks": marks, "files": files}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

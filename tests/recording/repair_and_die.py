@@ -1,0 +1,47 @@
+"""Repairs copies of a session and dies with the first file it touches, with the second, and so on; prints how many."""
+
+import os
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+from caris_desktop.recording.recovery import repair_session
+
+_TOUCHING = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.truncate", "shutil.copyfile"}
+
+
+def die_at(count: int, folder: Path) -> None:
+    """From now on the ``count``-th touch of a file in ``folder`` is the last thing this process does."""
+    touched = 0
+
+    def on_event(event: str, arguments: tuple[object, ...]) -> None:
+        nonlocal touched
+        if event in _TOUCHING and str(arguments[0]).startswith(str(folder)):
+            touched += 1
+            if touched == count:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(on_event)
+
+
+def main(source: Path, copies: Path, first: int, step: int) -> None:
+    count = first
+    while True:
+        folder = copies / str(count)
+        shutil.copytree(source, folder)
+        child = os.fork()
+        if not child:
+            die_at(count, folder)
+            repair_session(folder)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        if os.WIFEXITED(status):
+            assert os.WEXITSTATUS(status) == 0
+            print(count)
+            return
+        count += step
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
