@@ -241,7 +241,7 @@ class StudyIndex:
             name: (row, sign) for row, name, sign in self._database.execute("SELECT id, name, signature FROM session")
         }
         gone = [row for name, (row, _) in known.items() if name not in folders]
-        signatures = {name: _signature(folder) for name, folder in folders.items()}
+        signatures = {name: content_signature(folder) for name, folder in folders.items()}
         changed = [name for name in folders if known.get(name, (0, ""))[1] != signatures[name]]
         with self._database:
             self._forget(gone)
@@ -393,8 +393,8 @@ def _put_aside(path: Path) -> None:
 # One session
 
 
-def _signature(folder: Path) -> str:
-    """Changes whenever something that the index shows may have changed."""
+def content_signature(folder: Path) -> str:
+    """Changes whenever something may have changed in what is told of a session: its head, events or annotations."""
     parts = []
     for path in (folder / "session.json", folder / "events.mcap", *_annotation_files(folder)):
         try:

@@ -1,0 +1,313 @@
+-- The figures of each session, of each condition and of the whole study, in SQL of DuckDB.
+-- Run in the folder of the statistics:  duckdb -init queries.sql
+
+-- The sessions, with what heads them.
+CREATE VIEW sessions AS
+SELECT
+    session,
+    any_value(participant) AS participant,
+    any_value(condition) AS condition,
+    any_value(trial) AS trial,
+    coalesce(max(value) FILTER (key = 'trial.wizard'), '') AS wizard,
+    coalesce(max(value) FILTER (key = 'trial.purpose'), '') AS purpose,
+    coalesce(max(value) FILTER (key = 'scenario.title'), '') AS scenario,
+    CAST(max(value) FILTER (key = 'started_ns') AS BIGINT) AS started_ns,
+    CAST(max(value) FILTER (key = 'recorded_s') AS DOUBLE) AS lasts_s,
+    CAST(max(value) FILTER (key = 'started_ns') AS BIGINT)
+        + CAST(round(CAST(max(value) FILTER (key = 'recorded_s') AS DOUBLE) * 1e9) AS BIGINT) AS ended_ns
+FROM session
+GROUP BY session;
+
+-- When the recording was paused.
+CREATE VIEW pauses AS
+WITH changes AS (
+    SELECT session, stamp_ns, paused
+    FROM event_recording_paused
+    QUALIFY paused IS DISTINCT FROM coalesce(lag(paused) OVER (PARTITION BY session ORDER BY stamp_ns), false)
+),
+stretches AS (
+    SELECT session, paused, stamp_ns AS start_ns, lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns) AS next_ns
+    FROM changes
+)
+SELECT session, start_ns, coalesce(next_ns, ended_ns) AS end_ns
+FROM stretches JOIN sessions USING (session)
+WHERE paused AND coalesce(next_ns, ended_ns) > start_ns;
+
+-- Response times: the robot speaks right after a participant, within 30 s, with no pause in between.
+CREATE VIEW turns AS
+SELECT
+    session, speaker, end_ns,
+    lead(speaker) OVER following AS next_speaker,
+    lead(start_ns) OVER following AS next_start_ns
+FROM utterances
+WHERE said AND speaker IN ('participant', 'robot')
+WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
+
+CREATE VIEW responses AS
+SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
+FROM turns
+WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
+    AND NOT EXISTS (
+        FROM pauses
+        WHERE pauses.session = turns.session AND start_ns < turns.next_start_ns AND pauses.end_ns > turns.end_ns
+    );
+
+-- The same to the first answer that is no filler.
+CREATE VIEW content_turns AS
+SELECT
+    session, speaker, end_ns,
+    lead(speaker) OVER following AS next_speaker,
+    lead(start_ns) OVER following AS next_start_ns
+FROM utterances
+WHERE said AND speaker IN ('participant', 'robot') AND origin != 'filler'
+WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
+
+CREATE VIEW content_responses AS
+SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
+FROM content_turns
+WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
+    AND NOT EXISTS (
+        FROM pauses
+        WHERE pauses.session = content_turns.session
+            AND start_ns < content_turns.next_start_ns AND pauses.end_ns > content_turns.end_ns
+    );
+
+-- Reaction times of the wizard: from the end of a participant's utterance, or a language model's answer, to the request.
+CREATE VIEW moments AS
+WITH happened AS (
+    SELECT session, end_ns AS at_ns, 0 AS request
+    FROM utterances WHERE speaker = 'participant' AND end_ns IS NOT NULL
+    UNION ALL
+    SELECT session, stamp_ns, 0 FROM event_llm_exchange WHERE outcome = 'answered'
+    UNION ALL
+    SELECT session, requested_ns, 1 FROM utterances WHERE speaker = 'robot' AND requested_ns IS NOT NULL
+)
+SELECT
+    session, at_ns, request,
+    lead(at_ns) OVER following AS next_ns,
+    lead(request) OVER following AS next_request
+FROM happened
+WINDOW following AS (PARTITION BY session ORDER BY at_ns, request);
+
+CREATE VIEW reactions AS
+SELECT session, next_ns AS at_ns, (next_ns - at_ns) / 1e9 AS delay_s
+FROM moments
+WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= 30 * 1e9
+    AND NOT EXISTS (
+        FROM pauses
+        WHERE pauses.session = moments.session AND start_ns < moments.next_ns AND end_ns > moments.at_ns
+    );
+
+-- Driving: a command other than zero counts until the next one, at most 0.3 s.
+CREATE VIEW driving AS
+SELECT session, source, least(lead(stamp_ns) OVER following - stamp_ns, 300000000) / 1e9 AS held_s
+FROM event_command_sent
+WINDOW following AS (PARTITION BY session ORDER BY stamp_ns)
+QUALIFY held_s IS NOT NULL AND (twist_forward_mps != 0 OR twist_left_mps != 0 OR twist_turn_radps != 0);
+
+-- The way by odometry, without jumps of more than 5 m/s.
+CREATE VIEW odometry_steps AS
+SELECT
+    session,
+    sqrt(pow(pose_in_odom_x_m - lag(pose_in_odom_x_m) OVER before, 2)
+        + pow(pose_in_odom_y_m - lag(pose_in_odom_y_m) OVER before, 2)) AS step_m,
+    (stamp_ns - lag(stamp_ns) OVER before) / 1e9 AS step_s,
+    sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2)) AS speed_mps
+FROM odometry
+WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
+
+CREATE VIEW pose_steps AS
+SELECT
+    session,
+    sqrt(pow(pose_in_map_x_m - lag(pose_in_map_x_m) OVER before, 2)
+        + pow(pose_in_map_y_m - lag(pose_in_map_y_m) OVER before, 2)) AS step_m,
+    (stamp_ns - lag(stamp_ns) OVER before) / 1e9 AS step_s
+FROM pose
+WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
+
+CREATE VIEW ways AS
+SELECT session, coalesce(sum(step_m) FILTER (step_m <= 5.0 * step_s), 0) AS distance_m, max(speed_mps) AS max_speed_mps
+FROM odometry_steps GROUP BY session
+UNION ALL
+SELECT session, coalesce(sum(step_m) FILTER (step_m <= 5.0 * step_s), 0), NULL
+FROM pose_steps WHERE session NOT IN (SELECT session FROM odometry) GROUP BY session;
+
+-- The link to the robot, from its first connection on.
+CREATE VIEW link_states AS
+SELECT
+    session, state,
+    (coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) - stamp_ns)
+        / 1e9 AS lasted_s
+FROM event_link_changed JOIN sessions USING (session)
+WHERE link = 'control' AND stamp_ns >= (
+    SELECT min(stamp_ns) FROM event_link_changed first
+    WHERE first.session = event_link_changed.session AND first.link = 'control' AND first.state = 'connected'
+);
+
+-- What became of the answers of language models.
+CREATE VIEW answers AS
+SELECT
+    session, exchange_id, outcome = 'answered' AS answered,
+    coalesce(bool_or(use IN ('said', 'edited')), false) AS accepted
+FROM event_llm_exchange LEFT JOIN event_answer_used USING (session, exchange_id)
+GROUP BY session, exchange_id, outcome;
+
+-- One row for each session.
+CREATE VIEW measures AS
+WITH
+paused AS (SELECT session, sum(end_ns - start_ns) / 1e9 AS seconds FROM pauses GROUP BY session),
+response AS (SELECT session, count(*) AS n, median(delay_s) AS middle_s FROM responses GROUP BY session),
+content AS (SELECT session, median(delay_s) AS middle_s FROM content_responses GROUP BY session),
+reaction AS (SELECT session, median(delay_s) AS middle_s FROM reactions GROUP BY session),
+talk AS (
+    SELECT
+        session,
+        sum(end_ns - start_ns) FILTER (speaker = 'participant') / 1e9 AS participant_s,
+        sum(end_ns - start_ns) FILTER (speaker = 'robot') / 1e9 AS robot_s,
+        count(*) FILTER (speaker = 'participant') AS participant_n,
+        count(*) FILTER (speaker = 'robot') AS robot_n,
+        count(*) FILTER (speaker = 'robot' AND origin = 'typed') AS typed,
+        count(*) FILTER (speaker = 'robot' AND origin = 'phrase') AS phrase,
+        count(*) FILTER (speaker = 'robot' AND origin = 'filler') AS filler,
+        count(*) FILTER (speaker = 'robot' AND origin = 'assistant') AS assistant,
+        count(*) FILTER (speaker = 'robot' AND origin = 'suggestion') AS suggestion
+    FROM utterances WHERE said GROUP BY session
+),
+llm AS (
+    SELECT
+        session, count(*) AS n,
+        count(*) FILTER (answered AND accepted) / nullif(count(*) FILTER (answered), 0) AS accepted
+    FROM answers GROUP BY session
+),
+driven AS (SELECT session, sum(held_s) AS seconds FROM driving GROUP BY session),
+stopped AS (SELECT session, count(*) AS n FROM event_stop_requested GROUP BY session),
+emergency AS (
+    SELECT session, count(*) AS n
+    FROM (
+        SELECT session FROM event_emergency_stop_changed
+        QUALIFY latched AND NOT coalesce(lag(latched) OVER (PARTITION BY session ORDER BY stamp_ns), false)
+    )
+    GROUP BY session
+),
+goal AS (
+    SELECT session, count(*) AS n, count(*) FILTER (outcome = 'reached') AS reached
+    FROM (SELECT session, goal_id, arg_max(state, stamp_ns) AS outcome FROM event_goal_changed GROUP BY session, goal_id)
+    GROUP BY session
+),
+guard AS (
+    SELECT session, count(*) AS n
+    FROM (
+        SELECT session FROM event_guard_changed
+        QUALIFY state IN ('slowing', 'blocked')
+            AND NOT coalesce(
+                lag(state) OVER (PARTITION BY session ORDER BY stamp_ns) IN ('slowing', 'blocked'), false
+            )
+    )
+    GROUP BY session
+),
+marked AS (
+    SELECT
+        session,
+        count(*) FILTER (kind = 'mark') AS marks,
+        count(*) FILTER (kind = 'wizard_error') AS errors
+    FROM marks GROUP BY session
+),
+link AS (
+    SELECT session, sum(lasted_s) FILTER (state IN ('trouble', 'lost', 'connecting')) AS seconds
+    FROM link_states GROUP BY session
+),
+lost AS (SELECT session, sum(count) AS n FROM event_gap GROUP BY session),
+problem AS (SELECT session, count(*) AS n FROM event_problem GROUP BY session),
+person AS (SELECT session, count(DISTINCT person_id) AS n FROM event_person_appeared GROUP BY session)
+SELECT
+    session, participant, condition, trial, wizard, purpose, scenario,
+    greatest(0, lasts_s - coalesce(paused.seconds, 0)) AS recorded_s,
+    coalesce(paused.seconds, 0) AS paused_s,
+    coalesce(response.n, 0) AS responses,
+    response.middle_s AS response_time_s,
+    content.middle_s AS content_response_time_s,
+    reaction.middle_s AS reaction_time_s,
+    coalesce(talk.participant_s, 0) AS participant_talk_s,
+    coalesce(talk.robot_s, 0) AS robot_talk_s,
+    coalesce(talk.participant_n, 0) AS participant_utterances,
+    coalesce(talk.robot_n, 0) AS robot_utterances,
+    coalesce(talk.typed, 0) AS typed_utterances,
+    coalesce(talk.phrase, 0) AS phrase_utterances,
+    coalesce(talk.filler, 0) AS filler_utterances,
+    coalesce(talk.assistant, 0) AS assistant_utterances,
+    coalesce(talk.suggestion, 0) AS suggestion_utterances,
+    coalesce(llm.n, 0) AS llm_exchanges,
+    llm.accepted AS llm_accepted_fraction,
+    ways.distance_m AS distance_m,
+    coalesce(driven.seconds, 0) AS driving_s,
+    ways.max_speed_mps AS max_speed_mps,
+    coalesce(stopped.n, 0) AS stops,
+    coalesce(emergency.n, 0) AS emergency_stops,
+    coalesce(goal.n, 0) AS goals,
+    coalesce(goal.reached, 0) AS goals_reached,
+    coalesce(guard.n, 0) AS guard_interventions,
+    coalesce(marked.marks, 0) AS marks,
+    coalesce(marked.errors, 0) AS wizard_errors,
+    coalesce(marked.errors, 0) * 600.0 / nullif(greatest(0, lasts_s - coalesce(paused.seconds, 0)), 0)
+        AS wizard_errors_per_10_min,
+    coalesce(link.seconds, 0) AS link_trouble_s,
+    coalesce(lost.n, 0) AS lost_values,
+    coalesce(problem.n, 0) AS problems,
+    coalesce(person.n, 0) AS people
+FROM sessions
+LEFT JOIN paused USING (session)
+LEFT JOIN response USING (session)
+LEFT JOIN content USING (session)
+LEFT JOIN reaction USING (session)
+LEFT JOIN talk USING (session)
+LEFT JOIN llm USING (session)
+LEFT JOIN ways USING (session)
+LEFT JOIN driven USING (session)
+LEFT JOIN stopped USING (session)
+LEFT JOIN emergency USING (session)
+LEFT JOIN goal USING (session)
+LEFT JOIN guard USING (session)
+LEFT JOIN marked USING (session)
+LEFT JOIN link USING (session)
+LEFT JOIN lost USING (session)
+LEFT JOIN problem USING (session)
+LEFT JOIN person USING (session)
+ORDER BY session;
+
+-- Each figure as a row of its own. Practice sessions are in measures, not in here.
+CREATE VIEW each_value AS
+WITH counting AS (
+    SELECT session, condition, CAST(COLUMNS(* EXCLUDE (session, participant, condition, trial, wizard, purpose, scenario)) AS DOUBLE)
+    FROM measures WHERE lower(purpose) != 'practice'
+)
+UNPIVOT counting ON COLUMNS(* EXCLUDE (session, condition)) INTO NAME measure VALUE value;
+
+CREATE VIEW each_response AS
+SELECT session, condition, 'each_response_time_s' AS measure, delay_s AS value
+FROM responses JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
+UNION ALL
+SELECT session, condition, 'each_reaction_time_s', delay_s
+FROM reactions JOIN sessions USING (session) WHERE lower(purpose) != 'practice';
+
+-- Of the whole study (condition is NULL) and of each condition.
+CREATE VIEW summary AS
+SELECT
+    CASE WHEN grouping(condition) = 1 THEN 'study' ELSE 'condition' END AS of,
+    condition,
+    measure,
+    count(value) AS n,
+    avg(value) AS mean,
+    stddev_samp(value) AS sd,
+    median(value) AS median,
+    min(value) AS min,
+    max(value) AS max
+FROM (FROM each_value UNION ALL FROM each_response)
+GROUP BY GROUPING SETS ((measure), (measure, condition))
+ORDER BY of DESC, condition, measure;
+
+-- How often which label was marked, in which session.
+CREATE VIEW labels AS
+SELECT session, any_value(condition) AS condition, kind, label, count(*) AS n, sum(duration_s) AS lasted_s
+FROM marks
+GROUP BY session, kind, label
+ORDER BY session, kind, label;
