@@ -1,4 +1,4 @@
-"""The picture that a recorded value speaks of."""
+"""The pictures that recorded values speak of, and how many of them to take."""
 
 from caris_desktop.recording.replay.video_reader import Picture, VideoReader
 
@@ -12,3 +12,20 @@ def picture_of(videos: VideoReader, camera: str, stamp_ns: int) -> Picture | Non
     if info is None or abs(info.stamp_ns - stamp_ns) > _SAME_FRAME_NS:
         return None
     return videos.frame(camera, info.number)
+
+
+class Pace:
+    """Takes at most so many moments a second of each camera; all of them where ``most_hz`` is None."""
+
+    def __init__(self, most_hz: float | None) -> None:
+        self._every_ns = 0 if most_hz is None else round(1e9 / most_hz)
+        self._due_ns: dict[str, int] = {}
+
+    def is_due(self, camera: str, stamp_ns: int) -> bool:
+        return stamp_ns >= self._due_ns.get(camera, stamp_ns)
+
+    def take(self, camera: str, stamp_ns: int) -> None:
+        """This moment is taken."""
+        # Half a period of slack, so that a camera of the same rate is not halved by its jitter.
+        steady_ns = self._due_ns.get(camera, 0) + self._every_ns
+        self._due_ns[camera] = max(steady_ns, stamp_ns + self._every_ns // 2)

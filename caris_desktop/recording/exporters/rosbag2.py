@@ -31,7 +31,7 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.exporters.pictures import picture_of
+from caris_desktop.recording.exporters.pictures import Pace, picture_of
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session_reader import Session
@@ -133,11 +133,10 @@ class _Translator:
         self._moments = moments
         self._videos = videos
         self._has_odometry = has_odometry
-        self._image_every_ns = 0 if image_hz is None else round(1e9 / image_hz)
+        self._pace = Pace(image_hz)
         self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=_KEPT_ODOMETRY)
         self._poses: deque[tuple[int, Pose2D]] = deque()
         self._static: dict[str, Message] = {}
-        self._image_due_ns: dict[str, int] = {}
         self._speaking: set[str] = set()
         self._by_type: dict[type[Any], Callable[[Any, int], _Out]] = {
             LaserScan: self._scan,
@@ -219,15 +218,12 @@ class _Translator:
         )
 
     def _image(self, ref: FrameRef, at_ns: int) -> _Out:
-        if ref.stamp_ns < self._image_due_ns.get(ref.camera, 0):
+        if not self._pace.is_due(ref.camera, ref.stamp_ns):
             return
         picture = picture_of(self._videos, ref.camera, ref.stamp_ns)
         if picture is None:
             return
-        # Half a period of slack, so that a camera of the same rate is not halved by its jitter.
-        self._image_due_ns[ref.camera] = max(
-            self._image_due_ns.get(ref.camera, 0) + self._image_every_ns, ref.stamp_ns + self._image_every_ns // 2
-        )
+        self._pace.take(ref.camera, ref.stamp_ns)
         import cv2
 
         _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
