@@ -1,7 +1,7 @@
 """Sound as WAV files that keep the session's time: a moment of the session is found by its seconds alone.
 
 The clock of a sound card is not the session's. What it is off is made up sample by sample, where the sound is
-quietest; what is missing becomes silence.
+flattest; what is missing becomes silence.
 """
 
 import logging
@@ -184,10 +184,12 @@ class AudioFile:
         )
 
 
-def _quietest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
+def _flattest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
     """Where a sample more or less is heard least: one place in each of ``count`` stretches, in order."""
-    loud = np.abs(samples.astype(np.int32)).max(axis=1)
-    roughness = loud[1:] + 4 * np.abs(np.diff(samples.astype(np.int32), axis=0)).max(axis=1)
+    wide = samples.astype(np.int32)
+    steps = np.abs(np.diff(wide, axis=0)).max(axis=1)
+    # Of places that are equally flat, the quietest.
+    roughness = 64 * steps + np.abs(wide[1:]).max(axis=1)
     edges = np.linspace(0, len(roughness), count + 1).astype(int)
     return np.array(
         [low + int(np.argmin(roughness[low:high])) for low, high in pairwise(edges) if high > low],
@@ -198,7 +200,7 @@ def _quietest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
 def _with_more(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
     if len(samples) < 2:
         return samples
-    at = _quietest(samples, count)
+    at = _flattest(samples, count)
     between = (samples[at].astype(np.int32) + samples[at + 1]) // 2
     return np.insert(samples, at + 1, between.astype(samples.dtype), axis=0)
 
@@ -206,7 +208,7 @@ def _with_more(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
 def _with_fewer(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
     if len(samples) < 2:
         return samples
-    return np.delete(samples, _quietest(samples, count), axis=0)
+    return np.delete(samples, _flattest(samples, count), axis=0)
 
 
 class AudioWriter:

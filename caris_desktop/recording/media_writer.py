@@ -313,7 +313,7 @@ class _CameraThread:
         video = self._video
         if change == "lowered" and video is not None and not video.encoder.hardware and video.encoder != FASTEST:
             # Before any frame is left out the encoder itself can do with less: in a new file, as its stream differs.
-            _log.warning("video of %s: %s is too slow here, from now on %s", self._camera, video.encoder, FASTEST)
+            _log.warning("video of %s: %s is too slow here; %s next", self._camera, video.encoder.title, FASTEST.title)
             self._fast = True
             self._close()
             self.rate.forget()

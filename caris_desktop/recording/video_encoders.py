@@ -25,7 +25,7 @@ _LARGEST_TRIAL_DELAY = 3
 # Measured: one 1280x720 stream at 30 Hz keeps a tenth of a core busy with ultrafast and a fifth with veryfast, which
 # makes files of half the size; superfast costs as much as veryfast.
 _GOOD_PRESET, _GOOD_CORES_720P = "veryfast", 0.2
-_SHARE_OF_IDLE = 0.1
+_SHARE_OF_IDLE = 0.08
 _PIXELS_720P = 1280 * 720
 
 
@@ -144,7 +144,7 @@ class Encoders:
             self._probed.set()
         hardware = tuple(encoder for encoder in self._usable if encoder.name not in self._failed)
         preset = "ultrafast" if fast else _preset_for(_idle_cores(), width_px * height_px)
-        return (*hardware, *dict.fromkeys((x264(preset), FASTEST)))
+        return tuple(dict.fromkeys((*hardware, x264(preset), FASTEST)))
 
     def note_failure(self, encoder: Encoder) -> None:
         """It does not do what it did in the trial: not to be chosen again."""
@@ -158,6 +158,6 @@ def _idle_cores() -> float:
 
 
 def _preset_for(idle_cores: float, pixels: int) -> str:
-    """The better preset where one video takes no more than a tenth of what is idle: others may get busy later."""
+    """The better preset where one video takes little of what is idle: others may get busy later."""
     cores = _GOOD_CORES_720P * pixels / _PIXELS_720P
     return _GOOD_PRESET if cores <= _SHARE_OF_IDLE * idle_cores else "ultrafast"

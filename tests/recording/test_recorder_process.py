@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -37,6 +38,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import OccupancyGrid, People, PersonBox
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
+from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.messages import (
     RecorderReport,
     SetRecordingPermissions,
@@ -44,7 +46,6 @@ from caris_desktop.recording.messages import (
     TakePhoto,
 )
 from caris_desktop.recording.session_reader import open_session
-from caris_desktop.recording.disk_watch import DiskLimits
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, command, feed_frames, mark, picture, pose, scan, start
 from tests.support.polling import wait_for
@@ -70,6 +71,15 @@ def mcap_messages(folder: Path) -> list[tuple[str, int, dict[str, Any]]]:
             jsonschema.validate(data, json.loads(schema.data))
             found.append((channel.topic, message.publish_time, data))
     return found
+
+
+def mcap_counts(folder: Path) -> Counter[str]:
+    """How many messages of each topic the file holds, by the ``mcap`` package alone, read one by one."""
+    counts: Counter[str] = Counter()
+    with (folder / "events.mcap").open("rb") as file:
+        for _, channel, _ in make_reader(file).iter_messages(log_time_order=False):
+            counts[channel.topic] += 1
+    return counts
 
 
 def video_times_s(path: Path) -> tuple[list[float], list[float]]:
