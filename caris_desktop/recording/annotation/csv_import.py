@@ -26,6 +26,7 @@ from caris_desktop.recording.annotation.model import (
 
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MOST_ROWS = 500_000
+_SNIFFED_CHARACTERS = 50_000
 _LATEST_MS = 2**32 - 1
 _DEFAULT_TIER = "Annotations"
 # Lengths of whole numbers below are seconds, from the second on milliseconds; in between nobody can tell.
@@ -118,11 +119,10 @@ def _text(content: bytes) -> str:
 
 
 def _lines(text: str) -> list[_Line]:
-    head = "\n".join(text.splitlines()[:20])
+    head = "\n".join(text[:_SNIFFED_CHARACTERS].splitlines()[:20])
     delimiter = max("\t;,", key=lambda candidate: _most_alike(head, candidate))
     rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     lines: list[_Line] = []
-    previous = csv.field_size_limit(LONGEST_VALUE * 10)
     try:
         for cells in rows:
             if any(cell.strip() for cell in cells) and not (cells[0].startswith(("#", '"#')) and len(cells) == 1):
@@ -131,8 +131,6 @@ def _lines(text: str) -> list[_Line]:
                 raise AnnotationError(f"It has more than {_MOST_ROWS} rows.")
     except csv.Error as error:
         raise AnnotationError(f"Line {rows.line_num}: {error}.") from error
-    finally:
-        csv.field_size_limit(previous)
     if not lines:
         raise AnnotationError("There is nothing in it.")
     return lines

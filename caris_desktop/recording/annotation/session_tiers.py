@@ -29,6 +29,8 @@ from caris_desktop.domain.events import (
     PersonLeft,
     RecordingPaused,
     ScenarioOpened,
+    SessionEnded,
+    SessionStarted,
     TrafficMeasured,
     UtteranceChanged,
     UtteranceOrigin,
@@ -51,6 +53,7 @@ MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows soon
 MARKS_VOCABULARY = "Wizard marks"
 ERRORS_VOCABULARY = "Wizard errors"
 WIZARD_ERRORS = ("slip", "late", "wrong branch")
+MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
 _HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
@@ -62,8 +65,8 @@ _MOTIONS = {
     "sideways": f"At least {_STILL_MPS} m/s to the side and neither forward nor backward.",
     "turning": f"At least {_STILL_RADPS} rad/s on the spot.",
 }
-# Measured every second: tables show these, not tiers.
-_MEASUREMENTS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured)
+# Measured every second, or the edges of the timeline itself: tables show these, not tiers.
+_NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
 _log = logging.getLogger(__name__)
 
 
@@ -249,8 +252,9 @@ class SessionRecord:
                 counts.append(_Stretch(since_ns, stamp_ns, str(here)))
             here, since_ns = here + change, stamp_ns
         yield _Row("People present", counts)
-        for number, spans in enumerate(present.values(), start=1):
-            person_id = list(present)[number - 1]
+        if len(present) > MOST_PEOPLE:
+            return
+        for number, (person_id, spans) in enumerate(present.items(), start=1):
             yield _Row(f"Person {number}", [_Stretch(*span, "present") for span in spans], "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:
@@ -405,7 +409,7 @@ class SessionRecord:
 
 
 def _is_event(spec: StreamSpec) -> bool:
-    return spec.delivery is Delivery.LOSSLESS and spec.value_type not in _MEASUREMENTS
+    return spec.delivery is Delivery.LOSSLESS and spec.value_type not in _NO_TIERS
 
 
 def _event_streams() -> tuple[StreamSpec, ...]:
@@ -516,9 +520,9 @@ def _lanes(
                 if value != last_value:
                     lane[-1] = (last_start_ms, last_shown_ms, f"{last_value} | {value}"[:LONGEST_VALUE])
                 break
-            # An item is a millisecond wide at least, and the next one gives way for that if it can.
-            begin_ms = max(start_ms, last_start_ms + 1)
-            if ends_ms[number] <= start_ms and begin_ms < shown_ms:
+            # An item is a millisecond wide at least, and a stretch after it gives way for that.
+            begin_ms = start_ms if moment else max(start_ms, last_start_ms + 1)
+            if ends_ms[number] <= start_ms and last_start_ms < begin_ms < shown_ms:
                 lane[-1] = (last_start_ms, min(last_shown_ms, begin_ms), last_value)
                 lane.append((begin_ms, shown_ms, value))
                 ends_ms[number] = end_ms
@@ -537,9 +541,19 @@ def _summary(value: Any) -> str:
         if not field.name.endswith(("_ns", "_id")) and field.name != "sequence"
     ]
     parts = [(name, text) for name, text in parts if text]
-    text = parts[0][1] if len(parts) == 1 else ", ".join(f"{name.replace('_', ' ')}: {text}" for name, text in parts)
+    text = parts[0][1] if len(parts) == 1 else ", ".join(f"{_named(name)}: {_short(text)}" for name, text in parts)
     text = " ".join(text.split()) or _in_words(type(value).__name__)
     return text if len(text) <= _LONGEST_SUMMARY else f"{text[: _LONGEST_SUMMARY - 1]}…"
+
+
+def _named(field: str) -> str:
+    return field.replace("_", " ")
+
+
+def _short(text: str) -> str:
+    """The first line, of whole files too."""
+    first, _, rest = text.strip().partition("\n")
+    return f"{first[:79]}…" if rest or len(first) > 80 else first
 
 
 def _cell(value: Any) -> str:

@@ -1,0 +1,125 @@
+"""Annotations from tables: ours, ELAN's, and whatever spreadsheets make."""
+
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.csv_import import read_csv
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
+from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.export import export_session
+from tests.recording.told_session import tell
+
+ROWS = [("anna", "Gaze", 1000, 2500, "robot"), ("anna", "Gaze", 2500, 61_234, "away")]
+
+
+def read(folder: Path, content: str | bytes, *, coder: str = "anna") -> list[tuple[str, str, int, int, str]]:
+    path = folder / "x.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    document = read_csv(path, coder=coder)
+    editing.check_document(document)
+    return [
+        (tier.coder, tier.name, item.start_ms, item.end_ms, item.value)
+        for tier in document.tiers
+        for item in document.of_tier(tier.tier_id)
+    ]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "tier,start_ms,end_ms,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
+        "tier,start,end,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
+        "tier;start_s;end_s;value\r\nGaze;1;2,5;robot\r\n\r\nGaze;2,5;61,234;away\r\n",
+        "Tier,Start,End,Label\nGaze,1.0,2.5,robot\nGaze,2.5,61.234,away\n",
+        "Tier\tBegin\tEnd\tText\nGaze\t00:00:01.000\t0:02.5\trobot\nGaze\t00:00:02.500\t00:01:01.234\taway\n",
+        'value,tier,"end (ms)","start (ms)"\nrobot,Gaze,2500,1000\n"away",Gaze,61234,2500',
+        # ELAN's tab-delimited text: with headings, with a column for each tier, and without headings.
+        '"#file:///home/x/y.eaf"\nTier\tParticipant\tBegin Time - hh:mm:ss.ms\tBegin Time - ss.msec\t'
+        "End Time - ss.msec\tDuration - msec\tAnnotation\nGaze\tP1\t00:00:01.000\t1.0\t2.5\t1500\trobot\n"
+        "Gaze\tP1\t00:00:02.500\t2.5\t61.234\t58734\taway\n",
+        "Begin Time - hh:mm:ss.ms\tEnd Time - hh:mm:ss.ms\tDuration - hh:mm:ss.ms\tGaze\n"
+        "00:00:01.000\t00:00:02.500\t00:00:01.500\trobot\n00:00:02.500\t00:01:01.234\t00:00:58.734\taway\n",
+        "Gaze\tP1\t00:00:01.000\t1.0\t1000\t00:00:02.500\t2.5\t2500\t00:00:01.500\t1.5\t1500\trobot\n"
+        "Gaze\tP1\t00:00:02.500\t2.5\t2500\t00:01:01.234\t61.234\t61234\t00:00:58.734\t58.734\t58734\taway\n",
+        "Gaze\t\t1.0\t2.5\t1.5\trobot\nGaze\t\t2.5\t61.234\t58.734\taway\n",
+        "Gaze\t1000\t2500\trobot\nGaze\t2500\t61234\taway\n",
+    ],
+)
+def test_tables_of_many_kinds_say_the_same(tmp_path: Path, content: str) -> None:
+    assert read(tmp_path, content) == ROWS
+    # Excel's ways of saving the same.
+    assert read(tmp_path, content.encode("utf-8-sig")) == ROWS
+    assert read(tmp_path, content.encode("utf-16")) == ROWS
+
+
+def test_values_that_look_like_times_are_values(tmp_path: Path) -> None:
+    assert read(tmp_path, "Count\t1.5\t2.25\t0.75\t3\nCount\t4.0\t5.0\t1.0\t4\n") == [
+        ("anna", "Count", 1500, 2250, "3"),
+        ("anna", "Count", 4000, 5000, "4"),
+    ]
+    assert read(tmp_path, "tier,start_s,end_s,value\nA,1,2,0:30\n") == [("anna", "A", 1000, 2000, "0:30")]
+
+
+def test_coders_and_quoted_texts(tmp_path: Path) -> None:
+    content = 'coder,tier,start_s,end_s,value\nben,T,0,1,"a ""b"",\nc"\n,T,0,1,Ünïcode \U0001f916\n'
+    assert read(tmp_path, content) == [("ben", "T", 0, 1000, 'a "b",\nc'), ("anna", "T", 0, 1000, "Ünïcode \U0001f916")]
+    assert read(tmp_path, "start_s;end_s;value\n1;2;Grüße".encode("cp1252")) == [
+        ("anna", "Annotations", 1000, 2000, "Grüße")
+    ]
+
+
+def test_our_own_table_reads_back(tmp_path: Path) -> None:
+    gaze = Vocabulary("Gaze", (VocabularyEntry("robot"), VocabularyEntry("away")))
+    document = editing.add_vocabulary(AnnotationDocument(duration_ms=60_000), gaze)
+    document = editing.add_tier(document, "Looks", "anna", "Gaze")
+    document = editing.add_tier(document, "Notes", "anna")
+    looks, notes = (tier.tier_id for tier in document.tiers)
+    document = editing.add_annotation(document, looks, 1, 1234, "robot")
+    document = editing.add_annotation(document, looks, 1234, 60_000, "away")
+    document = editing.add_annotation(document, notes, 17, 18, 'He said "no";\nthen, <went>')
+    folder = tell(tmp_path / "s", [], lasts_s=60.0)
+    save_coder(folder, document, "anna")
+    export_session(folder, "csv", tmp_path / "out")
+    again = read_csv(tmp_path / "out" / "annotations.csv", coder="somebody")
+    assert [(tier.name, tier.coder, tier.vocabulary) for tier in again.tiers] == [
+        ("Looks", "anna", "Gaze"),
+        ("Notes", "anna", ""),
+    ]
+    assert [(item.start_ms, item.end_ms, item.value) for item in again.annotations] == [
+        (item.start_ms, item.end_ms, item.value) for item in document.annotations
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("", "nothing in it"),
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF", "It is no text"),
+        ("tier,start_s,end_s,value\nA,1,2,x\nA,1.5,x,y\n", "Line 3, end: “x” is no time"),
+        ("tier,start_s,end_s,value\nA,1,2,x\nA,3\n", "Line 3, end: there is no time"),
+        ("tier,start_s,end_s,value\nA,2,1,x\n", r"Line 2: it ends \(1000 ms\) before or when it starts \(2000 ms\)"),
+        ("tier,start_s,end_s,value\nA,1,3,x\nB,1,3,x\nA,2,4,y\n", "Line 4 overlaps line 2 on the tier “A”"),
+        ("tier,start_s,end_s,value\nA,-1,3,x\n", "Line 2, start: “-1” is no time"),
+        ("tier,start_s,end_s,value\nA,1,99999999,x\n", "is no time of a session"),
+        ("tier,start_s,value\nA,1,x\n", "the headings name no end"),
+        ("tier,start_s,end_s\nA,1,2\n", "the headings name no value"),
+        ("tier,start,end,value\nA,0,40,x\nA,60,110,x\n", "may be seconds or milliseconds"),
+        ("just some\nlines of text\n", "there are no headings, and no columns that are times"),
+        ("tier,start_s,end_s,value\nA,1,2," + "x" * 20_000, "Line 2: a text is too long"),
+        ("tier,start_s,end_s,value\nA,1,2," + "x" * 200_000, "Line 2: field larger"),
+        ("tier,start_s,end_s,value\nA,1e3,2e3,x\n", "“1e3” is no time"),
+        ("tier,start_s,end_s,value\nA,1:2:3:4,9,x\n", "“1:2:3:4” is no time"),
+    ],
+)
+def test_what_cannot_be_read_names_the_line(tmp_path: Path, content: str | bytes, told: str) -> None:
+    with pytest.raises(AnnotationError, match=told) as refusal:
+        read(tmp_path, content)
+    assert str(refusal.value).startswith("x.csv cannot be taken over.")
+
+
+def test_a_missing_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(AnnotationError, match="cannot be read"):
+        read_csv(tmp_path / "none.csv")
