@@ -13,7 +13,7 @@ from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.scenario.model import PanelLeaf, Scenario
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar
-from caris_desktop.ui.replay.timeline_canvas import NAMES_PX
+from caris_desktop.ui.replay.timeline_drawing import NAMES_PX
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview

@@ -1,6 +1,7 @@
 """How far two coders agree on a tier: the figures, and where they differ."""
 
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
+from PySide6.QtGui import QBrush, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QApplication,
@@ -9,6 +10,8 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
@@ -97,6 +100,7 @@ class AgreementDialog(QDialog):
         self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self._table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self._table.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._table.setItemDelegate(_TintedCells(self._table))
         self._table.setFont(theme.font(tokens.STATUS_PX))
         choices = QGridLayout()
         choices.setHorizontalSpacing(16)
@@ -192,6 +196,18 @@ class AgreementDialog(QDialog):
     def _on_copy(self) -> None:
         if self._result is not None:
             QApplication.clipboard().setText(report(self._result))
+
+
+class _TintedCells(QStyledItemDelegate):
+    """Paints a cell's ground itself: an application with a style sheet leaves it out."""
+
+    def paint(
+        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        ground = index.data(int(Qt.ItemDataRole.BackgroundRole))
+        if isinstance(ground, QBrush):
+            painter.fillRect(option.rect, ground)
+        super().paint(painter, option, index)
 
 
 def _shift(milliseconds: float) -> str:

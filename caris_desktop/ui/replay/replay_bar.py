@@ -126,10 +126,10 @@ class ReplayBar(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._times.set_wall_shown(self.width() >= 1000)
-        self._title.set_date_shown(self.width() >= 820)
-        self._previous_utterance.setVisible(self.width() >= 1240)
-        self._next_utterance.setVisible(self.width() >= 1240)
+        self._times.set_wall_shown(self.width() >= 1240)
+        self._title.set_date_shown(self.width() >= 1160)
+        self._previous_utterance.setVisible(self.width() >= 1440)
+        self._next_utterance.setVisible(self.width() >= 1440)
 
     # ---- what the table's actions do
 
@@ -234,7 +234,7 @@ class ReplayTitle(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._participant, self._when = participant, when
-        self._date_shown = True
+        self._date_shown = False  # until it is known that there is room
         theme.changed.connect(self.update)
 
     @property
@@ -274,7 +274,7 @@ class ReplayTimes(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._now = self._total = self._wall = ""
-        self._wall_shown = True
+        self._wall_shown = False
         theme.changed.connect(self.update)
 
     @property

@@ -3,12 +3,11 @@
 Everything that stays while the replay plays is drawn once into a layer; a moving playhead repaints a narrow stripe.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
@@ -16,7 +15,6 @@ from PySide6.QtGui import (
     QFocusEvent,
     QFontMetricsF,
     QHelpEvent,
-    QImage,
     QMouseEvent,
     QPainter,
     QPaintEvent,
@@ -32,42 +30,32 @@ from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.replay.thumbnails import Moment, Thumbnails
+from caris_desktop.ui.replay.thumbnails import Thumbnails
+from caris_desktop.ui.replay.timeline_drawing import (
+    MENU_PX,
+    NAMES_PX,
+    PAD_PX,
+    RULER_PX,
+    TEXT_FROM_PX,
+    Shown,
+    TimelineDrawing,
+)
 from caris_desktop.ui.replay.timeline_model import (
     SHORTEST_MS,
     Row,
     TimeScale,
     Track,
     exact_text,
-    initials,
     length_text,
-    picture_step_ms,
-    ruler_ticks,
-    runs,
     snapped,
-    speed_columns,
-    wave_columns,
     whole_session,
 )
 from caris_desktop.ui.theme import Theme
 
-NAMES_PX = 208
-RULER_PX = 28
-_MENU_PX = 28
 _DRAG_PX = 4
 _SNAP_PX = 6
 _EDGE_PX = 6
-_TINY_PX = 3.0
-_TEXT_FROM_PX = 22.0
-_PAD_PX = 3
 _ZOOM_PER_NOTCH = 1.25
-_PICTURE_SHAPE = 16 / 9
-_EMPTY_TRACK = Track(())
-_RECORD_ICONS = (
-    ("speech", "chat-text"), ("participant", "user"), ("said", "chat-text"), ("motion", "navigation-arrow"),
-    ("goal", "flag"), ("people", "users"), ("person", "user"), ("mark", "bookmark-simple"), ("problem", "warning"),
-    ("step", "list-numbers"), ("note", "note"), ("driv", "game-controller"),
-)  # fmt: skip
 
 Part = Literal["corner", "names", "ruler", "row", "below"]
 DragKind = Literal["create", "move", "start", "end", "seek", "pan", "row"]
@@ -128,30 +116,20 @@ class TimelineCanvas(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self._theme = theme
         self._thumbnails = thumbnails
-        self._rows: list[Row] = []
-        self._tops: list[int] = [0]
-        self._tracks: Mapping[str, Track] = {}
-        self._coders: Sequence[str] = ()
-        self._overview: SessionOverview | None = None
-        self._loudest: dict[str, float] = {}
-        self._started_ns = 0
-        self._duration_ms = 1.0
-        self._scale = TimeScale(0.0, 0.01)
+        self._shown = Shown()
+        self._drawing = TimelineDrawing(theme, thumbnails)
         self._fits = True
-        self._scroll_y = 0
         self._position_ms = 0.0
         self._selected = ""
         self._selected_item: Annotation | None = None
-        self._active = ""
         self._open: OpenStretch | None = None
         self._drag: Drag | None = None
         self._refused = False
         self._hover: Hit | None = None
-        self._words = ""
         self._layer: QPixmap | None = None
-        self._elided: dict[tuple[str, int], str] = {}
+        self._names: QPixmap | None = None
         thumbnails.made.connect(self._on_picture_made)
-        theme.changed.connect(self.forget_layer)
+        theme.changed.connect(self._forget_everything)
 
     def sizeHint(self) -> QSize:
         return QSize(900, 240)
@@ -162,21 +140,21 @@ class TimelineCanvas(QWidget):
     # ---- what it shows
 
     def show_session(self, started_ns: int, duration_ms: float) -> None:
-        self._started_ns, self._duration_ms = started_ns, max(1.0, duration_ms)
-        self.set_scale(whole_session(self.room_px, self._duration_ms) if self._fits else self._scale)
+        self._shown.started_ns, self._shown.duration_ms = started_ns, max(1.0, duration_ms)
+        self.set_scale(whole_session(self.room_px, self._shown.duration_ms) if self._fits else self.scale)
 
     def show_rows(self, rows: Sequence[Row], coders: Sequence[str], *, words: str = "") -> None:
         """The rows in their order; ``words`` stand where there are none."""
-        self._rows, self._coders, self._words = list(rows), coders, words
-        self._tops = [0]
-        for row in self._rows:
-            self._tops.append(self._tops[-1] + row.height_px)
-        self.scroll_to(self._scroll_y)
-        self.forget_layer()
+        self._shown.rows, self._shown.coders, self._shown.words = list(rows), coders, words
+        self._shown.tops = [0]
+        for row in self.rows:
+            self._shown.tops.append(self._shown.tops[-1] + row.height_px)
+        self.scroll_to(self._shown.scroll_y)
+        self._forget_everything()
 
     def show_tracks(self, tracks: Mapping[str, Track]) -> None:
         """The annotations of each tier, by the key of its row."""
-        self._tracks = tracks
+        self._shown.tracks = tracks
         if self._selected:
             self._selected_item = self._find(self._selected)
             if self._selected_item is None:
@@ -185,27 +163,25 @@ class TimelineCanvas(QWidget):
         self.forget_layer()
 
     def show_overview(self, overview: SessionOverview | None) -> None:
-        self._overview = overview
-        waves = () if overview is None else overview.waveforms
-        self._loudest = {wave.source: max(0.1, float(np.abs(wave.peaks).max(initial=0.0))) for wave in waves}
-        self.forget_layer()
+        self._shown.show_overview(overview)
+        self._forget_everything()
 
     def show_position(self, position_ms: float, *, playing: bool) -> None:
         """Move the playhead. The view follows it over its edge, and to where somebody jumped."""
         before, self._position_ms = self._position_ms, position_ms
-        was_visible = 0 <= self._scale.to_px(before) <= self.room_px
-        x = self._scale.to_px(position_ms)
+        was_visible = 0 <= self.scale.to_px(before) <= self.room_px
+        x = self.scale.to_px(position_ms)
         if not 0 <= x <= self.room_px and self._drag is None:
             jumped = abs(position_ms - before) > 1500
             if playing and was_visible and not jumped:
-                self.set_scale(replace(self._scale, start_ms=position_ms - 0.1 * self.room_px / self._scale.px_per_ms))
+                self.set_scale(replace(self.scale, start_ms=position_ms - 0.1 * self.room_px / self.scale.px_per_ms))
             elif jumped or was_visible:
-                self.set_scale(replace(self._scale, start_ms=position_ms - 0.5 * self.room_px / self._scale.px_per_ms))
+                self.set_scale(replace(self.scale, start_ms=position_ms - 0.5 * self.room_px / self.scale.px_per_ms))
         if self._open is not None:
             self.update()
             return
         for at_ms in (before, position_ms):
-            left = NAMES_PX + round(self._scale.to_px(at_ms))
+            left = NAMES_PX + round(self.scale.to_px(at_ms))
             self.update(left - 8, 0, 16, self.height())
 
     def show_open(self, stretch: OpenStretch | None) -> None:
@@ -213,54 +189,62 @@ class TimelineCanvas(QWidget):
         self.update()
 
     def forget_layer(self) -> None:
-        """Something that stays has changed: draw it again."""
+        """Something that stays has changed under the ruler: draw it again."""
         self._layer = None
         self.update()
 
+    def _forget_everything(self) -> None:
+        self._names = None
+        self.forget_layer()
+
     @property
     def rows(self) -> Sequence[Row]:
-        return self._rows
+        return self._shown.rows
 
     @property
     def scale(self) -> TimeScale:
-        return self._scale
+        return self._shown.scale
 
     @property
     def room_px(self) -> int:
         """Width of the part under the ruler."""
-        return max(1, self.width() - NAMES_PX)
+        return self._shown.room_px
 
     @property
     def rows_height_px(self) -> int:
-        return self._tops[-1]
+        return self._shown.tops[-1]
 
     @property
     def scroll_y(self) -> int:
-        return self._scroll_y
+        return self._shown.scroll_y
 
     def set_scale(self, scale: TimeScale) -> None:
-        scale = scale.bounded(self.room_px, self._duration_ms)
-        self._fits = scale.px_per_ms <= whole_session(self.room_px, self._duration_ms).px_per_ms * 1.0001
-        if scale != self._scale:
-            self._scale = scale
+        scale = scale.bounded(self.room_px, self._shown.duration_ms)
+        self._fits = scale.px_per_ms <= whole_session(self.room_px, self._shown.duration_ms).px_per_ms * 1.0001
+        if scale != self.scale:
+            self._shown.scale = scale
             self.forget_layer()
         self.view_changed.emit()
 
     def zoom(self, factor: float, around_px: float | None = None) -> None:
         """Around a pixel of the rows; around the playhead, where it is in view, without one."""
         if around_px is None:
-            playhead = self._scale.to_px(self._position_ms)
+            playhead = self.scale.to_px(self._position_ms)
             around_px = playhead if 0 <= playhead <= self.room_px else self.room_px / 2
-        self.set_scale(self._scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self._duration_ms))
+        self.set_scale(self.scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self._shown.duration_ms))
 
     def fit(self) -> None:
-        self.set_scale(whole_session(self.room_px, self._duration_ms))
+        self.set_scale(whole_session(self.room_px, self._shown.duration_ms))
+
+    def scroll_across_to(self, start_ms: float) -> None:
+        """Let the visible part begin there."""
+        self.set_scale(replace(self.scale, start_ms=start_ms))
 
     def scroll_to(self, y: int) -> None:
         y = min(max(0, y), max(0, self.rows_height_px - (self.height() - RULER_PX)))
-        if y != self._scroll_y:
-            self._scroll_y = y
-            self.forget_layer()
+        if y != self._shown.scroll_y:
+            self._shown.scroll_y = y
+            self._forget_everything()
         self.view_changed.emit()
 
     def show_row(self, key: str) -> None:
@@ -268,19 +252,19 @@ class TimelineCanvas(QWidget):
         index = self.index_of(key)
         if index is None:
             return
-        top, bottom, room = self._tops[index], self._tops[index + 1], self.height() - RULER_PX
-        if top < self._scroll_y:
+        top, bottom, room = self._shown.tops[index], self._shown.tops[index + 1], self.height() - RULER_PX
+        if top < self._shown.scroll_y:
             self.scroll_to(top)
-        elif bottom > self._scroll_y + room:
+        elif bottom > self._shown.scroll_y + room:
             self.scroll_to(bottom - room)
 
     def show_stretch(self, start_ms: float, end_ms: float) -> None:
         """Scroll so that the stretch is in view."""
-        if not 0 <= self._scale.to_px(start_ms) <= self.room_px - 40 or self._scale.to_px(end_ms) > self.room_px:
-            self.set_scale(replace(self._scale, start_ms=start_ms - 0.2 * self.room_px / self._scale.px_per_ms))
+        if not 0 <= self.scale.to_px(start_ms) <= self.room_px - 40 or self.scale.to_px(end_ms) > self.room_px:
+            self.set_scale(replace(self.scale, start_ms=start_ms - 0.2 * self.room_px / self.scale.px_per_ms))
 
     def index_of(self, key: str) -> int | None:
-        return next((number for number, row in enumerate(self._rows) if row.key == key), None)
+        return next((number for number, row in enumerate(self.rows) if row.key == key), None)
 
     # ---- what is chosen
 
@@ -299,7 +283,7 @@ class TimelineCanvas(QWidget):
         return next(
             (
                 item
-                for track in self._tracks.values()
+                for track in self._shown.tracks.values()
                 for item in track.annotations
                 if item.annotation_id == annotation_id
             ),
@@ -309,58 +293,58 @@ class TimelineCanvas(QWidget):
     @property
     def active(self) -> Row | None:
         """The coder's tier that keys act on."""
-        index = self.index_of(self._active)
-        return None if index is None else self._rows[index]
+        index = self.index_of(self._shown.active)
+        return None if index is None else self.rows[index]
 
     def activate(self, key: str) -> None:
-        if key != self._active:
-            self._active = key
-            self.forget_layer()
+        if key != self._shown.active:
+            self._shown.active = key
+            self._forget_everything()
             self.selection_changed.emit()
 
     def track_of(self, row: Row) -> Track:
-        return self._tracks.get(row.key, _EMPTY_TRACK)
+        return self._shown.track_of(row)
 
     def rect_of(self, annotation: Annotation) -> QRectF | None:
         """Where it is drawn; None where its row is not on show."""
-        for index, row in enumerate(self._rows):
+        for index, row in enumerate(self.rows):
             if row.tier is not None and row.tier.tier_id == annotation.tier_id:
                 return self._stretch_rect(index, annotation.start_ms, annotation.end_ms)
         return None
 
     def row_top(self, index: int) -> int:
-        return RULER_PX + self._tops[index] - self._scroll_y
+        return self._shown.row_top(index)
 
     def _stretch_rect(self, index: int, start_ms: float, end_ms: float) -> QRectF:
-        left, right = self._scale.to_px(start_ms), self._scale.to_px(end_ms)
-        top = self.row_top(index) + _PAD_PX
-        return QRectF(NAMES_PX + left, top, max(2.0, right - left), self._rows[index].height_px - 2 * _PAD_PX)
+        left, right = self.scale.to_px(start_ms), self.scale.to_px(end_ms)
+        top = self.row_top(index) + PAD_PX
+        return QRectF(NAMES_PX + left, top, max(2.0, right - left), self.rows[index].height_px - 2 * PAD_PX)
 
     # ---- what lies where
 
     def hit(self, point: QPointF) -> Hit:
         if point.y() < RULER_PX:
             return Hit("ruler" if point.x() >= NAMES_PX else "corner")
-        y = point.y() - RULER_PX + self._scroll_y
-        index = int(np.searchsorted(self._tops, y, "right")) - 1
-        if not 0 <= index < len(self._rows):
+        y = point.y() - RULER_PX + self._shown.scroll_y
+        index = int(np.searchsorted(self._shown.tops, y, "right")) - 1
+        if not 0 <= index < len(self.rows):
             return Hit("below")
         if point.x() < NAMES_PX:
             return Hit("names", index)
-        row = self._rows[index]
+        row = self.rows[index]
         if row.kind != "tier":
             return Hit("row", index)
-        at_ms = self._scale.to_ms(point.x() - NAMES_PX)
+        at_ms = self.scale.to_ms(point.x() - NAMES_PX)
         track = self.track_of(row)
         found = track.at(at_ms)
         if found is None:
-            near_ms = 3 / self._scale.px_per_ms
+            near_ms = 3 / self.scale.px_per_ms
             found = track.at(at_ms - near_ms) or track.at(at_ms + near_ms)
             if found is None:
                 return Hit("row", index)
         if not row.own:
             return Hit("row", index, found)
-        left, right = self._scale.to_px(found.start_ms), self._scale.to_px(found.end_ms)
+        left, right = self.scale.to_px(found.start_ms), self.scale.to_px(found.end_ms)
         x, zone = point.x() - NAMES_PX, min(_EDGE_PX, (right - left) / 3)
         if x <= left + zone:
             return Hit("row", index, found, "start")
@@ -372,22 +356,22 @@ class TimelineCanvas(QWidget):
         point = event.position()
         hit = self.hit(point)
         if event.button() == Qt.MouseButton.MiddleButton:
-            self._drag = Drag("pan", point, start_ms=self._scale.start_ms)
+            self._drag = Drag("pan", point, start_ms=self.scale.start_ms)
             return
         if event.button() != Qt.MouseButton.LeftButton or self._drag is not None:
             return
         at_ms = self._ms_at(point)
         if hit.part == "names":
-            row = self._rows[hit.row]
+            row = self.rows[hit.row]
             if row.own:
                 self.activate(row.key)
-            if point.x() >= NAMES_PX - _MENU_PX:
+            if point.x() >= NAMES_PX - MENU_PX:
                 self.row_menu_wanted.emit(row.key, event.globalPosition().toPoint())
             else:
                 self._drag = Drag("row", point, hit.row, target=hit.row)
-        elif hit.part == "row" and self._rows[hit.row].kind == "tier":
-            if self._rows[hit.row].own:
-                self.activate(self._rows[hit.row].key)
+        elif hit.part == "row" and self.rows[hit.row].kind == "tier":
+            if self.rows[hit.row].own:
+                self.activate(self.rows[hit.row].key)
             self._press_tier(hit, point, at_ms)
         elif hit.part in ("ruler", "row", "below"):
             self._drag = Drag("seek", point, moving=True)
@@ -397,14 +381,14 @@ class TimelineCanvas(QWidget):
         item = hit.annotation
         if item is not None:
             self.select(item.annotation_id)
-            if not self._rows[hit.row].own:
+            if not self.rows[hit.row].own:
                 self.seek_wanted.emit(float(item.start_ms))
                 return
             kind: DragKind = "start" if hit.edge == "start" else "end" if hit.edge == "end" else "move"
             self._drag = Drag(kind, point, hit.row, item, item.start_ms, item.end_ms, target=hit.row)
             return
         self.select("")
-        if self._rows[hit.row].own:
+        if self.rows[hit.row].own:
             start_ms = self._snap(at_ms, hit.row)
             self._drag = Drag("create", point, hit.row, None, start_ms, start_ms)
         else:
@@ -424,7 +408,7 @@ class TimelineCanvas(QWidget):
                 self.seek_wanted.emit(self._bounded(at_ms))
             case "pan":
                 moved_px = point.x() - drag.origin.x()
-                self.set_scale(replace(self._scale, start_ms=drag.start_ms - moved_px / self._scale.px_per_ms))
+                self.set_scale(replace(self.scale, start_ms=drag.start_ms - moved_px / self.scale.px_per_ms))
             case "row":
                 self._drag = replace(drag, moving=True, target=self._row_slot(point.y()))
                 self.update()
@@ -435,7 +419,7 @@ class TimelineCanvas(QWidget):
 
     def _dragged(self, drag: Drag, point: QPointF, at_ms: float) -> Drag:
         """What a drag has made of a new or an existing annotation."""
-        track, item = self.track_of(self._rows[drag.row]), drag.annotation
+        track, item = self.track_of(self.rows[drag.row]), drag.annotation
         if drag.kind == "create":
             anchor_ms = self._snap(self._ms_at(drag.origin), drag.row)
             other_ms = self._bounded(self._snap(at_ms, drag.row))
@@ -450,7 +434,7 @@ class TimelineCanvas(QWidget):
             start_ms = self._snap(item.start_ms + moved_ms, drag.row, without=item)
             if start_ms == item.start_ms + moved_ms:
                 start_ms = self._snap(item.end_ms + moved_ms, drag.row, without=item) - length
-            start_ms = min(max(0.0, start_ms), self._duration_ms - length)
+            start_ms = min(max(0.0, start_ms), self._shown.duration_ms - length)
             return replace(drag, start_ms=start_ms, end_ms=start_ms + length, target=self._target_row(drag, point))
         edge_ms = self._bounded(
             self._snap((item.start_ms if drag.kind == "start" else item.end_ms) + moved_ms, drag.row, without=item)
@@ -463,7 +447,7 @@ class TimelineCanvas(QWidget):
     def _target_row(self, drag: Drag, point: QPointF) -> int:
         """The row that an annotation is dragged to: another tier of the same coder, or its own."""
         under = self.hit(QPointF(NAMES_PX + 1, point.y())).row
-        if under >= 0 and self._rows[under].own and self._rows[under].coder == self._rows[drag.row].coder:
+        if under >= 0 and self.rows[under].own and self.rows[under].coder == self.rows[drag.row].coder:
             return under
         return drag.row
 
@@ -476,13 +460,13 @@ class TimelineCanvas(QWidget):
         later = next((items[n] for n in range(index, len(items)) if items[n].annotation_id != skip), None)
         return (
             0.0 if earlier is None else float(earlier.end_ms),
-            self._duration_ms if later is None else float(later.start_ms),
+            self._shown.duration_ms if later is None else float(later.start_ms),
         )
 
     def _overlaps(self, drag: Drag) -> bool:
         if drag.kind != "move" or drag.annotation is None:
             return False
-        track = self.track_of(self._rows[drag.target])
+        track = self.track_of(self.rows[drag.target])
         return any(
             track.annotations[index].annotation_id != drag.annotation.annotation_id
             and track.annotations[index].end_ms > round(drag.start_ms)
@@ -499,16 +483,16 @@ class TimelineCanvas(QWidget):
         if drag.kind == "row" and drag.moving:
             if drag.target not in (drag.row, drag.row + 1):
                 place = drag.target - 1 if drag.target > drag.row else drag.target
-                self.row_moved.emit(self._rows[drag.row].key, place)
+                self.row_moved.emit(self.rows[drag.row].key, place)
         elif drag.kind == "create":
             if drag.moving and drag.end_ms - drag.start_ms >= SHORTEST_MS:
-                tier = self._rows[drag.row].tier
+                tier = self.rows[drag.row].tier
                 if tier is not None:
                     self.create_wanted.emit(tier.tier_id, round(drag.start_ms), round(drag.end_ms))
             elif not drag.moving:
                 self.seek_wanted.emit(self._bounded(self._ms_at(event.position())))
         elif drag.kind in ("move", "start", "end") and drag.moving and drag.annotation is not None:
-            tier = self._rows[drag.target if drag.kind == "move" else drag.row].tier
+            tier = self.rows[drag.target if drag.kind == "move" else drag.row].tier
             times = (round(drag.start_ms), round(drag.end_ms))
             item = drag.annotation
             if tier is not None and (*times, tier.tier_id) != (item.start_ms, item.end_ms, item.tier_id):
@@ -518,10 +502,10 @@ class TimelineCanvas(QWidget):
         hit = self.hit(event.position())
         if event.button() != Qt.MouseButton.LeftButton:
             return
-        if hit.part == "names" and event.position().x() < NAMES_PX - _MENU_PX:
+        if hit.part == "names" and event.position().x() < NAMES_PX - MENU_PX:
             self._drag = None
-            self.row_opened.emit(self._rows[hit.row].key)
-        elif hit.annotation is not None and self._rows[hit.row].own:
+            self.row_opened.emit(self.rows[hit.row].key)
+        elif hit.annotation is not None and self.rows[hit.row].own:
             self._drag = None
             self.rename_wanted.emit(hit.annotation.annotation_id)
         else:
@@ -536,18 +520,18 @@ class TimelineCanvas(QWidget):
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         if event.reason() == QContextMenuEvent.Reason.Keyboard:
-            row, index = self.active, self.index_of(self._active)
+            row, index = self.active, self.index_of(self._shown.active)
             if row is not None and index is not None:
-                below = QPoint(NAMES_PX - _MENU_PX, self.row_top(index) + row.height_px)
+                below = QPoint(NAMES_PX - MENU_PX, self.row_top(index) + row.height_px)
                 self.row_menu_wanted.emit(row.key, self.mapToGlobal(below))
             return
         hit = self.hit(QPointF(event.pos()))
         if hit.row >= 0:
-            if self._rows[hit.row].own:
-                self.activate(self._rows[hit.row].key)
+            if self.rows[hit.row].own:
+                self.activate(self.rows[hit.row].key)
             if hit.annotation is not None:
                 self.select(hit.annotation.annotation_id)
-            self.row_menu_wanted.emit(self._rows[hit.row].key, event.globalPos())
+            self.row_menu_wanted.emit(self.rows[hit.row].key, event.globalPos())
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         pixels, turned = event.pixelDelta(), event.angleDelta()
@@ -560,11 +544,11 @@ class TimelineCanvas(QWidget):
         else:
             if across:
                 self._scroll_across(across)
-            self.scroll_to(round(self._scroll_y - down))
+            self.scroll_to(round(self._shown.scroll_y - down))
         event.accept()
 
     def _scroll_across(self, pixels: float) -> None:
-        self.set_scale(replace(self._scale, start_ms=self._scale.start_ms - pixels / self._scale.px_per_ms))
+        self.set_scale(replace(self.scale, start_ms=self.scale.start_ms - pixels / self.scale.px_per_ms))
 
     def leaveEvent(self, _event: QEvent) -> None:
         self._hover = None
@@ -597,7 +581,7 @@ class TimelineCanvas(QWidget):
             line = f"{times} · {length_text(item.end_ms - item.start_ms)}"
             return f"{item.value or 'No label yet'}\n{line}"
         if hit.part == "names":
-            row = self._rows[hit.row]
+            row = self.rows[hit.row]
             if not row.own:
                 return f"{row.name}, from the record"
             vocabulary = row.tier.vocabulary if row.tier is not None else ""
@@ -608,7 +592,7 @@ class TimelineCanvas(QWidget):
         shape = Qt.CursorShape.ArrowCursor
         if hit.part == "ruler":
             shape = Qt.CursorShape.PointingHandCursor
-        elif hit.part == "row" and self._rows[hit.row].own:
+        elif hit.part == "row" and self.rows[hit.row].own:
             if hit.edge:
                 shape = Qt.CursorShape.SizeHorCursor
             elif hit.annotation is None:
@@ -620,20 +604,20 @@ class TimelineCanvas(QWidget):
 
     def _row_slot(self, y: float) -> int:
         """Between which rows a dragged one would be put."""
-        inside = y - RULER_PX + self._scroll_y
-        middles = [(top + bottom) / 2 for top, bottom in zip(self._tops, self._tops[1:], strict=False)]
+        inside = y - RULER_PX + self._shown.scroll_y
+        middles = [(top + bottom) / 2 for top, bottom in zip(self._shown.tops, self._shown.tops[1:], strict=False)]
         return sum(1 for middle in middles if inside > middle)
 
     def _ms_at(self, point: QPointF) -> float:
-        return self._scale.to_ms(point.x() - NAMES_PX)
+        return self.scale.to_ms(point.x() - NAMES_PX)
 
     def _bounded(self, at_ms: float) -> float:
-        return min(max(0.0, at_ms), self._duration_ms)
+        return min(max(0.0, at_ms), self._shown.duration_ms)
 
     def _snap(self, at_ms: float, row: int, *, without: Annotation | None = None) -> float:
         """To the playhead, or to where a neighbour on the row begins or ends."""
-        reach_ms = _SNAP_PX / self._scale.px_per_ms
-        track = self.track_of(self._rows[row])
+        reach_ms = _SNAP_PX / self.scale.px_per_ms
+        track = self.track_of(self.rows[row])
         moments = [self._position_ms]
         for index in track.between(at_ms - reach_ms - 1, at_ms + reach_ms + 1):
             item = track.annotations[index]
@@ -645,26 +629,31 @@ class TimelineCanvas(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._layer = None
-        self.set_scale(whole_session(self.room_px, self._duration_ms) if self._fits else self._scale)
-        self.scroll_to(self._scroll_y)
+        self._shown.width_px, self._shown.height_px = self.width(), self.height()
+        self._forget_everything()
+        self.set_scale(whole_session(self.room_px, self._shown.duration_ms) if self._fits else self.scale)
+        self.scroll_to(self._shown.scroll_y)
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
-        if any(row.kind == "pictures" for row in self._rows):
+        if any(row.kind == "pictures" for row in self.rows):
             self.forget_layer()
 
     def color_of(self, coder: str) -> QColor:
-        colors = self._theme.colors.coders
-        return QColor(colors[self._coders.index(coder) % len(colors)] if coder in self._coders else colors[0])
+        return self._drawing.color_of(self._shown, coder)
 
     def paintEvent(self, event: QPaintEvent) -> None:
+        ratio = self.devicePixelRatioF()
         if self._layer is None:
-            self._layer = self.draw_layer()
+            self._layer = self._drawing.rows(self._shown, ratio)
+        if self._names is None:
+            self._names = self._drawing.names(self._shown, ratio)
         painter = QPainter(self)
-        ratio = self._layer.devicePixelRatio()
-        area = event.rect()
-        source = QRectF(area.left() * ratio, area.top() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.drawPixmap(QRectF(area), self._layer, source)
+        for layer, left in ((self._layer, NAMES_PX), (self._names, 0)):
+            area = event.rect() & QRect(left, 0, round(layer.width() / ratio), self.height())
+            if not area.isEmpty():
+                inside = QRectF(area.translated(-left, 0))
+                source = QRectF(inside.topLeft() * ratio, inside.size() * ratio)
+                painter.drawPixmap(QRectF(area), layer, source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.save()
         painter.setClipRect(QRect(NAMES_PX, RULER_PX, self.room_px, self.height() - RULER_PX))
@@ -676,244 +665,6 @@ class TimelineCanvas(QWidget):
         self._paint_row_slot(painter)
         self._paint_playhead(painter)
 
-    def draw_layer(self) -> QPixmap:
-        """Everything but what moves."""
-        theme, ratio = self._theme, self.devicePixelRatioF()
-        layer = QPixmap(max(1, round(self.width() * ratio)), max(1, round(self.height() * ratio)))
-        layer.setDevicePixelRatio(ratio)
-        layer.fill(theme.color("window"))
-        painter = QPainter(layer)
-        room = QRect(NAMES_PX, RULER_PX, self.room_px, self.height() - RULER_PX)
-        painter.setClipRect(room)
-        self._draw_grid(painter)
-        wanted: list[Moment] = []
-        for index in self._visible_rows():
-            self._draw_row(painter, index, wanted)
-        if not self._rows and self._words:
-            painter.setFont(theme.font())
-            painter.setPen(theme.color("dim"))
-            painter.drawText(room, int(Qt.AlignmentFlag.AlignCenter), self._words)
-        painter.setClipping(False)
-        self._draw_names(painter)
-        self._draw_ruler(painter)
-        painter.end()
-        self._thumbnails.want_shown(wanted)
-        return layer
-
-    def _visible_rows(self) -> Iterator[int]:
-        for index in range(len(self._rows)):
-            top = self.row_top(index)
-            if top + self._rows[index].height_px > RULER_PX and top < self.height():
-                yield index
-
-    def _draw_grid(self, painter: QPainter) -> None:
-        painter.setPen(self._theme.color("line"))
-        for tick in ruler_ticks(self._scale, self.room_px):
-            if tick.label:
-                x = NAMES_PX + round(self._scale.to_px(tick.at_ms))
-                painter.drawLine(x, RULER_PX, x, self.height())
-
-    def _draw_ruler(self, painter: QPainter) -> None:
-        theme = self._theme
-        painter.fillRect(0, 0, self.width(), RULER_PX, theme.color("panel"))
-        painter.setPen(theme.color("line"))
-        painter.drawLine(0, RULER_PX - 1, self.width(), RULER_PX - 1)
-        painter.setClipRect(NAMES_PX, 0, self.room_px, RULER_PX)
-        painter.setFont(theme.font(tokens.KEY_CAP_PX))
-        for tick in ruler_ticks(self._scale, self.room_px):
-            x = NAMES_PX + round(self._scale.to_px(tick.at_ms))
-            painter.setPen(theme.color("line_strong"))
-            painter.drawLine(x, RULER_PX - (10 if tick.label else 5), x, RULER_PX - 2)
-            if tick.label:
-                painter.setPen(theme.color("dim"))
-                painter.drawText(x + 5, RULER_PX - 9, tick.label)
-        painter.setClipping(False)
-
-    def _draw_names(self, painter: QPainter) -> None:
-        theme = self._theme
-        painter.fillRect(0, RULER_PX, NAMES_PX, self.height() - RULER_PX, theme.color("panel"))
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setClipRect(0, RULER_PX, NAMES_PX, self.height() - RULER_PX)
-        for index in self._visible_rows():
-            self._draw_name(painter, index)
-        painter.setClipping(False)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
-        painter.setPen(theme.color("line"))
-        painter.drawLine(NAMES_PX - 1, 0, NAMES_PX - 1, self.height())
-
-    def _draw_name(self, painter: QPainter, index: int) -> None:
-        theme, row, top = self._theme, self._rows[index], self.row_top(index)
-        rect = QRectF(0, top, NAMES_PX - 1, row.height_px)
-        active = row.key == self._active
-        if active:
-            painter.fillRect(rect, theme.color("blue_soft"))
-            painter.fillRect(QRectF(0, top, 3, row.height_px), theme.color("blue"))
-        painter.fillRect(QRectF(0, rect.bottom() - 1, NAMES_PX, 1), theme.color("line"))
-        chip = QRectF(12, rect.center().y() - 9, 18, 18)
-        if row.own:
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(self.color_of(row.coder))
-            painter.drawEllipse(chip)
-            painter.setPen(theme.color("panel"))
-            painter.setFont(theme.font(9 if len(initials(row.coder)) > 1 else 11, tokens.WEIGHT_SEMIBOLD))
-            painter.drawText(chip, int(Qt.AlignmentFlag.AlignCenter), initials(row.coder))
-        else:
-            draw_icon(painter, chip.adjusted(2, 2, -2, -2), _row_icon(row), theme.color("dim"))
-        left, room = 38.0, NAMES_PX - 38.0 - _MENU_PX
-        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM if row.own else tokens.WEIGHT_NORMAL)
-        metrics = QFontMetricsF(font)
-        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
-        name = metrics.elidedText(row.name, Qt.TextElideMode.ElideRight, room)
-        painter.setFont(font)
-        painter.setPen(theme.color("text" if row.own else "dim"))
-        painter.drawText(QRectF(left, top, room, row.height_px), flags, name)
-        used = metrics.horizontalAdvance(name) + 8
-        detail = self._detail_of(row)
-        if detail and room - used > 24:
-            small = theme.font(tokens.KEY_CAP_PX)
-            painter.setFont(small)
-            painter.setPen(theme.color("dim"))
-            shown = QFontMetricsF(small).elidedText(detail, Qt.TextElideMode.ElideRight, room - used)
-            painter.drawText(QRectF(left + used, top, room - used, row.height_px), flags, shown)
-
-    def _detail_of(self, row: Row) -> str:
-        """What stands beside a row's name."""
-        if row.own and row.tier is not None:
-            same = row.tier.vocabulary.casefold() in ("", row.name.casefold())
-            return row.coder if same else f"{row.coder} · {row.tier.vocabulary}"
-        if row.kind == "speed":
-            return f"up to {self._fastest:.1f} m/s"
-        return ""
-
-    @property
-    def _fastest(self) -> float:
-        overview = self._overview
-        return 0.1 if overview is None else max(0.1, float(np.abs(overview.speed[:, 1]).max(initial=0.0)))
-
-    def _draw_row(self, painter: QPainter, index: int, wanted: list[Moment]) -> None:
-        row, top = self._rows[index], self.row_top(index)
-        theme = self._theme
-        if row.key == self._active:
-            painter.fillRect(QRect(NAMES_PX, top, self.room_px, row.height_px), theme.color("panel"))
-        painter.fillRect(QRect(NAMES_PX, top + row.height_px - 1, self.room_px, 1), theme.color("line"))
-        match row.kind:
-            case "pictures":
-                self._draw_pictures(painter, row, top, wanted)
-            case "sound":
-                self._draw_sound(painter, row, top)
-            case "speed":
-                self._draw_speed(painter, row, top)
-            case _:
-                self._draw_annotations(painter, index)
-
-    def _draw_pictures(self, painter: QPainter, row: Row, top: int, wanted: list[Moment]) -> None:
-        height = row.height_px - 5
-        width = height * _PICTURE_SHAPE
-        step_ms = picture_step_ms(self._scale.px_per_ms, width + 2)
-        first = int(self._scale.start_ms // step_ms) * step_ms
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        ground = self._theme.color("raised")
-        for at_ms in range(first, int(min(self._scale.to_ms(self.room_px), self._duration_ms)) + 1, step_ms):
-            moment = (row.source, self._started_ns + at_ms * 1_000_000)
-            place = QRectF(NAMES_PX + self._scale.to_px(at_ms), top + 2, width, height)
-            picture = self._thumbnails.picture(*moment)
-            if picture is None:
-                wanted.append(moment)
-            if picture is None or picture.isNull():
-                painter.fillRect(place, ground)
-            else:
-                size = picture.size().toSizeF().scaled(place.size(), Qt.AspectRatioMode.KeepAspectRatio)
-                painter.drawImage(QRectF(place.topLeft(), size), picture)
-
-    def _draw_sound(self, painter: QPainter, row: Row, top: int) -> None:
-        waves = () if self._overview is None else self._overview.waveforms
-        wave = next((wave for wave in waves if wave.source == row.source), None)
-        if wave is None:
-            return
-        columns = wave_columns(
-            wave,
-            first_ns=self._started_ns + round(self._scale.start_ms * 1e6),
-            ns_per_px=1e6 / self._scale.px_per_ms,
-            width_px=self.room_px,
-        )  # fmt: skip
-        half = (row.height_px - 7) / 2
-        loudest = self._loudest[row.source]
-        middle = half + 3
-        tops, bottoms = middle - columns[:, 1] / loudest * half, middle - columns[:, 0] / loudest * half
-        color = self._theme.color("green")
-        painter.drawImage(NAMES_PX, top, columns_image(tops, np.maximum(bottoms, tops + 1), row.height_px - 1, color))
-
-    def _draw_speed(self, painter: QPainter, row: Row, top: int) -> None:
-        if self._overview is None:
-            return
-        columns = speed_columns(self._overview.speed, self._scale, self.room_px)
-        height = row.height_px - 1
-        bottom = np.full(len(columns), height, np.float32)
-        tops = height - columns[:, 0] / self._fastest * (height - 4)
-        ground = self._theme.color("blue")
-        ground.setAlpha(120)
-        painter.drawImage(NAMES_PX, top, columns_image(tops, bottom, height, ground))
-        painter.drawImage(NAMES_PX, top, columns_image(tops - 1, tops + 0.6, height, self._theme.color("blue")))
-
-    def _draw_annotations(self, painter: QPainter, index: int) -> None:
-        row, top = self._rows[index], self.row_top(index)
-        track = self.track_of(row)
-        found = track.between(self._scale.start_ms, self._scale.to_ms(self.room_px))
-        if not found:
-            return
-        part = slice(found.start, found.stop)
-        lefts = (track.starts_ms[part] - self._scale.start_ms) * self._scale.px_per_ms
-        rights = (track.ends_ms[part] - self._scale.start_ms) * self._scale.px_per_ms
-        tiny = rights - lefts < _TINY_PX
-        theme = self._theme
-        line = self.color_of(row.coder) if row.own else theme.color("line_strong")
-        solid = line if row.own else theme.color("dim")
-        ground = QColor(line) if row.own else theme.color("line")
-        if row.own:
-            ground.setAlpha(70)
-        y, height = top + _PAD_PX, row.height_px - 2 * _PAD_PX - 1
-        for left, right in runs(lefts[tiny], rights[tiny]):
-            painter.fillRect(QRectF(NAMES_PX + left, y, right - left, height), solid)
-        large = np.flatnonzero(~tiny)
-        # A pixel of air keeps neighbours apart that meet.
-        boxes = [
-            QRect(NAMES_PX + int(lefts[number]), y, max(2, int(rights[number]) - int(lefts[number]) - 1), height)
-            for number in large
-        ]
-        painter.setPen(line)
-        painter.setBrush(ground)
-        painter.drawRects(boxes)
-        painter.setFont(theme.font(tokens.STATUS_PX if row.own else tokens.KEY_CAP_PX))
-        painter.setPen(theme.color("text"))
-        metrics = QFontMetricsF(painter.font())
-        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
-        # Beside a short one its label may take the room up to the next.
-        ends = np.append(lefts[1:], self.room_px)
-        for number, box in zip(large, boxes, strict=True):
-            item = track.annotations[found.start + int(number)]
-            if box.width() >= _TEXT_FROM_PX + 12 or not item.value:
-                self._draw_label(painter, metrics, item.value, box, flags)
-            else:
-                room = NAMES_PX + int(ends[number]) - box.right() - 4
-                if room >= _TEXT_FROM_PX + 12:
-                    beside = QRect(box.right() - 1, box.top(), min(room, 240), box.height())
-                    self._draw_label(painter, metrics, item.value, beside, flags)
-
-    def _draw_label(self, painter: QPainter, metrics: QFontMetricsF, value: str, box: QRect, flags: int) -> None:
-        # Of a long stretch that begins before the visible part the label still shows.
-        left = max(box.left(), NAMES_PX) + 6
-        room = box.right() - left - 3
-        if room < _TEXT_FROM_PX - 10:
-            return
-        key = (value, room * 2 + (box.height() > RULER_PX - 4))
-        shown = self._elided.get(key)
-        if shown is None:
-            if len(self._elided) > 20_000:
-                self._elided.clear()
-            shown = metrics.elidedText(value.replace("\n", " "), Qt.TextElideMode.ElideRight, room)
-            self._elided[key] = shown
-        painter.drawText(QRect(left, box.top(), room + 2, box.height()), flags, shown)
-
     def _paint_selection(self, painter: QPainter) -> None:
         item = self.selected
         if item is None or (self._drag is not None and self._drag.moving and self._drag.kind != "seek"):
@@ -924,7 +675,7 @@ class TimelineCanvas(QWidget):
         painter.setPen(QPen(self._theme.color("text"), 2))
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.drawRoundedRect(rect.adjusted(0, 0, 0, -0.5), 3, 3)
-        own = next((row.own for row in self._rows if row.tier is not None and row.tier.tier_id == item.tier_id), False)
+        own = next((row.own for row in self.rows if row.tier is not None and row.tier.tier_id == item.tier_id), False)
         if own and rect.width() >= 24:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(self._theme.color("text"))
@@ -938,9 +689,9 @@ class TimelineCanvas(QWidget):
         index = self.index_of(f"tier {stretch.tier_id}")
         if index is None:
             return
-        end_ms = max(self._position_ms, stretch.start_ms + 2 / self._scale.px_per_ms)
+        end_ms = max(self._position_ms, stretch.start_ms + 2 / self.scale.px_per_ms)
         rect = self._stretch_rect(index, stretch.start_ms, end_ms)
-        self._paint_ghost(painter, rect, self.color_of(self._rows[index].coder), stretch.value)
+        self._paint_ghost(painter, rect, self.color_of(self.rows[index].coder), stretch.value)
 
     def _paint_drag(self, painter: QPainter) -> None:
         drag = self._drag
@@ -948,7 +699,7 @@ class TimelineCanvas(QWidget):
             return
         index = drag.target if drag.kind == "move" else drag.row
         rect = self._stretch_rect(index, drag.start_ms, drag.end_ms)
-        color = self._theme.color("amber") if self._refused else self.color_of(self._rows[index].coder)
+        color = self._theme.color("amber") if self._refused else self.color_of(self.rows[index].coder)
         value = "" if drag.annotation is None else drag.annotation.value
         before = None if drag.annotation is None else self.rect_of(drag.annotation)
         if before is not None:
@@ -967,7 +718,7 @@ class TimelineCanvas(QWidget):
         painter.setPen(QPen(color, 1.5, Qt.PenStyle.DashLine))
         painter.setBrush(ground)
         painter.drawRoundedRect(rect, 3, 3)
-        if value and rect.width() > _TEXT_FROM_PX:
+        if value and rect.width() > TEXT_FROM_PX:
             painter.setFont(self._theme.font(tokens.STATUS_PX))
             painter.setPen(self._theme.color("text"))
             flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
@@ -988,10 +739,10 @@ class TimelineCanvas(QWidget):
         painter.drawText(note, int(Qt.AlignmentFlag.AlignCenter), text)
 
     def _paint_hovered_row(self, painter: QPainter) -> None:
-        if self._hover is None or self._hover.part != "names" or self._hover.row >= len(self._rows):
+        if self._hover is None or self._hover.part != "names" or self._hover.row >= len(self.rows):
             return
-        row, top = self._rows[self._hover.row], self.row_top(self._hover.row)
-        rect = QRectF(NAMES_PX - _MENU_PX, top + row.height_px / 2 - 8, 16, 16)
+        row, top = self.rows[self._hover.row], self.row_top(self._hover.row)
+        rect = QRectF(NAMES_PX - MENU_PX, top + row.height_px / 2 - 8, 16, 16)
         if top >= RULER_PX - row.height_px / 2:
             draw_icon(painter, rect, "dots-three", self._theme.color("text"))
 
@@ -999,11 +750,11 @@ class TimelineCanvas(QWidget):
         drag = self._drag
         if drag is None or drag.kind != "row" or not drag.moving:
             return
-        y = RULER_PX + self._tops[min(drag.target, len(self._rows))] - self._scroll_y
+        y = RULER_PX + self._shown.tops[min(drag.target, len(self.rows))] - self._shown.scroll_y
         painter.fillRect(QRectF(0, y - 1.5, self.width(), 3), self._theme.color("blue"))
 
     def _paint_playhead(self, painter: QPainter) -> None:
-        x = self._scale.to_px(self._position_ms)
+        x = self.scale.to_px(self._position_ms)
         if not -6 <= x <= self.room_px + 6:
             return
         painter.setClipRect(NAMES_PX - 6, 0, self.room_px + 6, self.height())
@@ -1017,34 +768,3 @@ class TimelineCanvas(QWidget):
             QPointF(at - 6, top), QPointF(at + 6, top), QPointF(at + 6, top + 6), QPointF(at, top + 13),
             QPointF(at - 6, top + 6),
         ]))  # fmt: skip
-
-
-def columns_image(tops: NDArray[np.floating], bottoms: NDArray[np.floating], height_px: int, color: QColor) -> QImage:
-    """One upright stroke for each column, from ``tops`` to ``bottoms`` in pixels from above; none where it is NaN."""
-    ys = np.arange(height_px, dtype=np.float32)[:, None]
-    with np.errstate(invalid="ignore"):
-        filled = (ys >= np.floor(tops)[None, :]) & (ys < np.ceil(bottoms)[None, :])
-    alpha = color.alpha() / 255
-    ink = (
-        (color.alpha() << 24)
-        | (round(color.red() * alpha) << 16)
-        | (round(color.green() * alpha) << 8)
-        | round(color.blue() * alpha)
-    )
-    pixels = np.where(filled, np.uint32(ink), np.uint32(0))
-    width = pixels.shape[1]
-    image = QImage(pixels.data, width, height_px, 4 * width, QImage.Format.Format_ARGB32_Premultiplied)
-    return image.copy()
-
-
-def _row_icon(row: Row) -> str:
-    match row.kind:
-        case "pictures":
-            return "film-strip"
-        case "sound":
-            return "speaker-high"
-        case "speed":
-            return "gauge"
-        case _:
-            name = row.name.casefold()
-            return next((icon for word, icon in _RECORD_ICONS if word in name), "rows")

@@ -36,10 +36,10 @@ from caris_desktop.ui.replay.label_card import LabelCard
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.tier_dialog import TierDialog, TierWish, with_tier
-from caris_desktop.ui.replay.timeline_canvas import NAMES_PX, RULER_PX, OpenStretch, TimelineCanvas
+from caris_desktop.ui.replay.timeline_canvas import OpenStretch, TimelineCanvas
+from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import (
     Row,
-    TimeScale,
     Track,
     all_rows,
     arranged,
@@ -320,7 +320,7 @@ class TimelineView(QWidget):
         self._bubble.hide()
 
     def _on_scrolled_across(self, start_ms: int) -> None:
-        self.canvas.set_scale(TimeScale(float(start_ms), self.canvas.scale.px_per_ms))
+        self.canvas.scroll_across_to(float(start_ms))
 
     # ---- keys
 
