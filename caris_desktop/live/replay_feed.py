@@ -7,8 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
+from caris_desktop.domain.events import (
+    CommandSent,
+    LayoutChanged,
+    LinkChanged,
+    LinkQuality,
+    RobotChosen,
+    ScenarioOpened,
+    TrafficMeasured,
+)
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.streams import EVENT_STREAMS
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session_reader import Session
 
@@ -17,9 +26,11 @@ _AHEAD_NS = 1_500_000_000
 _SLICE_NS = 250_000_000
 _MAX_WAITING = 20_000
 _FRAMES_WITHIN_NS = 1_000_000_000
-_EVENTS_SHOWN = 400
+_EVENTS_SHOWN = 40
 _LINK_CHANGES = 20
 # What happened once and holds until it happens again.
+# Of no use in a list of what happened, and so frequent that they would hide the rest.
+_UNLISTED = (CommandSent, LinkQuality, TrafficMeasured)
 _STANDING = (ScenarioOpened, LayoutChanged, RobotChosen, LinkQuality)
 
 
@@ -59,6 +70,7 @@ class ReplayFeed:
         self._ahead = _Ahead()
         self._position_ns = 0
         self._rate = 1.0
+        self._playing = False
         self._end_ns = 0
         self._thread = threading.Thread(target=self._run, name="replay-reader", daemon=True)
 
@@ -71,6 +83,12 @@ class ReplayFeed:
             self._jump = (generation, at_ns)
             self._ahead = _Ahead(generation, read_until_ns=at_ns)
             self._position_ns = at_ns
+            self._changed.notify()
+
+    def read_ahead(self, *, playing: bool) -> None:
+        """A replay that stands needs nothing of what comes next, and jumps sooner without reading it."""
+        with self._changed:
+            self._playing = playing
             self._changed.notify()
 
     def due(self, position_ns: int, rate: float) -> tuple[list[Any], bool]:
@@ -129,9 +147,15 @@ class ReplayFeed:
         return True
 
     def _room(self) -> bool:
+        if not self._playing:
+            return False
         ahead = self._ahead
         wanted_ns = self._position_ns + round(_AHEAD_NS * max(1.0, self._rate))
         return ahead.read_until_ns < min(wanted_ns, self._end_ns) and len(ahead.waiting) < _MAX_WAITING
+
+
+def _listed() -> list[type[Any]]:
+    return [spec.value_type for spec in EVENT_STREAMS if spec.value_type not in _UNLISTED]
 
 
 def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situation:
@@ -148,6 +172,6 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situat
         tuple(timeline.state_at(at_ns)),
         tuple(standing),
         tuple(sorted(newest.values(), key=lambda frame: frame.stamp_ns)),
-        tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN)),
+        tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),
         lost_ns,
     )

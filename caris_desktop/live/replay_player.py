@@ -54,6 +54,7 @@ class ReplayPlayer(QObject):
         self._name_of = name_of
         self._frame_times = frame_times
         self._generation = 0
+        self._framed = 0
         self._awaits_situation = False
         self._ticks = 0
         self.playback = LiveValue(PlaybackStatus(session.folder.name, clock.start_ns, clock.end_ns), self)
@@ -69,7 +70,6 @@ class ReplayPlayer(QObject):
     def start(self) -> None:
         """Begin at the start, standing."""
         self._feed.start()
-        self._video.start()
         self.seek(self._clock.start_ns)
 
     def close(self) -> None:
@@ -86,11 +86,13 @@ class ReplayPlayer(QObject):
         if self._clock.position_ns() >= self._clock.end_ns:
             self.seek(self._clock.start_ns)
         self._clock.play()
+        self._feed.read_ahead(playing=True)
         self._timer.start(_TICK_MS)
         self._tell()
 
     def pause(self) -> None:
         self._clock.pause()
+        self._feed.read_ahead(playing=False)
         self._timer.stop()
         self._tell()
 
@@ -201,8 +203,14 @@ class ReplayPlayer(QObject):
         self._tell()
 
     def _on_frame(self, generation: int, ref: FrameRef) -> None:
-        if generation == self._generation:
-            self._state.take(ref)
+        if generation != self._generation:
+            return
+        newest: FrameRef | None = self._state.frame.value if self._generation == self._framed else None
+        self._framed = generation
+        self._state.take(ref)
+        if newest is not None and newest.camera != ref.camera and newest.stamp_ns > ref.stamp_ns:
+            # Cameras are decoded side by side; the newest frame is the last on show, as it was live.
+            self._state.take(newest)
 
     def _on_failed(self, why: str) -> None:
         self._clock.pause()

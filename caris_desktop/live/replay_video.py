@@ -37,52 +37,79 @@ class ReplayFrames:
 
 
 class ReplayVideo:
-    """Decodes the newest frame that was asked for of each camera. ``shown`` is called in the decoding thread."""
+    """Decodes the newest frame that was asked for of each camera, each camera in a thread of its own.
+
+    ``shown(generation, ref)`` is called in that thread.
+    """
+
+    def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
+        self._session = session
+        self._frames = frames
+        self._shown = shown
+        self._decoders: dict[str, _Decoder] = {}
+        self._closed = False
+
+    def show(self, generation: int, ref: FrameRef, rate: float) -> None:
+        """GUI thread. Fast replays show key frames, which are decoded alone."""
+        if self._closed:
+            return
+        if ref.camera not in self._decoders:
+            self._decoders[ref.camera] = _Decoder(self._session, self._frames, self._shown)
+        self._decoders[ref.camera].show(generation, ref, nearest_key=rate > _KEY_FRAMES_FROM_RATE)
+
+    def close(self) -> None:
+        self._closed = True
+        for decoder in self._decoders.values():
+            decoder.close()
+
+
+class _Decoder:
+    """The thread of one camera."""
 
     def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
         self._session = session
         self._frames = frames
         self._shown = shown
         self._changed = threading.Condition()
-        self._wanted: OrderedDict[str, tuple[int, FrameRef, float]] = OrderedDict()
+        self._wanted: tuple[int, FrameRef, bool] | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="replay-video", daemon=True)
-
-    def start(self) -> None:
         self._thread.start()
 
-    def show(self, generation: int, ref: FrameRef, rate: float) -> None:
+    def show(self, generation: int, ref: FrameRef, *, nearest_key: bool) -> None:
         with self._changed:
-            self._wanted[ref.camera] = (generation, ref, rate)
+            self._wanted = (generation, ref, nearest_key)
             self._changed.notify()
 
     def close(self) -> None:
         with self._changed:
             self._ended = True
             self._changed.notify()
-        if self._thread.is_alive():
-            self._thread.join(5.0)
+        self._thread.join(5.0)
 
     def _run(self) -> None:
         reader = VideoReader(self._session)
         try:
-            while True:
-                with self._changed:
-                    while not self._wanted and not self._ended:
-                        self._changed.wait()
-                    if self._ended:
-                        return
-                    camera, (generation, ref, rate) = self._wanted.popitem(last=False)
+            while (wanted := self._next()) is not None:
+                generation, ref, nearest_key = wanted
                 try:
-                    frame = reader.frame_at(camera, ref.stamp_ns, nearest_key=rate > _KEY_FRAMES_FROM_RATE)
+                    picture = reader.frame_at(ref.camera, ref.stamp_ns, nearest_key=nearest_key)
                 except Exception:
-                    _log.exception("the video of %s cannot be read", camera)
+                    _log.exception("the video of %s cannot be read", ref.camera)
                     continue
-                if frame is not None:
-                    self._frames.keep(ref, frame.image_bgr)
+                if picture is not None:
+                    self._frames.keep(ref, picture.image_bgr)
                     self._shown(generation, ref)
         finally:
             reader.close()
+
+    def _next(self) -> tuple[int, FrameRef, bool] | None:
+        """None when it is to end."""
+        with self._changed:
+            while self._wanted is None and not self._ended:
+                self._changed.wait()
+            wanted, self._wanted = self._wanted, None
+            return None if self._ended else wanted
 
 
 class ReplayThumbnails:
