@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
-    QCheckBox,
     QFileDialog,
     QHBoxLayout,
     QLabel,
@@ -23,6 +22,7 @@ from caris_desktop.recording.export import FORMATS
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 _LICENCES = (
@@ -52,7 +52,7 @@ class ExportDialog(QWidget):
         self._which = QLabel()
         self._which.setObjectName("export_sessions")
         self._which.setWordWrap(True)
-        self._boxes: dict[str, QCheckBox] = {}
+        self._boxes: dict[str, CheckBox] = {}
         self._dim: list[QLabel] = [self._which]
         self._folder = QLineEdit()
         self._folder.setObjectName("export_folder")
@@ -101,9 +101,10 @@ class ExportDialog(QWidget):
         theme.changed.connect(self._style)
         self._style()
         self.show_sessions(sessions)
+        self.resize(self.sizeHint())  # Qt would give a first window two thirds of the screen at most
 
     def sizeHint(self) -> QSize:
-        return QSize(640, 700)
+        return QSize(640, 800)
 
     def show_sessions(self, sessions: Sequence[Path]) -> None:
         """Offer to export these instead, unless something is being written now."""
@@ -175,9 +176,9 @@ class ExportDialog(QWidget):
         rows = QWidget()
         column = QVBoxLayout(rows)
         column.setContentsMargins(0, 0, 8, 0)
-        column.setSpacing(8)
+        column.setSpacing(6)
         for fmt in FORMATS:
-            box = QCheckBox(fmt.title)
+            box = CheckBox(self._theme, fmt.title)
             box.setObjectName(f"export_format_{fmt.name}")
             box.setAccessibleDescription(fmt.description)
             box.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
@@ -218,6 +219,9 @@ class ExportDialog(QWidget):
         out = Path(self._folder.text().strip()).expanduser()
         self._mine = True
         self._out = out
+        # The focus leaves what is switched off now, or it would wander through the list.
+        self._cancel.show()
+        self._cancel.setFocus(Qt.FocusReason.OtherFocusReason)
         self._library.start_export(self._sessions, self.formats, out, licence=self.licence)
 
     def _open_folder(self) -> None:
@@ -258,7 +262,7 @@ class ExportDialog(QWidget):
 
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
-        kept = f"{written} export{'s' if written != 1 else ''} finished before it are kept." if written else ""
+        kept = f"What was finished stays ({words.counted(written, 'export')})." if written else ""
         match status.state:
             case "done":
                 where = f" in {self._out}" if self._out is not None else ""
@@ -284,6 +288,12 @@ class ExportDialog(QWidget):
         palette.setColor(label.foregroundRole(), self._theme.color(role))
         label.setPalette(palette)
 
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        room = self.screen().availableSize()
+        self.resize(self.size().boundedTo(QSize(room.width() - 40, room.height() - 60)))
+        next(iter(self._boxes.values())).setFocus(Qt.FocusReason.OtherFocusReason)
+
     def closeEvent(self, event: QCloseEvent) -> None:
         # What is being written goes on, and is told again when this opens.
         super().closeEvent(event)
@@ -296,11 +306,11 @@ class ExportDialog(QWidget):
 class _Description(QLabel):
     """The line below a check box; a click on it is a click on the box."""
 
-    def __init__(self, text: str, box: QCheckBox) -> None:
+    def __init__(self, text: str, box: CheckBox) -> None:
         super().__init__(text)
         self._box = box
         self.setWordWrap(True)
-        self.setContentsMargins(26, 0, 0, 0)
+        self.setContentsMargins(TEXT_LEFT_PX, 0, 0, 0)
 
     def mouseReleaseEvent(self, event: object) -> None:
         if self._box.isEnabled() and self.rect().contains(event.position().toPoint()):  # type: ignore[attr-defined]

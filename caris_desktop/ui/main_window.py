@@ -207,7 +207,6 @@ class MainWindow(QWidget):
         self._layout_rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self._layout_rest.timeout.connect(self._tell_layout)
         self.dock_host.layout_changed.connect(self._layout_rest.start)
-        self.marking.card.set_anchor(self._top_bar.mark_button)
         self._problems = ProblemCards(self.theme, self.dock_host)
         self._palette_overlay = CommandPalette(self.theme, self)
         self._sheet = ShortcutSheet(self.theme, self)

@@ -16,16 +16,16 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 ERROR_KINDS = (
-    ("S", "slip", "Slip: I did what I did not mean"),
-    ("L", "late", "Late: I was too slow"),
-    ("W", "wrong branch", "Wrong branch: I chose the wrong step"),
+    ("S", "slip", "Slip", "You did what you did not mean to do: a wrong key, a wrong phrase."),
+    ("L", "late", "Late", "You did the right thing too late."),
+    ("W", "wrong branch", "Wrong branch", "You went on with the wrong step or answer."),
 )
-"""Key, recorded label and words of each kind of wizard error."""
+"""Key, recorded label, words and what is meant by them, of each kind of wizard error."""
 
-WIDTH_PX = 520
+WIDTH_PX = 720
 _SHOWN_MS = 6000
 _TAKEN_BACK_MS = 2500
-_BELOW_TOP_BAR_PX = 64
+_LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 
 class MarkCard(QWidget):
@@ -54,7 +54,6 @@ class MarkCard(QWidget):
         self._note_for = ""
         self._note_began_s = 0.0
         self._focus_before: QWidget | None = None
-        self._anchor: QWidget | None = None
         self._title = QLabel()
         self._title.setObjectName("mark_card_title")
         self._title.setTextFormat(Qt.TextFormat.PlainText)
@@ -69,22 +68,29 @@ class MarkCard(QWidget):
         self._label_buttons: list[ActionButton] = []
         self._kinds = FlowRow(gap_px=6)
         self._kind_buttons: list[tuple[str, str, ActionButton]] = []
-        for letter, label, text in ERROR_KINDS:
+        for letter, label, text, meaning in ERROR_KINDS:
             button = self._button(f"mark_card_{label.replace(' ', '_')}", text, key=letter, key_first=True)
+            button.setToolTip(meaning)
             button.clicked.connect(lambda _checked=False, chosen=label: self.error_kind_chosen.emit(chosen))
             self._kinds.add(button)
             self._kind_buttons.append((letter, label, button))
-        self._end = self._button("mark_card_end", "End it now", icon="stop")
+        self._end = self._button("mark_card_end", "End", icon="stop", look="primary")
         self._end.clicked.connect(self._on_end)
         self._earlier = self._button("mark_card_earlier", "3 s earlier", icon="rewind")
         self._earlier.clicked.connect(self.earlier_requested)
-        self._add_note = self._button("mark_card_note", "Add a note", icon="note-pencil")
+        self._add_note = self._button("mark_card_note", "Note", icon="note-pencil")
         self._add_note.clicked.connect(self._on_add_note)
-        self._undo = self._button("mark_card_undo", "Take back", icon="arrow-u-up-left")
+        self._undo = self._button("mark_card_undo", "Undo", icon="arrow-u-up-left")
         self._undo.clicked.connect(self.withdraw_requested)
-        self._correct = FlowRow(gap_px=6)
+        self._add_note.setToolTip("Write a note to this mark")
+        self._undo.setToolTip("Take this mark back")
+        self._earlier.setToolTip("What is meant happened 3 seconds before. Press again for 6, 9, …")
+        self._correct = QWidget()
+        correct = QHBoxLayout(self._correct)
+        correct.setContentsMargins(0, 0, 0, 0)
+        correct.setSpacing(6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
-            self._correct.add(button)
+            correct.addWidget(button)
         self.field = NoteField()
         self.field.setObjectName("note_field")
         self.field.setAccessibleName("Note")
@@ -110,12 +116,13 @@ class MarkCard(QWidget):
         column.addWidget(self._title)
         column.addWidget(self._line)
         head.addLayout(column, 1)
+        head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(44, 10, 8, 12)
         layout.setSpacing(8)
         layout.addLayout(head)
-        for part in (self._labels, self._kinds, self._note_row, self._correct):
+        for part in (self._labels, self._kinds, self._note_row):
             layout.addWidget(part)
         self._away = QTimer(self, singleShot=True)
         self._away.timeout.connect(self._on_away)
@@ -133,10 +140,6 @@ class MarkCard(QWidget):
         button = ActionButton(self._theme, text, height_px=30, text_px=tokens.STATUS_PX + 1, **more)  # type: ignore[arg-type]
         button.setObjectName(name)
         return button
-
-    def set_anchor(self, anchor: QWidget) -> None:
-        """The card opens below this part of the top bar."""
-        self._anchor = anchor
 
     # ---- what is on show
 
@@ -175,15 +178,17 @@ class MarkCard(QWidget):
         if self.writes_note:
             return
         self._title.setText("Note taken back" if mark.kind == "note" else "Mark taken back")
-        self._line.setText(f"{mark.label or 'It'} does not count.")
+        self._line.setText(f"{mark.label} does not count." if mark.label else "It does not count.")
         for part in (self._labels, self._kinds, self._correct, self._note_row):
             part.hide()
         self._second.stop()
         self._open(_TAKEN_BACK_MS)
 
     def stop_asking(self) -> None:
+        """The next key is no longer an answer."""
         if self._asks:
             self._asks = False
+            self._show_words()
             self._show_keys()
 
     def write_note(self, mark: Marked | None = None) -> None:
@@ -238,8 +243,7 @@ class MarkCard(QWidget):
         self._kinds.setVisible(mark.kind == "wizard_error")
         self._correct.show()
         self._end.setVisible(mark.state == "open" and not self._held)
-        self._add_note.setVisible(not self._held)
-        self._add_note.set_label("Change the note" if mark.note else "Add a note")
+        self._add_note.setVisible(mark.state != "open")
         self._show_words()
         self._show_keys()
         if mark.state == "open":
@@ -273,11 +277,10 @@ class MarkCard(QWidget):
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
             self._title.setText(f"{mark.label or 'Stretch'} · {words.stretch(lasts_s)}")
-            how = "until you let go of the key" if self._held else f"until you end it{self._ending_key()}"
-            self._line.setText(f"Since {at}, {how}")
+            self._line.setText(f"Since {at}{', as long as you hold the key' if self._held else ''}")
         else:
             what = {"wizard_error": "Wizard error", "note": "Note kept"}.get(mark.kind, "Marked")
-            label = f": {mark.label}" if mark.label else ""
+            label = f": {mark.label}" if mark.label else " · what kind?" if self._asks else ""
             self._title.setText(f"{what}{label}")
             parts = [at]
             if mark.end_ns is not None:
@@ -288,10 +291,6 @@ class MarkCard(QWidget):
                 parts.append(f"“{words.shortened(mark.note, 60)}”")
             self._line.setText(" · ".join(parts))
         self.setAccessibleName(self.text)
-
-    def _ending_key(self) -> str:
-        key = self._actions.key_text("stretch")
-        return f" with {key}" if key else ""
 
     def _show_keys(self) -> None:
         self._end.set_key(self._actions.key_text("stretch"))
@@ -351,15 +350,14 @@ class MarkCard(QWidget):
             self.close_card()
 
     def _place(self) -> None:
-        width = min(WIDTH_PX, self._window.width() - 16)
+        width = min(WIDTH_PX, self._window.width() - 2 * _LEFT_PX)
         layout = self.layout()
         if layout is None:
             return
         layout.invalidate()
         layout.activate()
         height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
-        left = 8 if self._anchor is None else self._anchor.mapTo(self._window, self._anchor.rect().topLeft()).x()
-        self.setGeometry(max(8, min(left, self._window.width() - width - 8)), _BELOW_TOP_BAR_PX, width, height)
+        self.setGeometry(_LEFT_PX, _BELOW_TOP_BAR_PX, width, height)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():

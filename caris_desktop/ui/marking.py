@@ -140,7 +140,7 @@ class Marking(QObject):
 
     def _on_answer(self, letter: str) -> None:
         self._answer_time.stop()
-        label = next((label for key, label, _words in ERROR_KINDS if key == letter), "")
+        label = next((label for key, label, *_words in ERROR_KINDS if key == letter), "")
         if label:
             self._on_error_kind(label)
         else:

@@ -33,6 +33,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
+    QComboBox,
     QHBoxLayout,
     QHeaderView,
     QLabel,
@@ -97,24 +98,24 @@ def _natural(text: str) -> tuple[tuple[int, int, str], ...]:
 
 
 COLUMNS: tuple[Column, ...] = (
-    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 150),
-    Column("Participant", lambda entry: entry.participant, lambda entry: _natural(entry.participant), 104),
-    Column("Condition", lambda entry: entry.condition, lambda entry: _natural(entry.condition), 94),
-    Column("Trial", lambda entry: entry.trial, lambda entry: _natural(entry.trial), 64),
-    Column("Recording", lambda entry: entry.recording, lambda entry: _natural(entry.recording), 92),
-    Column("Wizard", lambda entry: entry.wizard, lambda entry: _natural(entry.wizard), 92),
-    Column("Scenario", lambda entry: entry.scenario, lambda entry: _natural(entry.scenario), 150),
-    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 80, right=True),
-    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 80, right=True),
-    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 72, right=True),
-    Column("State", state_words, lambda entry: (not entry.closed_properly, entry.purpose, entry.problems), 190),
+    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
+    Column("Participant", lambda entry: entry.participant, lambda entry: _natural(entry.participant), 100),
+    Column("Condition", lambda entry: entry.condition, lambda entry: _natural(entry.condition), 88),
+    Column("Trial", lambda entry: entry.trial, lambda entry: _natural(entry.trial), 62),
+    Column("Recording", lambda entry: entry.recording, lambda entry: _natural(entry.recording), 90),
+    Column("Wizard", lambda entry: entry.wizard, lambda entry: _natural(entry.wizard), 84),
+    Column("Scenario", lambda entry: entry.scenario, lambda entry: _natural(entry.scenario), 160),
+    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 76, right=True),
+    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True),
+    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
+    Column("State", state_words, lambda entry: (not entry.closed_properly, entry.purpose, entry.problems), 140),
 )
 _FILTERS = (
     ("participant", "All participants"),
     ("condition", "All conditions"),
     ("wizard", "All wizards"),
     ("scenario", "All scenarios"),
-    ("purpose", "All purposes"),
+    ("purpose", "All kinds of runs"),
 )
 
 
@@ -342,6 +343,8 @@ class SessionsWindow(QWidget):
         for name, text in _FILTERS:
             choice = DropDown(theme, f"sessions_{name}", text)
             choice.setMinimumHeight(36)
+            choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+            choice.setMaximumWidth(190)
             choice.addItem(text, "")
             choice.currentIndexChanged.connect(self._find)
             self._filters[name] = choice
@@ -566,6 +569,7 @@ class SessionsWindow(QWidget):
     # ---- look
 
     def _style(self) -> None:
+        self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))
         for label in (self._status, self._found):
             label.setFont(self._theme.font(tokens.STATUS_PX))
             self._color(label, "dim")

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 _FIELDS = (
@@ -109,10 +110,10 @@ class StartDialog(QDialog):
             line.returnPressed.connect(self._on_begin)
             form.addRow(label, line)
             self._fields[name] = line
-        self._again = QCheckBox()
+        self._again = CheckBox(theme)
         self._again.setObjectName("start_again")
         self._again.toggled.connect(self._on_again)
-        self._practice = QCheckBox("Practice run (counts as wizard training, not as data)")
+        self._practice = CheckBox(theme, "Practice run (counts as wizard training, not as data)")
         self._practice.setObjectName("start_practice")
         self._practice.setChecked(prefilled.purpose == PRACTICE)
         last = self._offer.last

@@ -1,7 +1,7 @@
 """The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
 
-from PySide6.QtCore import QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
@@ -13,6 +13,8 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 HEIGHT_PX = 32
+# What gives way first where the window is too narrow for all.
+_MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
@@ -153,6 +155,28 @@ class StatusBar(QWidget):
         )  # fmt: skip
         self._say_models(state.perception.value)
         self._say_recording(state.recording.value)
+        self._fit()
+
+    def minimumSizeHint(self) -> QSize:
+        # A long word here must not make the window wider than its screen.
+        return QSize(200, HEIGHT_PX)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Leave out what is least missed, as far as the width does not do for all."""
+        row = self.layout()
+        if row is None:
+            return
+        for item in self.items.values():
+            item.setVisible(bool(item.text))
+        for name in _MAY_GO:
+            row.invalidate()
+            if row.minimumSize().width() <= self.width():
+                return
+            self.items[name].hide()
 
     def _say_battery(self) -> None:
         stream = self._console.state.battery
@@ -199,7 +223,7 @@ class StatusBar(QWidget):
             case "recording":
                 item.say(f"recording, {words.size(recording.written_bytes)}", "text", icon="record")
             case "paused":
-                item.say(f"recording paused, {words.size(recording.written_bytes)}", "amber", icon="pause")
+                item.say(f"paused, {words.size(recording.written_bytes)}", "amber", icon="pause")
             case "starting" | "stopping":
                 item.say("starting to record" if recording.state == "starting" else "saving the recording")
             case "failed":

@@ -157,8 +157,11 @@ QTableView {{
     border-radius: {radius}px; gridline-color: {colors.line}; selection-background-color: {colors.blue_soft};
     selection-color: {colors.text};
 }}
-QTableView::item {{ padding: 0 10px; border: 0; border-bottom: 1px solid {colors.line}; }}
-QTableView::item:selected {{ background: {colors.blue_soft}; color: {colors.text}; }}
+QTableView::item {{ padding: 0 7px; border: 0; border-bottom: 1px solid {colors.line}; }}
+QTableView::item:selected {{
+    background: {colors.blue_soft}; color: {colors.text}; border-bottom: 1px solid {colors.blue};
+}}
+QAbstractScrollArea::corner {{ background: transparent; border: 0; }}
 QHeaderView, QTableView QTableCornerButton::section {{ background: {colors.panel}; border: 0; }}
 QHeaderView::section {{
     background: {colors.panel}; color: {colors.dim}; border: 0; border-bottom: 1px solid {colors.line_strong};

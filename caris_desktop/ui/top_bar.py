@@ -14,6 +14,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 HEIGHT_PX = 56
+ROOMY_PX = 1500
 IN_SESSION = ("starting", "recording", "paused", "stopping")
 
 _RECORD_TIPS = {
@@ -68,7 +69,7 @@ class TopBar(QWidget):
         self.mark_button = ActionButton(theme, "Mark", icon="bookmark-simple")
         self.mark_button.setObjectName("mark_button")
         self.mark_button.bind(actions, "mark")
-        self.stretch_button = ActionButton(theme, "", icon="brackets-square", may_shrink=True)
+        self.stretch_button = ActionButton(theme, "", icon="brackets-square")
         self.stretch_button.setObjectName("stretch_button")
         self.stretch_button.setCheckable(True)  # it looks pressed as long as it goes on
         self.stretch_button.setChecked(True)
@@ -131,7 +132,14 @@ class TopBar(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._find.set_label("Find anything" if self.width() >= 1500 else "Find")
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """What gives way in a narrow window: first the words of Find, then who takes part, while a stretch goes on."""
+        roomy, stretch = self.width() >= ROOMY_PX, bool(self._console.state.marks.value.open)
+        self._find.set_label("Find anything" if roomy else "" if stretch else "Find")
+        self._find.setAccessibleName("Find anything")
+        self._trial.setVisible(bool(self._trial.text()) and (roomy or not stretch))
 
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
@@ -180,14 +188,16 @@ class TopBar(QWidget):
     def _show_stretch(self) -> None:
         """The newest stretch that goes on, so that none is forgotten."""
         status: MarksStatus = self._console.state.marks.value
-        self.stretch_button.setVisible(bool(status.open))
+        if self.stretch_button.isHidden() == bool(status.open):
+            self.stretch_button.setVisible(bool(status.open))
+            self._make_room()
         if not status.open:
             return
         newest = status.open[-1]
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
         lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
-        self.stretch_button.set_label(f"{newest.label or 'Stretch'}{others} · {lasts} · End")
+        self.stretch_button.set_label(f"{words.shortened(newest.label, 20) or 'Stretch'}{others} · {lasts} · End")
         self.stretch_button.set_key(self._actions.key_text("stretch"))
         self.stretch_button.setToolTip("This stretch of the session is being marked. Click to end it.")
 
@@ -205,7 +215,7 @@ class TopBar(QWidget):
                 seconds = (self._console.state.present.now_ns() - status.started_ns) / 1e9
                 limits = [] if permissions.video_recording else ["no video"]
                 limits += [] if permissions.photos else ["no photos"]
-                roomy = bool(limits) and self.width() >= 1500
+                roomy = bool(limits) and self.width() >= ROOMY_PX
                 suffix = f" · {', '.join(limits)}" if roomy else ""
                 self.record_button.set_label(f"Recording {words.elapsed(seconds)}{suffix}", dot="red_fill")
             case "paused":
@@ -228,7 +238,7 @@ class TopBar(QWidget):
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
         text = trial_words(self._details) if status.state in IN_SESSION else ""
         self._trial.setText(text)
-        self._trial.setVisible(bool(text))
+        self._make_room()
         self._actions.set_condition("recording", status.state == "recording")
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:

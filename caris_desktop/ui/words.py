@@ -51,7 +51,7 @@ def since(seconds: float) -> str:
 def size(count_bytes: float) -> str:
     """24 MB, 1.2 GB."""
     for unit in ("B", "kB", "MB"):
-        if count_bytes < 1000:
+        if count_bytes < 999.5:
             return f"{count_bytes:.0f} {unit}"
         count_bytes /= 1000
     return f"{count_bytes:.1f} GB" if count_bytes < 100 else f"{count_bytes:.0f} GB"

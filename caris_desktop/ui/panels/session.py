@@ -43,6 +43,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 LOG_ROWS = 500
+LOG_LINE_PX = 26
 _ICONS = {
     "Said": "chat-text", "Moved": "navigation-arrow", "People": "user", "Session": "info", "Problems": "warning",
 }  # fmt: skip
@@ -81,7 +82,9 @@ class SessionPanel(Panel):
         self._what = QLabel()
         self._what.setObjectName("session_what")
         self._what.setWordWrap(True)
-        self._folder = ActionButton(self.theme, "Open folder", icon="folder-open")
+        self._folder = ActionButton(self.theme, "", icon="folder-open")
+        self._folder.setAccessibleName("Open folder")
+        self._folder.setToolTip("Open the folder of the last session")
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
         self._export = ActionButton(self.theme, "Export…", icon="export")
@@ -133,7 +136,7 @@ class SessionPanel(Panel):
         self._log.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._log.setResizeMode(QListView.ResizeMode.Adjust)
         self._log.setWordWrap(True)
-        top = FlowRow(gap_px=8)
+        top = self._buttons = FlowRow(gap_px=8)
         for button in (self._toggle, self._pause, self._note, self._folder, self._export, self._sessions):
             top.add(button)
         layout = QVBoxLayout(self)
@@ -143,6 +146,7 @@ class SessionPanel(Panel):
         layout.addWidget(self._what)
         layout.addWidget(self._labels)
         layout.addWidget(self._log, 1)
+        self._log.setMinimumHeight(LOG_LINE_PX)
         self.state.time_jumped.connect(self._on_time_jumped)
         self.state.recording.changed.connect(self._on_recording_changed)
         self.state.event_happened.connect(self._on_event)
@@ -245,7 +249,7 @@ class SessionPanel(Panel):
         show_part(self._sessions, self._has_library and at_rest)
         show_part(self._pause, in_session)
         show_part(self._note, status.state == "recording")
-        show_part(self._labels, status.state == "recording" and bool(self.console.scenario.recording.labels))
+        self._fit()
         paused = status.state == "paused"
         self._pause.set_label(
             "Go on" if paused else "Pause", icon="record" if paused else "pause", look="primary" if paused else "plain"
@@ -283,15 +287,28 @@ class SessionPanel(Panel):
         palette.setColor(self._what.foregroundRole(), self.theme.color(role))
         self._what.setPalette(palette)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """In a low panel the log stays, then the labels; the line on the recording goes first."""
+        width = self.width() - 22
+        room_px = self.height() - 20 - self._buttons.heightForWidth(width) - LOG_LINE_PX - 8
+        marking = self.state.recording.value.state == "recording" and bool(self.console.scenario.recording.labels)
+        labels_px = self._labels.heightForWidth(width) + 8 if marking else 0
+        marking = marking and room_px >= labels_px
+        show_part(self._labels, marking)
+        room_px -= labels_px if marking else 0
+        show_part(self._what, room_px >= self._what.heightForWidth(width) + 8)
+
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
         """What there is so far and how long the disk lasts, with the colour of it."""
-        text = f"{words.size(status.written_bytes)} so far: {self._kept()}"
-        missing = words.all_missing(status.dropped)
-        text += f"; {missing}" if missing else ""
-        if status.room_s is None:
-            return text, "dim"
-        low = status.room_s < ROOM_LOW_S
-        return f"{text} · room for {words.long_duration(status.room_s)}", "amber" if low else "dim"
+        parts = [f"{words.size(status.written_bytes)} so far: {self._kept()}", words.all_missing(status.dropped)]
+        low = status.room_s is not None and status.room_s < ROOM_LOW_S
+        if low and status.room_s is not None:
+            parts.insert(0, f"Room for {words.long_duration(status.room_s)} only")
+        return " · ".join(part for part in parts if part), "amber" if low else "dim"
 
 
 class EventLogModel(QAbstractListModel):

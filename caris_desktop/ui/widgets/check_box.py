@@ -1,0 +1,53 @@
+"""A check box that can be seen in both themes: a style sheet cannot draw the mark without a picture file."""
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QCheckBox
+
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+
+BOX_PX = 18
+TEXT_LEFT_PX = BOX_PX + 10
+
+
+class CheckBox(QCheckBox):
+    """Takes no focus from a click, so that typing and driving go on."""
+
+    def __init__(self, theme: Theme, text: str = "") -> None:
+        super().__init__(text)
+        self._theme = theme
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setMinimumHeight(BOX_PX + 6)
+        theme.changed.connect(self.update)
+
+    def sizeHint(self) -> QSize:
+        width = QFontMetricsF(self.font()).horizontalAdvance(self.text())
+        return QSize(round(TEXT_LEFT_PX + width + 4), max(BOX_PX + 6, self.fontMetrics().height() + 4))
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
+
+    def hitButton(self, _pos: object) -> bool:
+        return True  # all of it
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme, checked = self._theme, self.isChecked()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if not self.isEnabled():
+            painter.setOpacity(0.6)
+        box = QRectF(1.5, self.height() / 2 - BOX_PX / 2 + 0.5, BOX_PX - 1, BOX_PX - 1)
+        painter.setPen(QPen(theme.color("blue" if checked or self.hasFocus() else "dim"), 1.4))
+        painter.setBrush(theme.color("blue" if checked else "field"))
+        painter.drawRoundedRect(box, 4, 4)
+        if checked:
+            draw_icon(painter, box.adjusted(2, 2, -2, -2), "check-bold", theme.color("on_blue"))
+        if self.hasFocus():
+            painter.setPen(QPen(theme.color("blue"), 1.4))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(box.adjusted(-1.5, -1.5, 1.5, 1.5), 5, 5)
+        painter.setPen(theme.color("text"))
+        painter.setFont(self.font())
+        rect = QRectF(TEXT_LEFT_PX, 0, self.width() - TEXT_LEFT_PX, self.height())
+        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self.text())

@@ -1,0 +1,438 @@
+"""Sessions: started, paused, found, searched, exported; what the window tells of room and of what is missing."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QProgressBar, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
+from caris_desktop.live.status import ExportStatus, LibraryStatus, RecordingStatus
+from caris_desktop.recording.export import FORMATS
+from caris_desktop.recording.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.scenario.model import PanelLeaf, Permissions, RecordingSettings, SplitNode
+from caris_desktop.study.trial import TrialDetails
+from caris_desktop.ui.export_dialog import ExportDialog
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.session import SessionPanel
+from caris_desktop.ui.sessions_window import COLUMNS, SessionsWindow
+from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, kept_words, last_details
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.fake_console import FakeConsole, FakeLibrary
+from tests.ui.test_window import choose, choose_from_window_menu
+
+
+def change(console: FakeConsole, **values: object) -> None:
+    console.state.recording.set(dataclasses.replace(console.state.recording.value, **values))  # type: ignore[arg-type]
+
+
+def session_panel(window: MainWindow) -> SessionPanel:
+    window.open_panel("session")
+    panel = window.panels["session"]
+    assert isinstance(panel, SessionPanel)
+    return panel
+
+
+def entry(number: int, **values: object) -> SessionEntry:
+    first = SessionEntry(
+        Path(f"/study/sessions/s{number}"), f"2026-11-{number:02}T10:00:00+00:00", 60.0 * number, f"P{number}",
+        "A" if number % 2 else "B", "1", "1", "Kim", "Tour guide", "", True, number * 1_000_000, 10, number,
+    )  # fmt: skip
+    return dataclasses.replace(first, **values)  # type: ignore[arg-type]
+
+
+SESSIONS = (
+    entry(1),
+    entry(2, closed_properly=False, problems=2),
+    entry(3, purpose="practice"),
+    entry(12, condition="A", wizard="Lee"),
+)
+HITS = (
+    SearchHit(SESSIONS[0].folder, 5_000_000_000, 12.5, "participant", "…can the robot arm lift me…"),
+    SearchHit(SESSIONS[1].folder, 9_000_000_000, 40.0, "note", "the Robot stands still"),
+)
+
+
+@pytest.fixture
+def library() -> FakeLibrary:
+    return FakeLibrary(SESSIONS, HITS)
+
+
+# Recording
+
+
+def test_a_recording_is_paused_and_goes_on(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = session_panel(window)
+    click(qtbot, find(panel, "session_pause"))
+    assert console.calls == [("pause_session", True)]
+    button = find(window, "record_button")
+    assert str(button.property("text")).startswith("Paused 00:00")
+    assert panel.fact == ("paused", "amber")
+    window.status_bar.refresh()
+    assert window.status_bar.items["recording"].text == "paused, 184 MB"
+    assert "Recording paused" in panel.log_lines()
+    click(qtbot, button)
+    choose(window, "record_menu", "Go on recording")
+    assert console.calls[-1] == ("pause_session", False)
+    assert str(button.property("text")).startswith("Recording")
+    click(qtbot, find(panel, "session_toggle"))
+    assert console.calls[-1] == ("stop_session", None)
+
+
+def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: FakeConsole) -> None:
+    items = window.status_bar.items
+    for room_s, text, role in (
+        (19_200.0, "room for 5 h 20 min", "dim"),
+        (29 * 60.0, "room for 29 min only", "amber"),
+        (3 * 60.0, "disk almost full: room for 3 min", "red"),
+    ):
+        change(console, room_s=room_s, bytes_per_s=333_000.0)
+        assert (items["disk"].text, items["disk"]._role) == (text, role)
+    assert "1.2 GB per hour" in items["disk"].toolTip()
+    assert items["dropped"].text == ""
+    change(console, dropped={"frame": 3})
+    assert items["dropped"].text == "3 frames not recorded"
+    change(console, dropped={"frame": 3, "audio": 1})
+    assert items["dropped"].text == "4 values not recorded"
+    assert "1 piece of sound was not recorded" in items["dropped"].toolTip()
+
+
+def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    change(console, room_s=200.0, dropped={"frame": 12_345})
+    console.begin_mark("Asks a long question about it")
+    QApplication.processEvents()
+    assert window.width() == 1366
+    assert window.status_bar.items["disk"].isVisible()
+    assert window.status_bar.items["dropped"].isVisible()
+    assert find(window, "stretch_button").width() >= find(window, "stretch_button").sizeHint().width()
+
+
+def test_an_open_stretch_is_ended_from_the_top_bar(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    assert window.findChild(QWidget, "stretch_button").isHidden()  # type: ignore[union-attr]
+    mark_id = console.begin_mark("Laughs")
+    button = find(window, "stretch_button")
+    assert str(button.property("text")) == "Laughs · 0:00 · End"
+    click(qtbot, button)
+    assert console.calls[-1] == ("end_mark", mark_id)
+    assert button.isHidden()
+
+
+def test_a_mark_is_one_line_of_the_log_whatever_becomes_of_it(window: MainWindow, console: FakeConsole) -> None:
+    panel = session_panel(window)
+    before = len(panel.log_lines())
+    mark_id = console.begin_mark("Laughs")
+    assert panel.log_lines()[before:] == ["Laughs began"]
+    console.state.take(StopRequested(clock.now_ns()))
+    began_ns = console.marks[mark_id].start_ns or 0
+    console.state.take(Marked(began_ns + 1, "Laughs", "mark", mark_id, began_ns, began_ns + 12_000_000_000))
+    assert panel.log_lines()[before:] == ["Marked: Laughs, 12 s", "Stop"]
+    console.withdraw_mark(mark_id)
+    assert panel.log_lines()[before:] == ["Taken back: Laughs", "Stop"]
+
+
+def test_a_jump_in_time_rebuilds_the_log(window: MainWindow, console: FakeConsole) -> None:
+    panel = session_panel(window)
+    console.state.time_jumped.emit(
+        (
+            Marked(5, "Laughs", "mark", "m1", 5, state="open"),
+            UtteranceChanged(6, "u", "robot", "Hello", "typed", "started"),
+            Marked(7_000_000_005, "Laughs", "mark", "m1", 5, 7_000_000_005),
+        )
+    )
+    assert panel.log_lines() == ["Marked: Laughs, 7.0 s", "Robot: “Hello”"]
+
+
+def test_labels_mark_from_the_panel(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    scenario = dataclasses.replace(
+        samples.TOUR, layout=PanelLeaf("session"), recording=RecordingSettings(("Interested", "Confused"))
+    )
+    console = FakeConsole(scenario)
+    window = open_window(qtbot, console, settings, theme)
+    button = find(window, "session_label_2")
+    assert button.key == "⇧F2"  # type: ignore[attr-defined]
+    click(qtbot, button)
+    assert console.calls == [("mark", ("Confused", "mark"))]
+    console.pause_session(paused=True)
+    assert not button.isVisible()
+
+
+# The start dialog
+
+
+def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    console.scenario = dataclasses.replace(
+        console.scenario, permissions=Permissions(photos=False, audio_recording=True)
+    )
+    console.bytes_per_hour, console.free = 1.2e9, 64_000_000_000
+    console.inputs, console.input = ("", "Desk microphone"), "Desk microphone"
+    console.stop_session()
+    window.open_start_dialog()
+    kept, room = find(window, "start_kept"), find(window, "start_room")
+    assert isinstance(kept, QLabel)
+    assert isinstance(room, QLabel)
+    assert "sound" in kept.text()
+    assert kept.text().endswith("No photos.")
+    assert room.text() == "About 1.2 GB per hour; 64.0 GB free: room for 53 h"
+    microphones = find(window, "start_microphone")
+    assert isinstance(microphones, QComboBox)
+    names = [microphones.itemText(index) for index in range(microphones.count())]
+    assert names == ["No microphone", "System’s default microphone", "Desk microphone"]
+    assert microphones.currentText() == "Desk microphone"
+    microphones.setCurrentIndex(0)
+    assert kept.text().endswith("No photos or sound.")
+    console.calls.clear()
+    click(qtbot, find(window, "start_dialog_begin"))
+    assert [name for name, _ in console.calls] == ["use_microphone", "start_session"]
+    assert console.input is None
+
+
+def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, console: FakeConsole) -> None:
+    console.inputs = ("", "Desk microphone")
+    window.open_start_dialog()
+    assert window.findChild(QWidget, "start_microphone") is None
+    find(window, "start_dialog").close()
+    assert kept_words(Permissions(audio_recording=False), "x").endswith("No sound.")
+
+
+def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim", recording="1")
+    last = last_details(suggested, None)
+    assert last is not None
+    dialog = StartDialog(theme, suggested, parent, RecordingOffer(last=last))
+    begun: list[TrialDetails] = []
+    dialog.begin.connect(begun.append)
+    dialog.show()
+    again, practice = find(dialog, "start_again"), find(dialog, "start_practice")
+    assert again.property("text") == "Same trial again: P07, trial 2 (2nd recording)"
+    trial = find(dialog, "start_trial")
+    assert isinstance(trial, QLineEdit)
+    click(qtbot, again)
+    assert trial.text() == "2"
+    trial.selectAll()
+    QTest.keyClicks(trial, "7")
+    assert not again.isChecked()  # type: ignore[attr-defined]
+    click(qtbot, again)
+    click(qtbot, practice)
+    click(qtbot, find(dialog, "start_dialog_begin"))
+    assert begun == [TrialDetails("Lab visit", "P07", "B", "2", "Kim", purpose="practice")]
+    assert last_details(TrialDetails(), None) is None
+
+
+# All sessions
+
+
+@pytest.fixture
+def sessions(qtbot: QtBot, theme: Theme, library: FakeLibrary) -> SessionsWindow:
+    window = SessionsWindow(theme, library)
+    qtbot.addWidget(window)
+    window.show()
+    return window
+
+
+def shown(window: SessionsWindow, column: str = "Participant") -> list[str]:
+    number = next(index for index, each in enumerate(COLUMNS) if each.title == column)
+    return [str(window.model.index(row, number).data()) for row in range(window.model.rowCount())]
+
+
+def test_the_list_is_sorted_and_filtered(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    assert shown(sessions) == ["P12", "P3", "P2", "P1"], "newest first"
+    assert shown(sessions, "State") == [
+        "Complete",
+        "Practice · Complete",
+        "Ended unexpectedly · 2 problems",
+        "Complete",
+    ]
+    sessions.table.sortByColumn(1, Qt.SortOrder.AscendingOrder)
+    assert shown(sessions) == ["P1", "P2", "P3", "P12"]
+    choice = find(sessions, "sessions_wizard")
+    assert isinstance(choice, QComboBox)
+    choice.setCurrentIndex(choice.findData("Lee"))
+    assert shown(sessions) == ["P12"]
+    assert library.named("find")[-1] == SessionQuery(wizard="Lee")
+    assert choice.findData("Kim") > 0, "the others can still be chosen"
+    QTest.mouseClick(find(sessions, "sessions_show_all"), Qt.MouseButton.LeftButton)
+    assert len(shown(sessions)) == 4
+    assert find(sessions, "sessions_status").property("text") == "4 sessions"
+
+
+def test_what_was_said_is_found_and_replayed(qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary) -> None:
+    assert not sessions.hit_list.isVisible()
+    QTest.keyClicks(sessions.search, "robot")
+    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 2, timeout=2000)
+    assert len(library.named("find")) <= 3, "not one search for each letter"
+    assert shown(sessions) == ["P2", "P1"]
+    assert find(sessions, "sessions_found").property("text") == "2 places with “robot”"
+    rect = sessions.hit_list.visualRect(sessions.hits.index(1, 0))
+    for act in (QTest.mouseClick, QTest.mouseDClick):
+        act(sessions.hit_list.viewport(), Qt.MouseButton.LeftButton, pos=rect.center())
+    assert library.named("open_replay") == [(SESSIONS[1].folder, 9_000_000_000)]
+    sessions.search.setText("zebra")
+    qtbot.waitUntil(lambda: sessions.model.rowCount() == 0, timeout=2000)
+    assert "No session matches" in str(find(sessions, "sessions_empty").property("text"))
+
+
+def test_the_list_is_used_with_keys_alone(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    exported: list[list[Path]] = []
+    sessions.export_requested.connect(exported.append)
+    assert not find(sessions, "sessions_replay").isEnabled()
+    sessions.search.setFocus()
+    QTest.keyClick(sessions.search, Qt.Key.Key_Down)
+    QTest.keyClick(sessions.table, Qt.Key.Key_Down)
+    QTest.keyClick(sessions.table, Qt.Key.Key_Return)
+    assert library.named("open_replay") == [(SESSIONS[2].folder, None)]
+    QTest.keyClick(sessions.table, Qt.Key.Key_Down, Qt.KeyboardModifier.ShiftModifier)
+    QTest.mouseClick(find(sessions, "sessions_export"), Qt.MouseButton.LeftButton)
+    assert exported == [[SESSIONS[2].folder, SESSIONS[1].folder]]
+    library.found.set(dataclasses.replace(library.found.value, updating=True))
+    assert [each.participant for each in sessions.selected()] == ["P3", "P2"], "an update keeps the selection"
+    assert "updating" in str(find(sessions, "sessions_status").property("text"))
+
+
+def test_a_study_without_sessions_and_one_that_cannot_be_read(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    library.found.set(LibraryStatus(updating=True))
+    assert find(sessions, "sessions_empty").property("text") == "Reading the sessions of this study…"
+    library.found.set(LibraryStatus())
+    assert str(find(sessions, "sessions_empty").property("text")).startswith("No sessions yet.")
+    library.found.set(LibraryStatus(detail="The folder of the study cannot be read: /study."))
+    assert "cannot be read" in str(find(sessions, "sessions_status").property("text"))
+
+
+def test_five_hundred_sessions_are_shown_quickly(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    many = tuple(dataclasses.replace(entry(1 + number % 28), folder=Path(f"/study/{number}")) for number in range(500))
+    started_ns = clock.now_ns()
+    library.found.set(LibraryStatus(sessions=many, total=500))
+    sessions.table.scrollToBottom()
+    QApplication.processEvents()
+    assert sessions.model.rowCount() == 500
+    assert (clock.now_ns() - started_ns) / 1e9 < 1.0
+
+
+# Exporting
+
+
+@pytest.fixture
+def dialog(qtbot: QtBot, theme: Theme, library: FakeLibrary) -> Iterator[ExportDialog]:
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    dialog = ExportDialog(theme, library, [SESSIONS[0].folder, SESSIONS[1].folder], parent)
+    dialog.show()
+    dialog.activateWindow()
+    yield dialog
+    parent.close()
+
+
+def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
+    assert [find(dialog, f"export_format_{fmt.name}").property("text") for fmt in FORMATS] == [
+        fmt.title for fmt in FORMATS
+    ]
+    for name in dialog.formats:
+        click(qtbot, find(dialog, f"export_format_{name}"))
+    assert not find(dialog, "export_start").isEnabled()
+    for name in ("eaf", "csv"):
+        click(qtbot, find(dialog, f"export_format_{name}"))
+    folder = find(dialog, "export_folder")
+    assert folder.property("text") == "/exports/several"
+    licence = find(dialog, "export_licence")
+    assert isinstance(licence, QComboBox)
+    licence.setCurrentIndex(licence.findData("CC-BY-4.0"))
+    click(qtbot, find(dialog, "export_start"))
+    folders = (SESSIONS[0].folder, SESSIONS[1].folder)
+    assert library.named("start_export") == [(folders, ("csv", "eaf"), Path("/exports/several"), "CC-BY-4.0")]
+    library.export.set(ExportStatus("running", 0.42, "s1: ELAN"))
+    bar = find(dialog, "export_progress")
+    assert isinstance(bar, QProgressBar)
+    assert bar.value() == 420
+    assert find(dialog, "export_what").property("text") == "42 % · s1: ELAN"
+    assert not folder.isEnabled()
+    click(qtbot, find(dialog, "export_cancel"))
+    assert library.named("cancel_export") == [None]
+    assert find(dialog, "export_what").property("text") == "Cancelled. Nothing was written."
+
+
+def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
+    licence, other = find(dialog, "export_licence"), dialog.findChild(QLineEdit, "export_other_licence")
+    assert isinstance(licence, QComboBox)
+    assert other is not None
+    licence.setCurrentIndex(licence.count() - 1)
+    QTest.keyClicks(other, "ODC-By 1.0")
+    click(qtbot, find(dialog, "export_start"))
+    assert library.named("start_export")[0][3] == "ODC-By 1.0"
+    written = (Path("/exports/several/s1-csv"), Path("/exports/several/s2-csv"))
+    library.export.set(ExportStatus("done", 1.0, "", written))
+    assert find(dialog, "export_what").property("text") == "Done: 2 exports in /exports/several."
+    assert find(dialog, "export_open").isVisible()
+    library.export.set(ExportStatus("failed", 0.5, "", written[:1], "The disk is full."))
+    assert find(dialog, "export_what").property("text") == "The disk is full. What was finished stays (1 export)."
+
+
+def test_the_window_opens_sessions_and_exports(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, library: FakeLibrary
+) -> None:
+    assert "All sessions…" not in [each.text for each in window._entries()]
+    window.use_library(library)
+    console.stop_session()
+    choose_from_window_menu(qtbot, window, "All sessions…")
+    sessions = window.findChild(SessionsWindow)
+    assert sessions is not None
+    assert sessions.isVisible()
+    assert library.named("find"), "the list is brought up to date when it opens"
+    assert window.hold.key_owner != "dialog", "Alt still drives"
+    QTest.keyPress(sessions.search, Qt.Key.Key_W, Qt.KeyboardModifier.AltModifier)
+    assert window.hold.held == {"drive_forward"}
+    QTest.keyRelease(sessions.search, Qt.Key.Key_W, Qt.KeyboardModifier.AltModifier)
+    assert sessions.search.text() == ""
+    panel = session_panel(window)
+    click(qtbot, find(panel, "session_export"))
+    export = window.findChild(ExportDialog)
+    assert export is not None
+    assert export.isVisible()
+    assert find(export, "export_sessions").property("text") == "2026-11-21_14-02_P07"
+    export.activateWindow()
+    qtbot.waitUntil(export.isActiveWindow)
+    QTest.keyClick(export, Qt.Key.Key_Escape)
+    assert not export.isVisible()
+    assert console.calls[-1] == ("stop", None)
+    window.close()
+    assert not sessions.isVisible()
+
+
+# The arrangement of the panels
+
+
+def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    assert window._layout_rest.interval() == 1000
+    window._layout_rest.setInterval(100)
+    window.open_panel("diagnostics")
+    window.close_panel("diagnostics")
+    assert console.named("keep_layout") == []
+    qtbot.waitUntil(lambda: not window._layout_rest.isActive(), timeout=3000)
+    told = len(console.named("keep_layout"))
+    window.open_panel("motion")
+    qtbot.waitUntil(lambda: len(console.named("keep_layout")) == told + 1, timeout=3000)
+    (tree,) = console.named("keep_layout")[told:]
+    assert isinstance(tree, SplitNode)
+    window._tell_layout()
+    assert len(console.named("keep_layout")) == told + 1, "nothing has changed since"
+
+
+def test_nothing_is_told_of_an_arrangement_that_the_scenario_says(window: MainWindow, console: FakeConsole) -> None:
+    window.show_scenario(console.scenario)
+    QApplication.processEvents()
+    assert not window._layout_rest.isActive()
+    assert console.named("keep_layout") == []
+
+
+def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConsole) -> None:
+    console.state.recording.set(RecordingStatus("failed", detail="The disk is full."))
+    assert find(window, "record_button").property("text") == "Not recording: failed"
+    panel = session_panel(window)
+    assert panel.fact == ("not recording", "red")
