@@ -9,9 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.live.state import LiveValue
+from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.history import EditHistory
@@ -25,6 +26,11 @@ from caris_desktop.recording.annotation.model import (
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_reader import Session
+from caris_desktop.scenario.model import PanelLeaf, RecordingSettings, Scenario
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.replay.replay_bar import ReplayBar
+from caris_desktop.ui.replay.timeline_view import TimelineView
+from caris_desktop.ui.theme import Theme
 
 STARTED_NS = 5_000_000_000
 _UTC_NS = int(datetime(2026, 11, 21, 10, 14, tzinfo=UTC).timestamp()) * 1_000_000_000
@@ -146,6 +152,30 @@ def sample_picture(at_ns: int) -> NDArray[np.uint8]:
     left = int(80 + 60 * math.sin(at_ns / 3e9))
     image[25:75, max(0, left - 8) : left + 8] = (50, 160, 220)
     return image
+
+
+class ReplayScene(QWidget):
+    """The parts that a replay adds, one above the other, with room for panels above."""
+
+    def __init__(self, theme: Theme, replay: FakeReplay, *, height_px: int = 620) -> None:
+        super().__init__()
+        self.theme, self.replay = theme, replay
+        self.actions_table = Actions(self, self)
+        scenario = Scenario("Tour guide", PanelLeaf("video"), recording=RecordingSettings(("greeting", "question")))
+        self.actions_table.rebuild(scenario)
+        self.state = LiveState(self)
+        self.state.scenario.set(scenario)
+        self.timeline = TimelineView(theme, replay, self.state, self.actions_table)
+        self.bar = ReplayBar(theme, replay, self.state, self.actions_table)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        inner = QVBoxLayout()
+        inner.setContentsMargins(8, 8, 8, 8)
+        inner.addWidget(self.timeline)
+        column.addLayout(inner, 1)
+        column.addWidget(self.bar)
+        self.resize(1350, height_px)
 
 
 STANCE = Vocabulary(

@@ -6,44 +6,13 @@ from pathlib import Path
 
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 
-from caris_desktop.live.state import LiveState
 from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.scenario.model import PanelLeaf, Scenario
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX
-from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
-from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview
+from tests.ui.fake_replay import FakeReplay, ReplayScene, sample_coding, sample_overview
 from tests.ui.preview import spin
-
-
-class ReplayScene(QWidget):
-    """The parts that a replay adds, one above the other, with room for panels above."""
-
-    def __init__(self, theme: Theme, replay: FakeReplay, *, height_px: int = 620) -> None:
-        super().__init__()
-        self.theme, self.replay = theme, replay
-        self.actions_table = Actions(self, self)
-        self.actions_table.rebuild(Scenario("Tour guide", PanelLeaf("video")))
-        self.state = LiveState(self)
-        self.timeline = TimelineView(theme, replay, self.state, self.actions_table)
-        self.bar = ReplayBar(theme, replay, self.state, self.actions_table)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
-        inner = QVBoxLayout()
-        inner.setContentsMargins(8, 8, 8, 8)
-        inner.addWidget(self.timeline)
-        column.addLayout(inner, 1)
-        column.addWidget(self.bar)
-        self.resize(1350, height_px)
-
-    def save(self, path: Path) -> None:
-        self.grab().save(str(path))
-        print(path)
 
 
 def main() -> int:
@@ -63,11 +32,16 @@ def main() -> int:
             spin(250)
             if name == "coding":
                 coding(scene, arguments.out, choice)
-            scene.save(arguments.out / f"{name}-{choice}.png")
+            save(scene, arguments.out / f"{name}-{choice}.png")
             scene.close()
             scene.deleteLater()
     app.processEvents()
     return 0
+
+
+def save(widget: QWidget, path: Path) -> None:
+    widget.grab().save(str(path))
+    print(path)
 
 
 def scenes() -> dict[str, FakeReplay]:
@@ -92,24 +66,24 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     assert rect is not None
     QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint())
     spin(100)
-    scene.save(out / f"selected-{choice}.png")
+    save(scene, out / f"selected-{choice}.png")
     QTest.mousePress(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint())
     QTest.mouseMove(canvas, rect.center().toPoint() + QPoint(90, 0))
     QTest.mouseMove(canvas, rect.center().toPoint() + QPoint(120, 0))
     spin(60)
-    scene.save(out / f"moving-{choice}.png")
+    save(scene, out / f"moving-{choice}.png")
     QTest.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint() + QPoint(120, 0))
     spin(60)
-    scene.save(out / f"refused-{choice}.png")
+    save(scene, out / f"refused-{choice}.png")
     QTest.keyClick(canvas, Qt.Key.Key_Return)
     spin(100)
-    scene.save(out / f"renaming-{choice}.png")
+    save(scene, out / f"renaming-{choice}.png")
     timeline.give_up()
     scene.bar.scrubber.setFocus()
     middle = QPoint(round(scene.bar.scrubber.x_of(scene.replay.playback.value.position_ns)) + 260, 16)
     QTest.mouseMove(scene.bar.scrubber, middle)
     spin(250)
-    scene.save(out / f"scrubbing-{choice}.png")
+    save(scene, out / f"scrubbing-{choice}.png")
     QTest.mouseMove(scene.bar.scrubber, QPoint(0, 200))
     timeline.open_tier_dialog()
     spin(200)
@@ -137,8 +111,7 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
 def _dialog(scene: ReplayScene, name: str, path: Path) -> None:
     dialog = scene.findChild(QWidget, name)
     if dialog is not None:
-        dialog.grab().save(str(path))
-        print(path)
+        save(dialog, path)
         dialog.close()
 
 

@@ -34,6 +34,7 @@ MENU_PX = 28
 PAD_PX = 3
 TEXT_FROM_PX = 22.0
 _LABEL_FROM_PX = 34
+_NARROW_PX = 3
 _BESIDE_PX = 240
 _PICTURE_SHAPE = 16 / 9
 _LABELS_KEPT = 20_000
@@ -273,7 +274,9 @@ class TimelineDrawing:
         if row.own:
             ground.setAlpha(70)
         height = row.height_px - 2 * PAD_PX
-        painter.drawImage(0, top + PAD_PX, boxes_image(lefts, rights, room, height, line=line, ground=ground))
+        narrow = line if row.own else theme.color("dim")
+        boxes = boxes_image(lefts, rights, room, height, line=line, ground=ground, narrow=narrow)
+        painter.drawImage(0, top + PAD_PX, boxes)
         painter.setFont(theme.font(tokens.STATUS_PX if row.own else tokens.KEY_CAP_PX))
         painter.setPen(theme.color("text"))
         metrics = QFontMetricsF(painter.font())
@@ -313,21 +316,37 @@ def columns_image(tops: NDArray[np.floating], bottoms: NDArray[np.floating], hei
 
 
 def boxes_image(
-    lefts: NDArray[np.int64], rights: NDArray[np.int64], width_px: int, height_px: int, *, line: QColor, ground: QColor
+    lefts: NDArray[np.int64],
+    rights: NDArray[np.int64],
+    width_px: int,
+    height_px: int,
+    *,
+    line: QColor,
+    ground: QColor,
+    narrow: QColor,
 ) -> QImage:
-    """Boxes with a line around them, side by side in one strip; ``rights`` are the first pixels after them."""
-    firsts, lasts = np.clip(lefts, 0, width_px), np.clip(rights, 0, width_px)
-    steps = np.zeros(width_px + 1, np.int64)
-    np.add.at(steps, firsts, 1)
-    np.add.at(steps, lasts, -1)
-    covered = np.cumsum(steps[:-1]) > 0
+    """Boxes with a line around them, side by side in one strip; ``rights`` are the first pixels after them.
+
+    Those too narrow for a line around something are of one colour, ``narrow``.
+    """
+    covered = _covered(lefts, rights, width_px)
     column = np.where(covered, _premultiplied(ground), np.uint32(0))
     edge = np.where(covered, _premultiplied(line), np.uint32(0))
     pixels = np.broadcast_to(column, (height_px, width_px)).copy()
     pixels[0] = pixels[-1] = edge
     for sides in (lefts, rights - 1):
         pixels[:, sides[(sides >= 0) & (sides < width_px)]] = _premultiplied(line)
+    tiny = rights - lefts <= _NARROW_PX
+    pixels[:, _covered(lefts[tiny], rights[tiny], width_px)] = _premultiplied(narrow)
     return _image(pixels)
+
+
+def _covered(lefts: NDArray[np.int64], rights: NDArray[np.int64], width_px: int) -> NDArray[np.bool_]:
+    """Which pixels of a row lie in any of the stretches."""
+    steps = np.zeros(width_px + 1, np.int64)
+    np.add.at(steps, np.clip(lefts, 0, width_px), 1)
+    np.add.at(steps, np.clip(rights, 0, width_px), -1)
+    return np.cumsum(steps[:-1]) > 0
 
 
 def _premultiplied(color: QColor) -> np.uint32:

@@ -282,18 +282,6 @@ def snapped(at_ms: float, moments_ms: Iterable[float], *, within_ms: float) -> f
     return nearest if nearest is not None and abs(nearest - at_ms) <= within_ms else at_ms
 
 
-def runs(starts_px: NDArray[np.float64], ends_px: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Sorted stretches that touch or overlap within a pixel, joined: what can be seen of many tiny annotations."""
-    if not len(starts_px):
-        return []
-    lefts = np.floor(starts_px)
-    rights = np.maximum.accumulate(np.maximum(np.ceil(ends_px), lefts + 1))
-    breaks = np.flatnonzero(lefts[1:] > rights[:-1]) + 1
-    firsts = lefts[np.concatenate(([0], breaks))]
-    lasts = rights[np.concatenate((breaks - 1, [len(rights) - 1]))]
-    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
-
-
 def vocabulary_named(coding: AnnotationDocument, name: str) -> Vocabulary | None:
     return next((vocabulary for vocabulary in coding.vocabularies if vocabulary.name == name), None)
 
