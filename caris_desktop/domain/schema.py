@@ -13,6 +13,7 @@ import math
 import types
 import typing
 import zlib
+from collections.abc import Callable
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -58,7 +59,7 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
         If the data cannot be a ``value_type``.
     """
     try:
-        return typing.cast(T, _build(value_type, data))
+        return typing.cast(T, _builder(value_type)(data))
     except (TypeError, KeyError) as error:
         raise ValueError(f"not a {getattr(value_type, '__name__', value_type)}: {error}") from error
 
@@ -72,45 +73,64 @@ def json_schema(value_type: type[Any]) -> dict[str, Any]:
     return schema
 
 
-def _build(kind: Any, data: Any) -> Any:
-    if kind is Any or kind is type(None):
-        return data
+def _as_it_is(data: Any) -> Any:
+    return data
+
+
+@functools.cache
+def _builder(kind: Any) -> Callable[[Any], Any]:
+    """Makes values of ``kind``. What a type is made of is found out once: that takes longer than building a value."""
     origin = get_origin(kind)
     if origin is Literal:
-        if data not in get_args(kind):
-            raise ValueError(f"{data!r} is not one of {get_args(kind)}")
-        return data
+        return functools.partial(_one_of, get_args(kind))
     if origin in (types.UnionType, typing.Union):
         members = [member for member in get_args(kind) if member is not type(None)]
-        if data is None:
-            return None
-        if len(members) == 1:
-            return _build(members[0], data)
-        return data
+        if len(members) != 1:
+            return _as_it_is
+        member = _builder(members[0])
+        return lambda data: None if data is None else member(data)
     if origin is tuple:
-        return tuple(_build(get_args(kind)[0], item) for item in data)
+        item = _builder(get_args(kind)[0])
+        return lambda data: tuple(map(item, data))
     if origin is list:
-        return [_build(get_args(kind)[0], item) for item in data]
+        item = _builder(get_args(kind)[0])
+        return lambda data: list(map(item, data))
     if origin is dict:
-        return {key: _build(get_args(kind)[1], item) for key, item in data.items()}
+        item = _builder(get_args(kind)[1])
+        return lambda data: {key: item(value) for key, value in data.items()}
     if origin is np.ndarray:
-        dtype = np.dtype(get_args(get_args(kind)[1])[0])
-        if isinstance(data, dict):
-            return _inflated(data, dtype)
-        if dtype.kind == "f":
-            return np.array(
-                [math.inf if item is None else item for item in data] if None in data else data, dtype=dtype
-            )
-        return np.array(data, dtype=dtype)
+        return functools.partial(_array, np.dtype(get_args(get_args(kind)[1])[0]))
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        if not isinstance(data, dict):
-            raise ValueError(f"expected an object, found {type(data).__name__}")
-        return kind(**{name: _build(hint, data[name]) for name, hint in _fields(kind) if name in data})
-    if kind is float and data is None:
-        return math.inf
+        return functools.partial(_record, kind)
     if kind is float:
-        return float(data)
+        return lambda data: math.inf if data is None else float(data)
+    return _as_it_is
+
+
+def _one_of(permitted: tuple[Any, ...], data: Any) -> Any:
+    if data not in permitted:
+        raise ValueError(f"{data!r} is not one of {permitted}")
     return data
+
+
+def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
+    if isinstance(data, dict):
+        return _inflated(data, dtype)
+    if dtype.kind == "f":
+        return np.array([math.inf if item is None else item for item in data] if None in data else data, dtype=dtype)
+    return np.array(data, dtype=dtype)
+
+
+def _record(kind: type[Any], data: Any) -> Any:
+    if not isinstance(data, dict):
+        raise ValueError(f"expected an object, found {type(data).__name__}")
+    return kind(**{name: build(data[name]) for name, build in _field_builders(kind) if name in data})
+
+
+@functools.cache
+def _field_builders(kind: type[Any]) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+    hints = typing.get_type_hints(kind)
+    return tuple((field.name, _builder(hints[field.name])) for field in dataclasses.fields(kind))
 
 
 def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -121,13 +141,6 @@ def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         if np.array_equal(short.astype(np.float32), value, equal_nan=True):
             return short
     return wide
-
-
-@functools.cache
-def _fields(kind: type[Any]) -> tuple[tuple[str, Any], ...]:
-    """Name and type of each field. Finding them out takes longer than building a value."""
-    hints = typing.get_type_hints(kind)
-    return tuple((field.name, hints[field.name]) for field in dataclasses.fields(kind))
 
 
 def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
