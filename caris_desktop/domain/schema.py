@@ -58,8 +58,9 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
     ValueError
         If the data cannot be a ``value_type``.
     """
+    kind: Any = value_type
     try:
-        return typing.cast(T, _builder(value_type)(data))
+        return typing.cast(T, _builder(kind)(data))
     except (TypeError, KeyError) as error:
         raise ValueError(f"not a {getattr(value_type, '__name__', value_type)}: {error}") from error
 
@@ -121,14 +122,14 @@ def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
     return np.array(data, dtype=dtype)
 
 
-def _record(kind: type[Any], data: Any) -> Any:
+def _record(kind: Any, data: Any) -> Any:
     if not isinstance(data, dict):
-        raise ValueError(f"expected an object, found {type(data).__name__}")
+        raise TypeError(f"expected an object, found {type(data).__name__}")
     return kind(**{name: build(data[name]) for name, build in _field_builders(kind) if name in data})
 
 
 @functools.cache
-def _field_builders(kind: type[Any]) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+def _field_builders(kind: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     hints = typing.get_type_hints(kind)
     return tuple((field.name, _builder(hints[field.name])) for field in dataclasses.fields(kind))
 
