@@ -207,7 +207,7 @@ TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     _on_timeline("annotation_new", "New annotation at the playhead", "plus", "N", callback="add_at_playhead"),
     _on_timeline("annotation_split", "Split at the playhead", "scissors", "S", callback="split_at_playhead"),
-    _on_timeline("annotation_rename", "Rename", "pencil-simple", "Return", "F2", callback="rename_selected"),
+    _on_timeline("annotation_rename", "Rename", "pencil-simple", "Return", callback="rename_selected"),
     _on_timeline("annotation_remove", "Remove", "trash", "Del", "Backspace", callback="remove_selected"),
     _on_timeline("annotation_begin", "Begin at the playhead", "arrow-line-left", "B", callback="begin_at_playhead"),
     _on_timeline("annotation_end", "End at the playhead", "arrow-line-right", "E", callback="end_at_playhead"),
@@ -331,6 +331,7 @@ class Actions(QObject):
         self._letters: dict[str, str] = {}
         self._driving_focus = False
         self._brought: dict[str, tuple[ActionSpec, object]] = {}
+        self._groups: frozenset[str] | None = None
         self._bare: list[QAction] = []
 
     @property
@@ -392,13 +393,19 @@ class Actions(QObject):
             action.deleteLater()
         self._shortcuts.clear()
         self._bare.clear()
-        self._specs = {spec.id: spec for spec in actions_for(scenario)}
+        self._specs = {
+            spec.id: spec for spec in actions_for(scenario) if self._groups is None or spec.group in self._groups
+        }
         self._specs |= {action_id: spec for action_id, (spec, _) in self._brought.items()}
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
         for spec in self._specs.values():
             self._bind(spec)
         self.rebuilt.emit()
+
+    def keep_only(self, groups: Iterable[str]) -> None:
+        """From the next ``rebuild`` on only rows of these groups are there, besides those that were brought along."""
+        self._groups = frozenset(groups)
 
     def add_rows(self, specs: Iterable[ActionSpec], handlers: object) -> None:
         """Rows that a part of the window brings along, whatever the scenario; ``handlers`` has their callbacks."""
