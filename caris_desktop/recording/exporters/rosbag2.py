@@ -26,7 +26,6 @@ from caris_desktop.domain.sensing import (
     PeopleInMap,
     PlannedPath,
     RobotPose,
-    StatusShown,
 )
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.bag_messages import Ros, typed, typestore
@@ -46,8 +45,8 @@ _JPEG_QUALITY = 90
 _PLAIN = Dialect.ROS2  # of the plain messages here; what ROS 1 spells otherwise, bag_messages.typed finds
 _KEPT_ODOMETRY, _WAITING_POSES = 100, 50
 _PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
-# Whole in a standard message, or about the console's own panels; all else is there as the JSON of its own schema too.
-_NO_JSON = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef, StatusShown)
+# Whole in a standard message; everything else is also there as the JSON of its own schema.
+_WHOLE = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +163,7 @@ class _Translator:
         translate = self._by_type.get(type(value))
         if translate is not None:
             yield from translate(value, self._moments.utc_ns(value, arrival_ns))
-        if not isinstance(value, _NO_JSON):
+        if not isinstance(value, _WHOLE):
             data = json.dumps(to_jsonable(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
             yield RosTopic(f"{VALUE_TOPICS}{spec.name}", "std_msgs/msg/String"), {"data": data}
 

@@ -1,0 +1,506 @@
+"""A session as an RO-Crate: its files with what an archive must know of them, readable by people and programs.
+
+https://www.researchobject.org/ro-crate/specification/1.1/
+"""
+
+import csv
+import dataclasses
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from caris_desktop import __version__
+from caris_desktop.domain.schema import json_schema
+from caris_desktop.domain.streams import STREAMS, StreamSpec
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.manifest import MANIFEST_NAME, session_files
+from caris_desktop.recording.session_reader import Session, SessionError
+
+_PROFILE = "https://w3id.org/ro/crate/1.1"
+_BLOCK_BYTES = 1 << 20
+_MCAP, _MCAP_URL = "application/x-mcap", "https://mcap.dev/spec"
+_ENCODINGS: dict[str, str] = {
+    ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain", ".md": "text/markdown",
+    ".mp4": "video/mp4", ".wav": "audio/wav", ".flac": "audio/flac", ".png": "image/png", ".mcap": _MCAP,
+    ".yaml": "application/yaml", ".html": "text/html",
+}  # fmt: skip
+# The first that fits describes a file of the session.
+_DESCRIPTIONS = (
+    ("session.json", "What heads the session: when, who (pseudonyms), scenario, software, clock, files."),
+    (
+        "events.mcap",
+        "Every event and every value of the robot's streams with its moment. FORMAT.md says how to read it.",
+    ),
+    ("*.frames.csv", "For each frame of the video of this name when it was taken and when the video shows it."),
+    ("video-*", "Video of one camera; the .frames.csv beside it has the true time of each frame."),
+    ("audio-*", "Sound of one source. Which sample belongs to which moment is in the audio stream of events.mcap."),
+    ("movement.txt", "How the robot was driven, for reading."),
+    ("speech.txt", "Who said what when, for reading."),
+    ("people.json", "When which person (opaque ids) was seen."),
+    ("photos/*", "A photo that the wizard took."),
+    ("llm/*", "One exchange with a language model: prompt, parameters, answer."),
+    ("annotations/*", "Annotations of one coder."),
+    (MANIFEST_NAME, "SHA-256 of each file when the session was closed, as sha256sum reads it."),
+)
+# What may change after it was recorded is copied; all else is never written again.
+_CHANGING = ("annotations/*",)
+_LICENCE_PAGES = {
+    "CC0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
+    "CC-BY-4.0": "https://creativecommons.org/licenses/by/4.0/",
+    "CC-BY-SA-4.0": "https://creativecommons.org/licenses/by-sa/4.0/",
+    "CC-BY-NC-4.0": "https://creativecommons.org/licenses/by-nc/4.0/",
+    "CC-BY-NC-SA-4.0": "https://creativecommons.org/licenses/by-nc-sa/4.0/",
+    "CC-BY-ND-4.0": "https://creativecommons.org/licenses/by-nd/4.0/",
+    "CC-BY-NC-ND-4.0": "https://creativecommons.org/licenses/by-nc-nd/4.0/",
+}
+_UNITS = {
+    "ns": "nanoseconds", "ms": "milliseconds", "s": "seconds", "m": "metres", "mps": "metres per second",
+    "rad": "radians", "radps": "radians per second", "px": "pixels", "hz": "hertz", "bytes": "bytes",
+    "fraction": "0 to 1",
+}  # fmt: skip
+# The answers of the start dialog that belong into an archive; who the wizard was does not.
+_TOLD_OF_TRIAL = ("study", "condition", "trial", "recording", "purpose")
+_UNNAMED = re.compile(r"Person \d+|")
+
+_OWN_NAMES = ("schemas", "FORMAT.md", "data_dictionary.csv", "ro-crate-metadata.json", "ro-crate-preview.html")
+
+Entity = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    """One file of the crate, by its path in there; ``unlike_manifest``: it has changed since the session closed."""
+
+    name: str
+    size_bytes: int
+    sha256: str
+    description: str
+    unlike_manifest: bool = False
+
+
+def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Fill the folder ``out``. Files are linked where the disk can do that, else copied.
+
+    Raises OSError; SessionError if the session holds names of people.
+    """
+    _refuse_names(session)
+    folder = out / _folder_name(session)
+    folder.mkdir()
+    packed = list(_packed_session(session, folder, context.progress))
+    packed += _packed_descriptions(session, out)
+    graph = _graph(session, packed, licence_of(context.licence))
+    metadata = out / "ro-crate-metadata.json"
+    document = {"@context": [f"{_PROFILE}/context", {"sha256": "http://schema.org/sha256"}], "@graph": graph}
+    metadata.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", errors="replace")
+    preview = write_page(out / "ro-crate-preview.html", "rocrate.html.j2", crate=_preview(graph, packed))
+    context.progress(1.0)
+    return [metadata, preview, *(out / file.name for file in packed)]
+
+
+def _folder_name(session: Session) -> str:
+    name = session.folder.absolute().name or "session"
+    return f"session-{name}" if name in _OWN_NAMES else name
+
+
+def licence_of(chosen: str) -> Entity:
+    """The contextual entity of a licence: an SPDX identifier, an address, other words, or none."""
+    chosen = chosen.strip()
+    if not chosen:
+        return {
+            "@id": "#no-licence",
+            "@type": "CreativeWork",
+            "name": "No licence was chosen",
+            "description": "Nothing permits the use of these data beyond what the law allows anyway. Ask whoever made "
+            "them.",
+        }
+    if re.match(r"https?://\S+$", chosen):
+        return {"@id": chosen, "@type": "CreativeWork", "name": chosen, "url": chosen}
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", chosen):
+        address = _LICENCE_PAGES.get(chosen, f"https://spdx.org/licenses/{chosen}")
+        return {"@id": address, "@type": "CreativeWork", "name": chosen, "identifier": chosen, "url": address}
+    return {"@id": "#licence", "@type": "CreativeWork", "name": chosen, "description": chosen}
+
+
+def _refuse_names(session: Session) -> None:
+    """Names of people belong into the study's database only; what a recording should never hold does not go on."""
+    for _, shown in session.values("status"):
+        rows = shown.content if shown.name == "persons" and isinstance(shown.content, list) else []
+        for row in rows:
+            if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
+                raise SessionError(
+                    f"{session.folder.name} holds names of people (in the stream 'status'), which must not leave the "
+                    "study. Nothing was written."
+                )
+
+
+# Files
+
+
+def _packed_session(session: Session, folder: Path, progress: Callable[[float], None]) -> Iterator[_Packed]:
+    names = session_files(session.folder)
+    manifest = _manifest(session.folder / MANIFEST_NAME)
+    names += [MANIFEST_NAME] if (session.folder / MANIFEST_NAME).is_file() else []
+    names += sorted(
+        path.relative_to(session.folder).as_posix()
+        for path in (session.folder / "annotations").glob("*.json")
+        if path.is_file() and not path.is_symlink() and not path.name.startswith(".")
+    )
+    sizes = {name: (session.folder / name).stat().st_size for name in names}
+    whole, done = max(1, sum(sizes.values())), 0
+    for name in names:
+        source, target = session.folder / name, folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _place(source, target, linked=not any(fnmatch(name, pattern) for pattern in _CHANGING))
+        digest = hashlib.sha256()
+        with target.open("rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                digest.update(block)
+                done += len(block)
+                progress(min(1.0, done / whole))
+        sha256 = digest.hexdigest()
+        yield _Packed(
+            name=f"{folder.name}/{name}",
+            size_bytes=target.stat().st_size,
+            sha256=sha256,
+            description=_description(name),
+            unlike_manifest=manifest.get(name, sha256) != sha256,
+        )
+
+
+def _place(source: Path, target: Path, *, linked: bool) -> None:
+    if linked:
+        try:
+            os.link(source, target)
+        except OSError:
+            pass  # another disk, or one that knows no links
+        else:
+            return
+    shutil.copyfile(source, target)
+
+
+def _manifest(path: Path) -> dict[str, str]:
+    try:
+        lines = path.read_bytes().decode("utf-8", "surrogateescape").splitlines()
+    except FileNotFoundError:
+        return {}
+    matches = (re.fullmatch(r"([0-9a-f]{64}) [ *](.+)", line) for line in lines)
+    return {match[2]: match[1] for match in matches if match is not None}
+
+
+def _description(name: str) -> str:
+    return next((text for pattern, text in _DESCRIPTIONS if fnmatch(name, pattern)), "A part of the session.")
+
+
+def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
+    """How to read the record, for somebody who knows nothing of this program."""
+    recorded = {str(name) for name in session.header.get("counts") or ()}
+    specs = [spec for spec in STREAMS if spec.name in recorded] or list(STREAMS)
+    (out / "schemas").mkdir()
+    written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
+    (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
+    with (out / "data_dictionary.csv").open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(("stream", "field", "type", "unit", "description"))
+        for spec in specs:
+            schema = json_schema(spec.value_type)
+            rows.writerow((spec.name, "", "record", "", " ".join(str(schema.get("description", "")).split())))
+            rows.writerows((spec.name, *row) for row in _fields(schema))
+    written["data_dictionary.csv"] = "Each field of each stream in events.mcap: type, unit, meaning."
+    for spec in specs:
+        name = f"schemas/{spec.name.replace('/', '.')}.schema.json"
+        text = json.dumps(json_schema(spec.value_type), indent=2, ensure_ascii=False) + "\n"
+        (out / name).write_text(text, encoding="utf-8")
+        written[name] = f"JSON Schema of the values on the topic /{spec.name} in events.mcap."
+    packed = []
+    for name, description in written.items():
+        content = (out / name).read_bytes()
+        packed.append(_Packed(name, len(content), hashlib.sha256(content).hexdigest(), description))
+    return packed
+
+
+def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, str, str]]:
+    for name, field in schema.get("properties", {}).items():
+        here = f"{path}{name}"
+        kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
+        kind = kinds[0] if kinds else {}
+        told = str(kind.get("type", "any")) + (" or null" if len(field.get("anyOf", ())) > len(kinds) else "")
+        meaning = (
+            f"One of {', '.join(kind['enum'])}." if "enum" in kind else " ".join(kind.get("description", "").split())
+        )
+        unit = next((long for end, long in _UNITS.items() if name.endswith(f"_{end}")), "")
+        if kind.get("type") == "array" and "properties" in kind.get("items", {}):
+            yield here, "list of records", unit, meaning
+            yield from _fields(kind["items"], f"{here}[].")
+        elif "properties" in kind and "encoding" not in kind["properties"]:
+            yield from _fields(kind, f"{here}.")
+        elif "properties" in kind:
+            yield here, "grid", unit, meaning
+        else:
+            yield here, told, unit, meaning
+
+
+def _format_text(session: Session, specs: list[StreamSpec]) -> str:
+    anchor = session.clock.anchor
+    meanings = {spec.name: " ".join((spec.value_type.__doc__ or "").replace("``", "`").split()) for spec in specs}
+    rows = "\n".join(f"| `/{spec.name}{'/...' if spec.keyed_by else ''}` | {meanings[spec.name]} |" for spec in specs)
+    name = _folder_name(session)
+    return f"""# How to read this session
+
+`{name}/` is one session of CARIS Desktop, format version {session.header.get("format_version", "?")}, as it was
+recorded. The program itself opens it (`caris-desktop replay {name}`); nothing but this page is needed to read it
+without.
+
+## events.mcap
+An MCAP file ({_MCAP_URL}): a log of messages in topics, with readers in many languages (in Python `pip install mcap`).
+Each message is a JSON object in UTF-8. Each topic carries the JSON Schema of its messages in the file itself; the same
+schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file that was cut off is readable up to there.
+
+    from mcap.reader import make_reader
+    import json
+    with open("events.mcap", "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            print(message.log_time, channel.topic, json.loads(message.data))
+
+- **Time.** `stamp_ns`, and every other field that ends in `_ns` except robot stamps, counts nanoseconds of one
+  monotonic clock. UTC in nanoseconds since 1970 is `{anchor.utc_ns} + (stamp_ns - {anchor.monotonic_ns})` (also in
+  `session.json` under `clock`). The session began at {session.started_ns}. `publish_time` of a message is its
+  `stamp_ns` in UTC, `log_time` is when the value reached the recording computer, in UTC. Messages lie in the order of
+  arrival.
+- **Robot stamps.** `robot_stamp_ns` is nanoseconds of the robot's own clock. `/event/link_quality` has measurements of
+  how far it is ahead: robot clock minus session clock (`clock_offset_ms`) with a bound for the error.
+- **Units** end the names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are counter-clockwise, x forward,
+  y left.
+- **null** in a list of numbers is a value that JSON cannot hold: for scans, nothing returned (infinite).
+- **Grids** (maps) are objects: `data` is base64 of zlib-deflated bytes, `dtype` and `shape` say of what; row 0 first.
+
+| topic | what |
+| --- | --- |
+{rows}
+
+## Beside it
+- `video-*.mp4` (H.264): `video-*.frames.csv` has a line for each frame: `frame` (from 0), `video_s` (when the video
+  shows it), `stamp_ns` (when it was taken), `robot_stamp_ns`, `utc`, `sequence` (as in `/frame` and `/people`).
+- `audio-*`: `/audio/...` says which samples of which file belong to which moment.
+- `annotations/CODER.json`: labels of one coder, in milliseconds since the session began.
+- `{MANIFEST_NAME}`: checksums, `sha256sum -c {MANIFEST_NAME}` in `{name}/` checks them.
+
+People are opaque ids. Their names were never in these files.
+"""
+
+
+# Metadata
+
+
+def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Entity]:
+    clock, trial = session.clock, session.trial
+    started, ended = clock.utc(session.started_ns), clock.utc(session.ended_ns)
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    recorded_by = str(session.header.get("program_version") or "unknown")
+    software = {version: _software(version) for version in dict.fromkeys((recorded_by, __version__))}
+    folder = _folder_name(session)
+    folder_id = f"{quote(folder)}/"
+    of_session = [file for file in packed if file.name.startswith(f"{folder}/")]
+    others = [file for file in packed if file not in of_session]
+    told = [_property(name, trial[name]) for name in _TOLD_OF_TRIAL if trial.get(name)]
+    participant = trial.get("participant", "")
+    root: Entity = {
+        "@id": "./",
+        "@type": "Dataset",
+        "name": _title(session),
+        "description": _about(session, of_session),
+        "datePublished": now,
+        "dateCreated": started,
+        "temporalCoverage": f"{started}/{ended}",
+        "license": {"@id": licence["@id"]},
+        "keywords": "human-robot interaction, Wizard of Oz",
+        "hasPart": [{"@id": folder_id}, *({"@id": quote(file.name)} for file in others)],
+        "mentions": [{"@id": "#recording"}, {"@id": "#packing"}],
+    }
+    entities: list[Entity] = []
+    if told:
+        root["additionalProperty"] = [{"@id": entity["@id"]} for entity in told]
+        entities += told
+    if participant:
+        root["about"] = {"@id": "#participant"}
+        entities.append(
+            {
+                "@id": "#participant",
+                "@type": "Person",
+                "name": f"Participant {participant}",
+                "identifier": participant,
+                "description": "A pseudonym. The name is in the database of the study only.",
+            }
+        )
+    recording: Entity = {
+        "@id": "#recording",
+        "@type": "CreateAction",
+        "name": "Recording of the session",
+        "startTime": started,
+        "endTime": ended,
+        "instrument": {"@id": software[recorded_by]["@id"]},
+        "result": {"@id": folder_id},
+        "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
+        "description": _how_it_ended(session),
+    }
+    packing: Entity = {
+        "@id": "#packing",
+        "@type": "CreateAction",
+        "name": "Packing of this crate",
+        "endTime": now,
+        "instrument": {"@id": software[__version__]["@id"]},
+        "object": {"@id": folder_id},
+        "result": {"@id": "./"},
+    }
+    return [
+        {
+            "@id": "ro-crate-metadata.json",
+            "@type": "CreativeWork",
+            "conformsTo": {"@id": _PROFILE},
+            "about": {"@id": "./"},
+        },
+        root,
+        {
+            "@id": "ro-crate-preview.html",
+            "@type": "CreativeWork",
+            "name": "What is in this crate, for reading",
+            "about": {"@id": "./"},
+            "encodingFormat": "text/html",
+        },
+        {
+            "@id": folder_id,
+            "@type": "Dataset",
+            "name": f"Session {folder}",
+            "description": "The session as it was recorded; FORMAT.md says how to read it.",
+            "hasPart": [{"@id": quote(file.name)} for file in of_session],
+        },
+        *(_file(file) for file in packed),
+        licence,
+        *entities,
+        recording,
+        packing,
+        *software.values(),
+        {"@id": _MCAP_URL, "@type": "WebPage", "name": "MCAP format specification", "url": _MCAP_URL},
+    ]
+
+
+def _file(file: _Packed) -> Entity:
+    encoding = _ENCODINGS.get(Path(file.name).suffix.lower(), "application/octet-stream")
+    description = file.description
+    if file.unlike_manifest:
+        description += f" It has changed since the session was closed: its checksum is not that of {MANIFEST_NAME}."
+    return {
+        "@id": quote(file.name),
+        "@type": "File",
+        "name": file.name,
+        "description": description,
+        "encodingFormat": [_MCAP, {"@id": _MCAP_URL}] if encoding == _MCAP else encoding,
+        "contentSize": str(file.size_bytes),
+        "sha256": file.sha256,
+    }
+
+
+def _software(version: str) -> Entity:
+    return {
+        "@id": f"#caris-desktop-{quote(version)}",
+        "@type": "SoftwareApplication",
+        "name": "CARIS Desktop",
+        "version": version,
+        "softwareVersion": version,
+        "description": "Operator console for Wizard-of-Oz studies with mobile robots.",
+    }
+
+
+def _property(name: str, value: str) -> Entity:
+    return {"@id": f"#trial-{name}", "@type": "PropertyValue", "name": name, "value": value}
+
+
+def _title(session: Session) -> str:
+    study = session.trial.get("study", "")
+    return f"Session {_folder_name(session)}" + (f" of the study {study}" if study else "")
+
+
+def _about(session: Session, files: list[_Packed]) -> str:
+    scenario = session.header.get("scenario")
+    title = scenario.get("title", "") if isinstance(scenario, dict) else ""
+    parts = [
+        "A recorded session of a Wizard-of-Oz study with a mobile robot: what the robot sensed, how it was driven, "
+        "what was said, what people in front of it did.",
+        f"Scenario: {title}." if title else "",
+        f"It lasted {session.duration_s:.0f} s.",
+        "It was imported from a bag of another program." if isinstance(session.header.get("source"), dict) else "",
+        "The recording was cut off; what was saved is here." if not session.closed_properly else "",
+        "Files that changed since the session was closed say so."
+        if any(file.unlike_manifest for file in files)
+        else "",
+        *session.notices,
+    ]
+    return " ".join(part for part in parts if part)
+
+
+def _how_it_ended(session: Session) -> str:
+    words = {
+        "wizard": "The wizard ended it.",
+        "console_closed": "It ended when the program was closed.",
+        "disk_full": "It ended because the disk was full.",
+        "imported": "It was imported from a bag of another program.",
+    }
+    return words.get(session.reason, "It was cut off.") if session.closed_properly else "It was cut off."
+
+
+@dataclass(frozen=True, slots=True)
+class _Preview:
+    """What the page shows."""
+
+    name: str
+    description: str
+    facts: list[tuple[str, str]]
+    licence: Entity
+    licence_is_link: bool
+    files: list[dict[str, str]]
+
+
+def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:
+    entities = {entity["@id"]: entity for entity in graph}
+    root, recording = entities["./"], entities["#recording"]
+    licence = entities[root["license"]["@id"]]
+    facts = [
+        ("Began", recording["startTime"]),
+        ("Ended", recording["endTime"]),
+        ("Participant (pseudonym)", entities.get("#participant", {}).get("identifier", "not told")),
+        *(
+            (name.capitalize(), entities[f"#trial-{name}"]["value"])
+            for name in _TOLD_OF_TRIAL
+            if f"#trial-{name}" in entities
+        ),
+        ("Recorded with", f"CARIS Desktop {entities[recording['instrument']['@id']]['version']}"),
+        ("Packed", root["datePublished"]),
+    ]
+    files = [
+        {
+            "name": file.name,
+            "link": quote(file.name),
+            "size": _size(file.size_bytes),
+            "description": entities[quote(file.name)]["description"],
+            "sha256": file.sha256,
+        }
+        for file in packed
+    ]
+    linked = str(licence.get("url", "")).startswith(("https://", "http://"))
+    return dataclasses.asdict(_Preview(root["name"], root["description"], facts, licence, linked, files))
+
+
+def _size(count: int) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} bytes"
