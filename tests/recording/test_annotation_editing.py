@@ -170,6 +170,26 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
         editing.take_over(document, late)
 
 
+def test_a_second_coder_gets_the_same_scheme() -> None:
+    document = editing.add_tier(editing.add_vocabulary(coded((0, 10)), GAZE), "Looks", "anna", "Gaze")
+    both = editing.add_tiers_like(document, document, "ben")
+    assert [(tier.name, tier.vocabulary) for tier in both.tiers if tier.coder == "ben"] == [
+        ("Gaze", ""),
+        ("Looks", "Gaze"),
+    ]
+    assert both.annotations == document.annotations
+    assert editing.add_tiers_like(both, both, "ben") == both
+    # The next session, with a vocabulary of that name already there.
+    other = editing.add_vocabulary(RECORD, Vocabulary("Gaze", (VocabularyEntry("floor"),)))
+    following = editing.add_tiers_like(other, both, "anna", of="anna")
+    assert [tier.name for tier in following.tiers] == ["Motion", "Gaze", "Looks"]
+    assert [entry.value for entry in following.vocabularies[0].entries] == ["floor", "robot", "away"]
+    with pytest.raises(AnnotationError, match="no tiers of zoe to go by"):
+        editing.add_tiers_like(document, document, "ben", of="zoe")
+    with pytest.raises(AnnotationError, match="no tiers of another coder"):
+        editing.add_tiers_like(document, document, "anna")
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_any_edits_keep_the_rules_and_can_be_undone(data: st.DataObject) -> None:

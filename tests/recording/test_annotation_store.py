@@ -11,6 +11,7 @@ from caris_desktop.recording.annotation import editing, store
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.store import annotation_files, load_documents, save_coder
+from tests.recording.told_session import tell
 
 
 def coded(coder: str, value: str = "robot", *, at_ms: int = 0) -> AnnotationDocument:
@@ -33,6 +34,11 @@ def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
     assert load_documents(tmp_path) == changed
     assert [file.name for file in path.parent.iterdir()] == ["anna.json"]
     assert load_documents(tmp_path / "nowhere") == AnnotationDocument()
+
+
+def test_the_session_tells_how_long_it_is(tmp_path: Path) -> None:
+    folder = tell(tmp_path / "s", [], lasts_s=12.3456)
+    assert load_documents(folder).duration_ms == 12_346
 
 
 def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> None:

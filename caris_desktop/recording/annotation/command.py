@@ -7,7 +7,7 @@ from pathlib import Path
 from caris_desktop.recording.annotation.agreement import compare_coders, report
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
-from caris_desktop.recording.session_reader import SessionError, open_session
+from caris_desktop.recording.session_header import SessionError, read_header
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 when compared, 1 when not (stderr says why)."""
     try:
-        session = open_session(args.session, repair=False)
-        document = load_documents(args.session, duration_ms=round(session.duration_s * 1000))
+        read_header(args.session)
+        document = load_documents(args.session)
         results = compare_coders(
             document, args.first, args.second, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance
         )

@@ -358,6 +358,35 @@ def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> Ann
     return merged
 
 
+def add_tiers_like(
+    document: AnnotationDocument, other: AnnotationDocument, coder: str, *, of: str = ""
+) -> AnnotationDocument:
+    """Empty tiers of ``coder``, with names and vocabularies as in ``other`` (all coders' tiers, or those of ``of``).
+
+    So that a second coder, or the next session, is coded by the same scheme. Tiers that ``coder`` has already stay.
+    Raises AnnotationError where there are none to go by.
+    """
+    models = [
+        tier
+        for tier in other.tiers
+        if tier.coder and of in ("", tier.coder) and (tier.coder != coder or other is not document)
+    ]
+    if not models:
+        raise AnnotationError(f"There are no tiers of {of or 'another coder'} to go by.")
+    for model in models:
+        if any((tier.coder, tier.name) == (coder, model.name) for tier in document.tiers):
+            continue
+        if model.vocabulary:
+            theirs = vocabulary_of(other, model.vocabulary)
+            mine = next((item for item in document.vocabularies if item.name == theirs.name), None)
+            if mine is None:
+                document = add_vocabulary(document, theirs)
+            elif mine is not theirs:
+                document = change_vocabulary(document, mine.name, _united(mine, theirs))
+        document = add_tier(document, model.name, coder, model.vocabulary, participant=model.participant)
+    return document
+
+
 def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocument:
     """Only what ``coder`` made, with the vocabularies that nobody else uses."""
     mine = {tier.tier_id for tier in document.tiers if tier.coder == coder}

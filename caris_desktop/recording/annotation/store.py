@@ -31,6 +31,7 @@ from caris_desktop.recording.annotation.model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.disk_file import no_room, replace_file
+from caris_desktop.recording.session_header import SessionError, read_header, times_of
 
 FORMAT = "caris-desktop annotations"
 FORMAT_VERSION = 1
@@ -46,8 +47,8 @@ def load_documents(
 ) -> AnnotationDocument:
     """What all coders made of the session in ``folder``, each in tiers of their own; empty where nobody did.
 
-    ``duration_ms`` is how long the session is. A file that cannot be used is told to ``on_damaged`` and left out;
-    without that the first one raises AnnotationError.
+    ``duration_ms`` is how long the session is, where ``session.json`` does not tell. A file that cannot be used is
+    told to ``on_damaged`` and left out; without that the first one raises AnnotationError.
     """
     documents = []
     for path in annotation_files(folder):
@@ -60,7 +61,7 @@ def load_documents(
             continue
         documents.append(document)
     merged = merge_documents(*documents)
-    return replace(merged, duration_ms=max(merged.duration_ms, duration_ms))
+    return replace(merged, duration_ms=max(merged.duration_ms, duration_ms, _duration_ms(folder)))
 
 
 def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
@@ -92,6 +93,14 @@ def annotation_files(folder: Path) -> tuple[Path, ...]:
         return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
     except OSError as error:
         raise AnnotationError(f"{folder / _FOLDER} cannot be read: {error.strerror or error}.") from error
+
+
+def _duration_ms(folder: Path) -> int:
+    try:
+        times = times_of(read_header(folder), folder)
+    except SessionError:
+        return 0
+    return 0 if times.ended_ns is None else max(0, -(-(times.ended_ns - times.clock.started_ns) // 1_000_000))
 
 
 def _path_of(folder: Path, coder: str) -> Path:
