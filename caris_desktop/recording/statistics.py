@@ -153,13 +153,13 @@ def _prepare(out: Path) -> dict[str, str]:
     try:
         with marker.open("rb") as file:
             data = json.loads(file.read(_MAX_MARKER_BYTES))
-        if data["format"] != _FORMAT:
-            raise ValueError("of something else")
+        ours = data["format"] == _FORMAT
         known = {str(name): str(signature) for name, signature in data["sessions"].items()}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise StatisticsError(
-            f"{marker} is damaged ({error}). Nothing was written; choose another folder, or delete this one."
-        ) from error
+    except (ValueError, KeyError, TypeError, AttributeError):
+        _log.exception("%s", marker)
+        ours = False
+    if not ours:
+        raise StatisticsError(f"{marker} is damaged. Nothing was written; choose another folder, or delete this one.")
     if data.get("format_version") != _FORMAT_VERSION or data.get("program_version") != __version__:
         # Another version may make other columns.
         return dict.fromkeys(known, "")

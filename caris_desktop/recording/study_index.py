@@ -26,6 +26,7 @@ _APPLICATION_ID = 0x43415249
 _SCHEMA_VERSION = 1
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
+_MAX_WORDS = 40
 _SCHEMA = """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY,
@@ -185,7 +186,7 @@ class StudyIndex:
 
         def anew() -> None:
             with self._database:
-                self._forget(row[0] for row in self._database.execute("SELECT id FROM session").fetchall())
+                self._forget(self._database.execute("SELECT id FROM session").fetchall())
             self._update(progress)
 
         self._whole(anew)
@@ -237,25 +238,25 @@ class StudyIndex:
     def _update(self, progress: Callable[[float], None]) -> None:
         progress(0.0)
         folders = {folder.name: folder for folder in session_folders(self._sessions_dir)}
-        known = {
-            name: (row, sign) for row, name, sign in self._database.execute("SELECT id, name, signature FROM session")
-        }
-        gone = [row for name, (row, _) in known.items() if name not in folders]
+        known = dict(self._database.execute("SELECT name, signature FROM session").fetchall())
+        gone = [name for name in known if name not in folders]
         signatures = {name: content_signature(folder) for name, folder in folders.items()}
-        changed = [name for name in folders if known.get(name, (0, ""))[1] != signatures[name]]
+        changed = [name for name in folders if known.get(name) != signatures[name]]
         with self._database:
-            self._forget(gone)
+            for name in gone:
+                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
         for number, name in enumerate(changed, start=1):
             entry, items, trouble = _read(folders[name])
             with self._database:
-                if name in known:
-                    self._forget([known[name][0]])
+                # Somebody else may keep the same index up to date.
+                self._database.execute("BEGIN IMMEDIATE")
+                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
                 self._add(name, signatures[name], entry, items, trouble)
             progress(number / len(changed))
         progress(1.0)
 
-    def _forget(self, rows: Iterator[int] | Sequence[int]) -> None:
-        for row in rows:
+    def _forget(self, rows: Sequence[tuple[int]]) -> None:
+        for (row,) in rows:
             self._database.execute(
                 "INSERT INTO item_text (item_text, rowid, text)"
                 " SELECT 'delete', id, text FROM item WHERE session_id = ?",
@@ -293,37 +294,38 @@ class StudyIndex:
         except sqlite3.Error as error:
             _log.warning("%s: %s", self._path, error)
             self._database.close()
-            if _is_damage(error):
-                self.message = "The index of the sessions was damaged and has been made anew from their folders."
-                self._database = self._open()
-            else:
-                self._database = self._in_memory(str(error))
+            self._database = self._anew(error) if _is_damage(error) else self._in_memory(str(error))
             self._update(_no_progress)
             return act()
 
     def _open(self) -> sqlite3.Connection:
-        for _ in range(2):
-            database: sqlite3.Connection | None = None
-            try:
-                database = _connected(str(self._path))
-                foreign = _prepare(database)
-            except sqlite3.Error as error:
-                if database is not None:
-                    database.close()
-                if not _is_damage(error):
-                    return self._in_memory(str(error))
-                _log.warning("%s is made anew: %s", self._path, error)
-                self.message = "The index of the sessions was damaged and has been made anew from their folders."
-                try:
-                    _put_aside(self._path)
-                except OSError as failure:
-                    return self._in_memory(str(failure))
-            else:
-                if not foreign:
-                    return database
+        database: sqlite3.Connection | None = None
+        try:
+            database = _connected(str(self._path))
+            foreign = _prepare(database)
+        except sqlite3.Error as error:
+            if database is not None:
                 database.close()
-                return self._in_memory("it is a database of something else")
-        return self._in_memory("it is damaged")
+            return self._anew(error) if _is_damage(error) else self._in_memory(str(error))
+        if foreign:
+            database.close()
+            return self._in_memory("it is a database of something else")
+        return database
+
+    def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
+        """An empty index where the damaged one lay."""
+        _log.warning("%s is made anew: %s", self._path, damage)
+        database: sqlite3.Connection | None = None
+        try:
+            _put_aside(self._path)
+            database = _connected(str(self._path))
+            _prepare(database)
+        except (OSError, sqlite3.Error) as error:
+            if database is not None:
+                database.close()
+            return self._in_memory(str(error))
+        self.message = "The index of the sessions was damaged and has been made anew from their folders."
+        return database
 
     def _in_memory(self, reason: str) -> sqlite3.Connection:
         _log.warning("%s cannot be used: %s", self._path, reason)
@@ -367,6 +369,9 @@ def _prepare(database: sqlite3.Connection) -> bool:
         return False
     with database:
         database.execute("BEGIN IMMEDIATE")
+        if database.execute("PRAGMA user_version").fetchone() == (_SCHEMA_VERSION,):
+            # Somebody else made them meanwhile.
+            return False
         for table in ("item_text", "item", "session"):
             database.execute(f"DROP TABLE IF EXISTS {table}")
         for statement in _SCHEMA.split(";\n"):
@@ -487,8 +492,8 @@ def _annotations(session: Session) -> Iterator[_Item]:
 
 
 def _storable(text: str) -> str:
-    """Without what UTF-8 cannot hold: half a character that an input method left behind."""
-    return text.encode("utf-8", "replace").decode()
+    """Without what UTF-8 or SQLite cannot hold: half a character that an input method left behind, a zero."""
+    return text.encode("utf-8", "replace").decode().replace("\0", " ")
 
 
 def _size_bytes(folder: Path) -> int:
@@ -511,7 +516,8 @@ def _header_condition(query: SessionQuery) -> tuple[str, list[Any]]:
 
 def _words(text: str) -> list[str]:
     """The words of what a user typed, whatever signs are between them."""
-    return [word for word in _storable(text).split() if any(character.isalnum() for character in word)]
+    words = [word for word in _storable(text).split() if any(character.isalnum() for character in word)]
+    return words[:_MAX_WORDS]
 
 
 def _text_condition(words: Sequence[str]) -> tuple[str, list[Any]]:
