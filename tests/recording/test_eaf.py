@@ -231,6 +231,27 @@ def test_sound_is_filled_up_with_silence(tmp_path: Path) -> None:
     assert "Silence was put in" in (tmp_path / "out" / "media.txt").read_text()
 
 
+def test_sound_that_keeps_time_itself_is_moved_as_a_whole(tmp_path: Path) -> None:
+    """As the recorder writes it: what was missing is silence in the file already, whatever the stamps' unrest."""
+    blocks = [
+        AudioBlock(at(2.0 + number / 5) + (number % 3 - 1) * 4_000_000, "m", "audio-m.wav", number * 3200, 3200, 16_000)
+        for number in range(50)
+        if not 10 <= number < 30
+    ]
+    folder = tell(tmp_path / "s", blocks, lasts_s=20.0)
+    samples = np.arange(160_000, dtype="<i2")
+    with wave.open(str(folder / "audio-m.wav"), "wb") as file:
+        file.setparams((1, 2, 16_000, 0, "NONE", ""))
+        file.writeframes(samples.tobytes())
+    export_session(folder, "eaf", tmp_path / "out")
+    with wave.open(str(tmp_path / "out" / "audio-m.wav")) as file:
+        written = np.frombuffer(file.readframes(file.getnframes()), "<i2")
+    late = len(written) - len(samples)
+    assert late == pytest.approx(2.0 * 16_000, abs=0.005 * 16_000)
+    assert not written[:late].any()
+    assert np.array_equal(written[late:], samples)
+
+
 def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> None:
     """ELAN plays a file at document time plus TIME_ORIGIN: what lies before the session is left out."""
     folder = tell(

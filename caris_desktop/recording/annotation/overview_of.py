@@ -3,7 +3,7 @@
 import logging
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -142,12 +142,14 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
     """Raises OSError, and ValueError for what is no sound of ours."""
     if not re.fullmatch(r"[\w .-]+", track.file_name):
         raise ValueError("not a file of the session")
-    first_ns = min(stamp_ns for stamp_ns, *_ in track.blocks)
-    last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, rate in track.blocks)
+    runs = sound_runs(track.blocks, within_ns=BUCKET_NS // 2)
+    first_ns = min(stamp_ns for stamp_ns, *_ in runs)
+    last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, rate in runs)
+    if last_ns - first_ns > _LONGEST_NS:
+        raise ValueError("it says that it is longer than two days")
     peaks = np.zeros(((last_ns - first_ns) // BUCKET_NS + 1, 2), np.float32)
     with WavReader(folder / track.file_name) as wav:
-        # Blocks that follow one another without a gap are read together: there are thousands.
-        for stamp_ns, first, count, rate in sound_runs(track.blocks, within_ns=BUCKET_NS // 2):
+        for stamp_ns, first, count, rate in runs:
             for at, samples in wav.read(first, count):
                 offsets_ns = (at - first + np.arange(len(samples), dtype=np.int64)) * 1_000_000_000 // rate
                 buckets = (stamp_ns - first_ns + offsets_ns) // BUCKET_NS
@@ -158,10 +160,17 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
     return Waveform(track.source, first_ns, BUCKET_NS, peaks)
 
 
-def sound_runs(blocks: list[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:
-    """Blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz), joined where the next one begins where the last
-    one ended, in the file and (to ``within_ns``) in time.
+def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:
+    """Pieces of a sound file that keep time, from blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz).
+
+    One piece where a moment of the session is found by its seconds in the file, to ``within_ns``, as the recorder
+    writes them. Elsewhere blocks are joined that follow one another in the file and in time.
     """
+    begins_ns = sorted(stamp_ns - first * 1_000_000_000 // rate for stamp_ns, first, _, rate in blocks)
+    begin_ns = begins_ns[len(begins_ns) // 2]
+    unrest_ns = max(begin_ns - begins_ns[0], begins_ns[-1] - begin_ns)
+    if unrest_ns <= within_ns and len({rate for *_, rate in blocks}) == 1:
+        return [(begin_ns, 0, max(first + count for _, first, count, _ in blocks), blocks[0][3])]
     runs: list[tuple[int, int, int, int]] = []
     for block in sorted(blocks, key=lambda block: block[1]):
         if runs:
