@@ -54,9 +54,12 @@ class ReplayPlayer(QObject):
         self._name_of = name_of
         self._frame_times = frame_times
         self._generation = 0
-        self._framed = 0
         self._awaits_situation = False
         self._ticks = 0
+        # Whoever looks chooses the camera; until then it is the one that the wizard saw.
+        self._camera_chosen = False
+        self._showing_status = False
+        state.camera.changed.connect(self._on_camera_changed)
         self.playback = LiveValue(PlaybackStatus(session.folder.name, clock.start_ns, clock.end_ns), self)
         self._situation_ready.connect(self._on_situation, Qt.ConnectionType.QueuedConnection)
         self._frame_ready.connect(self._on_frame, Qt.ConnectionType.QueuedConnection)
@@ -164,13 +167,29 @@ class ReplayPlayer(QObject):
 
     def _take_value(self, value: Any) -> None:
         if isinstance(value, FrameRef):
+            if self._state.camera.value not in ("", value.camera):
+                return
             self._video.show(self._generation, value, self._clock.rate if self._clock.playing else 1.0)
         elif isinstance(value, StatusShown):
             self._take_status(value)
         else:
             self._state.take(value)
 
+    def _on_camera_changed(self, _camera: str) -> None:
+        if not self._showing_status:
+            self._camera_chosen = True
+            self._jump()
+
     def _take_status(self, shown: StatusShown) -> None:
+        if shown.name == "camera" and self._camera_chosen:
+            return
+        self._showing_status = True
+        try:
+            self._put_status_back(shown)
+        finally:
+            self._showing_status = False
+
+    def _put_status_back(self, shown: StatusShown) -> None:
         if shown.name == "recording":
             shown = replace(shown, content={**shown.content, "folder": None})
         show_status(self._state, shown, name_of=self._name_of)
@@ -193,10 +212,13 @@ class ReplayPlayer(QObject):
         self._state.time_jumped.emit(situation.events)
         for value in values:
             self._take_value(value)
-        frames = [ref for ref in situation.frames if not _was_lost(ref, situation.lost_ns)]
+        wanted = self._state.camera.value
+        frames = [
+            ref for ref in situation.frames if wanted in ("", ref.camera) and not _was_lost(ref, situation.lost_ns)
+        ]
         if not frames:
             self._state.frame.clear()
-        for ref in frames:
+        for ref in frames[-1:]:
             self._video.show(self._generation, ref, 1.0)
         self._awaits_situation = False
         self._state.check_freshness()
@@ -205,12 +227,9 @@ class ReplayPlayer(QObject):
     def _on_frame(self, generation: int, ref: FrameRef) -> None:
         if generation != self._generation:
             return
-        newest: FrameRef | None = self._state.frame.value if self._generation == self._framed else None
-        self._framed = generation
+        self._showing_status = True  # the first picture names the camera
         self._state.take(ref)
-        if newest is not None and newest.camera != ref.camera and newest.stamp_ns > ref.stamp_ns:
-            # Cameras are decoded side by side; the newest frame is the last on show, as it was live.
-            self._state.take(newest)
+        self._showing_status = False
 
     def _on_failed(self, why: str) -> None:
         self._clock.pause()

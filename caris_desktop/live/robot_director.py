@@ -297,6 +297,7 @@ class RobotDirector(QObject):
 
     def _forget_robot(self) -> None:
         self._state.clear_robot_streams()
+        self._state.forget_cameras()
         self._state.map.clear()
         if not self._own_camera:
             self._state.frame.clear()

@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LinkChanged, LinkQuality
+from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -132,7 +133,8 @@ class LiveState(QObject):
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus.
+    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus. ``cameras`` are the names of those that send
+    pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -176,6 +178,8 @@ class LiveState(QObject):
         self.traffic = LiveValue({}, self)
         self.gamepad = LiveValue(GamepadStatus(), self)
         self.marks = LiveValue(MarksStatus(), self)
+        self.cameras = LiveValue((), self)
+        self.camera = LiveValue("", self)
         self.microphone = LiveValue(MicrophoneStatus(), self)
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
@@ -188,6 +192,10 @@ class LiveState(QObject):
     def take(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
+        if isinstance(value, FrameRef):
+            self._note_camera(value.camera)
+        if isinstance(value, (FrameRef, People)) and self.camera.value not in ("", value.camera):
+            return
         if isinstance(value, LinkQuality):
             for stream in self._streams.values():
                 stream.robot_clock = value
@@ -195,6 +203,24 @@ class LiveState(QObject):
             self.event_happened.emit(value)
         else:
             self._streams[spec.name].update_value(value)
+
+    def choose_camera(self, name: str) -> None:
+        """Show another camera's picture from now on; its age and its people are those that count."""
+        if name in self.cameras.value and name != self.camera.value:
+            self.frame.clear()
+            self.people.clear()
+            self.camera.set(name)
+
+    def forget_cameras(self) -> None:
+        """Another robot has others."""
+        self.cameras.set(())
+        self.camera.set("")
+
+    def _note_camera(self, name: str) -> None:
+        if name not in self.cameras.value:
+            self.cameras.set((*self.cameras.value, name))
+        if not self.camera.value:
+            self.camera.set(name)
 
     def check_freshness(self) -> None:
         for stream in self._streams.values():

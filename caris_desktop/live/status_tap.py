@@ -50,6 +50,8 @@ STATUS_TYPES: dict[str, Any] = {
     "traffic": dict[str, TrafficMeasured],
     "gamepad": GamepadStatus,
     "marks": MarksStatus,
+    "cameras": tuple[str, ...],
+    "camera": str,
     "microphone": MicrophoneStatus,
 }
 

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from PySide6.QtCore import QEvent, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QVBoxLayout, QWidget
 
@@ -84,6 +84,7 @@ _ROOMY = QSize(1680, 1000)
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
+_PANELS_AND_TIMELINE_PX = (540, 300)
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
 
@@ -252,11 +253,15 @@ class MainWindow(QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
+        self.actions_table.keep_only(("Window",))
+        self.actions_table.rebuild(self._console.scenario)
+        self._top_bar.show_replay()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
         bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
         self._middle.addWidget(timeline)
-        self._middle.setStretchFactor(0, 3)
-        self._middle.setStretchFactor(1, 1)
+        self._middle.setStretchFactor(0, 1)
+        self._middle.setStretchFactor(1, 0)
+        self._middle.setSizes(list(_PANELS_AND_TIMELINE_PX))
         outer = self.layout()
         if isinstance(outer, QVBoxLayout):
             outer.insertWidget(outer.indexOf(self._status_bar), bar)
@@ -936,6 +941,14 @@ class MainWindow(QWidget):
 
 
 def _bring_up(window: QWidget) -> None:
+    parent = window.parentWidget()
+    if parent is not None and not window.isVisible():
+        # A window manager would put it into a corner.
+        room = window.screen().availableGeometry()
+        place = window.geometry()
+        place.moveCenter(parent.frameGeometry().center())
+        place.moveTopLeft(QPoint(max(room.left(), place.left()), max(room.top() + _FRAME.height(), place.top())))
+        window.move(place.topLeft())
     window.show()
     window.raise_()
     window.activateWindow()

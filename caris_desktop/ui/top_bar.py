@@ -77,7 +77,8 @@ class TopBar(QWidget):
         self.stretch_button.hide()
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
-        error = ActionButton(theme, "Wizard error")
+        self._in_replay = False
+        error = self._error = ActionButton(theme, "Wizard error")
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
         error.setToolTip("Mark that something went wrong on the wizard's side, for the analysis")
@@ -120,6 +121,13 @@ class TopBar(QWidget):
         self.show_scenario()
         self._style()
         self._on_drive_changed(console.state.drive.value)
+
+    def show_replay(self) -> None:
+        """Only what a replay can do: a second red button could be taken for that of the robot which drives now."""
+        self._in_replay = True
+        self.scenario_button.setEnabled(False)
+        for button in (self.record_button, self.mark_button, self.stretch_button, self._error, self.emergency):
+            button.hide()
 
     def show_scenario(self) -> None:
         self.scenario_button.set_label(self._console.scenario.title)
@@ -189,7 +197,7 @@ class TopBar(QWidget):
         """The newest stretch that goes on, so that none is forgotten."""
         status: MarksStatus = self._console.state.marks.value
         if self.stretch_button.isHidden() == bool(status.open):
-            self.stretch_button.setVisible(bool(status.open))
+            self.stretch_button.setVisible(bool(status.open) and not self._in_replay)
             self._make_room()
         if not status.open:
             return

@@ -92,7 +92,8 @@ def _newest(made: MadeSession, kind: type[Any], at_ns: int, **fields: Any) -> An
 
 def _shows_frame_of(console: ReplayConsole, at_ns: int, made: MadeSession) -> bool:
     shown: FrameRef | None = console.state.frame.value
-    return shown is not None and shown.stamp_ns == _newest(made, FrameRef, at_ns).stamp_ns
+    camera = console.state.camera.value
+    return shown is not None and shown.stamp_ns == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
 
 
 def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
@@ -245,3 +246,14 @@ def test_the_clock_runs_stands_and_stops_at_the_end() -> None:
     assert clock.position_ns() == 10_100
     clock.set_rate(0.001)
     assert clock.rate == 0.1
+
+
+def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+    console = open_replay()
+    at_ns = made.plan.started_ns + 5 * SECOND_NS
+    for camera in ("front", "rear"):
+        console.state.cameras.set(("front", "rear"))
+        console.state.choose_camera(camera)
+        console.seek(at_ns)
+        qtbot.waitUntil(lambda: _newest_of(console, camera) is not None, timeout=5_000)  # noqa: B023 - used at once
+        assert _newest_of(console, camera) == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns

@@ -5,7 +5,7 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.sensing import FrameRef, Odometry
 from caris_desktop.live.state import LiveState
 
 S = 1_000_000_000
@@ -60,3 +60,21 @@ def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, l
     age_s = state.odometry.age_s()
     assert age_s is not None
     assert 0.0 <= age_s < 0.4
+
+
+def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
+    for camera, sequence in (("front", 1), ("rear", 1), ("front", 2), ("rear", 2)):
+        state.take(FrameRef(clock.now_ns(), None, camera, "ring", 0, sequence, 64, 48))
+    assert (state.cameras.value, state.camera.value) == (("front", "rear"), "front")
+    assert (state.frame.value.camera, state.frame.value.sequence) == ("front", 2)
+    state.choose_camera("rear")
+    assert state.frame.value is None, "the other camera's picture is not the new one's"
+    state.take(FrameRef(clock.now_ns(), None, "front", "ring", 0, 3, 64, 48))
+    assert state.frame.freshness == "none", "that the other one is alive does not make this one fresh"
+    state.take(FrameRef(clock.now_ns(), None, "rear", "ring", 0, 3, 64, 48))
+    assert state.frame.value.camera == "rear"
+    state.choose_camera("ceiling")
+    assert state.camera.value == "rear"
+    state.forget_cameras()
+    state.take(FrameRef(clock.now_ns(), None, "head", "ring", 0, 1, 64, 48))
+    assert (state.cameras.value, state.camera.value) == (("head",), "head")

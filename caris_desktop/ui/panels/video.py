@@ -17,9 +17,10 @@ from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, ring_px, spot_at
 
@@ -131,6 +132,8 @@ class VideoPanel(Panel):
             self._photo = ActionButton(self.theme, "Photo", icon="camera", height_px=30)
             self._photo.setObjectName("photo_button")
             self._photo.bind(self.table, "photo")
+        self._cameras = DropDown(self.theme, "video_camera", "Which camera is shown")
+        self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
         self._photo_until_s = 0.0
         self._ended = ("", 0.0)
@@ -150,10 +153,13 @@ class VideoPanel(Panel):
         state.drive.changed.connect(self._on_drive_changed)
         state.link.changed.connect(self._on_link_changed)
         state.event_happened.connect(self._on_event)
+        state.cameras.changed.connect(self._on_cameras_changed)
+        state.camera.changed.connect(self._on_cameras_changed)
         self.table.keys_changed.connect(self._refresh)
         self._facts = QTimer(self, interval=250)
         self._facts.timeout.connect(self._refresh)
         self._facts.start()
+        self._on_cameras_changed(None)
         self._on_persons_changed(state.persons.value)
         if state.frame.value is not None:
             self._on_frame_changed(state.frame.value)
@@ -161,7 +167,18 @@ class VideoPanel(Panel):
         self._refresh()
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._photo] if self._photo is not None else []
+        return [self._cameras, *([self._photo] if self._photo is not None else [])]
+
+    def _on_cameras_changed(self, _value: object) -> None:
+        names: tuple[str, ...] = self.state.cameras.value
+        self._cameras.clear()
+        for name in names:
+            self._cameras.addItem(name.replace("_", " ").capitalize(), name)
+        self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
+        show_part(self._cameras, len(names) > 1)
+
+    def _on_camera_chosen(self, index: int) -> None:
+        self.state.choose_camera(str(self._cameras.itemData(index)))
 
     def focus_target(self) -> QWidget:
         return self.view
