@@ -381,7 +381,7 @@ class SessionStarted:
 
 @dataclass(frozen=True, slots=True)
 class SessionEnded:
-    """Recording ended; ``reason`` is wizard, console_closed, disk_full or recovered."""
+    """Recording ended; ``reason`` is wizard, console_closed, disk_full, disk_failed or recovered."""
 
     stamp_ns: int
     folder: str

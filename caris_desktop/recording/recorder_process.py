@@ -95,7 +95,7 @@ class _Recorder:
         if session is not None:
             session.tick()
             if session.full:
-                self._stop_for_full_disk(session)
+                self._give_up(session)
             elif time.monotonic_ns() - self._reported_ns >= _REPORT_EVERY_NS:
                 self._send_report(session.status())
         return True
@@ -169,16 +169,9 @@ class _Recorder:
         self._send_report(replace(session.status(), state="idle"))
         self._finish(session)
 
-    def _stop_for_full_disk(self, session: SessionRecorder) -> None:
-        what = "The disk is full."
-        session.problem(
-            "error",
-            what,
-            "The recording has ended; everything up to now is kept. Driving and speaking still work.",
-            "Free some room, or choose another study folder, then record again.",
-        )
+    def _give_up(self, session: SessionRecorder) -> None:
         self._session = None
-        session.end("disk_full")
+        what = session.give_up()
         self._send_report(replace(session.status(), state="failed", detail=what))
         self._finish(session)
 

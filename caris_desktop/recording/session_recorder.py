@@ -53,8 +53,8 @@ class SessionRecorder:
     """Writes one session folder. One thread, except :meth:`finish`.
 
     ``report`` takes the events that the recorder makes itself, after they were written. ``full`` turns True when the
-    disk is, and the room that was kept for the events too: whoever drives the recorder then closes it. ``offer``
-    takes whatever is written to the log, for those who listen in.
+    disk takes no more, not even in the room that was kept for the events: whoever drives the recorder then closes it.
+    ``offer`` takes whatever is written to the log, for those who listen in.
     """
 
     def __init__(
@@ -70,6 +70,7 @@ class SessionRecorder:
         """Raises OSError when the folder cannot be used."""
         self.folder = start.folder
         self.full = False
+        self._broken: OSError | None = None
         self.started_ns = clock.now_ns()
         self.dropped: Counter[str] = Counter()
         self._header = start.header
@@ -81,6 +82,7 @@ class SessionRecorder:
         self._audio_permitted = start.audio
         self._video_ended = self._audio_ended = False
         self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
+        self._spared_because = ""
         self._lowered: dict[str, int] = {}
         self._told_lowered: set[str] = set()
         self._pauses: list[list[int | None]] = []
@@ -291,13 +293,28 @@ class SessionRecorder:
         finally:
             self._lock.release()
 
+    def give_up(self) -> str:
+        """Once ``full``: tell why nothing more can be recorded, and end. What happened, in words for the report."""
+        error = self._broken
+        what = "The disk is full." if error is None else f"The disk failed: {error.strerror or error}."
+        self.problem(
+            "error",
+            what,
+            "The recording has ended; everything up to now is kept. Driving and speaking still work.",
+            "Free some room, or choose another study folder, then record again."
+            if error is None
+            else "Choose a study folder on another disk, then record again.",
+        )
+        self.end("disk_full" if error is None else "disk_failed")
+        return what
+
     # Values on their way to the disk
 
     def _write_frame(self, spec: StreamSpec, ref: FrameRef, arrived_ns: int) -> None:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            self._miss(spec.name, f"{ref.camera}: left out to keep up")
+            self._miss(spec.name, f"{ref.camera}: left out, as {self._spared_because or 'encoding takes too long'}")
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
@@ -362,6 +379,7 @@ class SessionRecorder:
     def _on_write_error(self, error: OSError) -> None:
         if not self.full:
             _log.error("recording: %s", error)
+            self._broken = None if no_room(error) else error
         self.full = True
 
     def _make_room(self) -> bool:
@@ -392,14 +410,14 @@ class SessionRecorder:
             troubles.append("the disk is full: events only, in the room kept for them")
         elif self._video_ended:
             troubles.append("video ended: the disk is nearly full")
+        elif self._spared_because:
+            troubles.append(f"every second frame is recorded: {self._spared_because}")
         else:
             troubles += [
                 f"{camera}: every {_ORDINALS.get(step, f'{step}th')} frame is recorded"
                 for camera, step in self._lowered.items()
                 if step > 1
             ]
-        if self._disk.state.slow:
-            troubles.append("the disk is slow")
         return troubles
 
     # Pictures
@@ -476,7 +494,9 @@ class SessionRecorder:
         self._tell_disk(disk)
         if (before.slow, before.stage) != (disk.slow, disk.stage):
             _log.info("disk: %s", disk)
-        self._media.limit_rate(2 if disk.slow or disk.stage in ("low", "out") else 1)
+        nearly_full = disk.stage in ("low", "out")
+        self._spared_because = "the disk is nearly full" if nearly_full else "the disk is slow" if disk.slow else ""
+        self._media.limit_rate(2 if self._spared_because else 1)
         if self._log_sync.disk_full or self._media_sync.disk_full:
             self._on_reserve = True
 

@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +126,8 @@ def feed(
     assert recorder.process.pid is not None
     pictures = moving_pictures(*SIZE_PX)
     tone = (np.sin(np.arange(RATE_HZ) * 2 * np.pi * 440 / RATE_HZ) * 8000).astype(np.int16)[:, None]
+    noise = np.random.default_rng(2).normal(0.0, 0.01, (40, 720))
+    scans = [(scan().ranges_m + row).astype(np.float32) for row in noise]
     numbers: Counter[str] = Counter()
     sound_ns = clock.now_ns()
 
@@ -152,7 +154,7 @@ def feed(
     sources: list[tuple[float, Callable[[], Any]]] = [
         *((1 / 30, lambda camera=camera: frame(camera)) for camera in CAMERAS),
         *((1 / 10, lambda camera=camera: people(camera)) for camera in CAMERAS),
-        (1 / 20, scan),
+        (1 / 20, lambda: replace(scan(), ranges_m=scans[number("scan") % len(scans)])),
         (1 / 20, lambda: pose(number("pose") / 100)),
         (1 / 20, lambda: Odometry(clock.now_ns(), 1, Pose2D(number("odom") / 100, 2.0, 0.1), Twist2D(0.3, 0.0, 0.1))),
         (1 / 20, lambda: command(number("command"))),

@@ -237,3 +237,21 @@ def test_the_report_tells_how_fast_the_session_grows_and_how_long_the_disk_lasts
     assert report.free_bytes is not None
     assert report.room_s is not None
     assert 0 < report.room_s <= 1.01 * report.free_bytes / report.bytes_per_s
+
+
+def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(tmp_path: Path) -> None:
+    ring = FrameRing.create(640 * 480 * 3)
+    recorder = RecorderUnderTest(ring, limits=DiskLimits(lower_video_free_bytes=1 << 60))
+    recorder.send(driving.start(tmp_path / "s"))
+    assert recorder.wait_for(Problem).what.startswith("The disk is filling up:")
+    feed_frames(recorder, ring, 10, period_s=1 / 30)
+    recorder.send(mark("all the same"))
+    report = recorder.stop_session()
+    recorder.close()
+    ring.close()
+    assert report.detail == "every second frame is recorded: the disk is nearly full"
+    assert report.dropped == {"frame": 5}
+    ((_, _, gap),) = messages(tmp_path / "s", "/event/gap")
+    assert gap["reason"] == "front: left out, as the disk is nearly full"
+    assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 5
+    assert len(messages(tmp_path / "s", "/event/marked")) == 1
