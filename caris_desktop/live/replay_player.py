@@ -9,7 +9,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
-from caris_desktop.domain.sensing import FrameRef, StatusShown
+from caris_desktop.domain.sensing import FrameRef, People, StatusShown
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_feed import ReplayFeed, Situation
@@ -212,7 +212,7 @@ class ReplayPlayer(QObject):
         self._state.time_jumped.emit(situation.events)
         for value in values:
             self._take_value(value)
-        wanted = self._state.camera.value
+        wanted = self._state.camera.value or _camera_of_people(values)
         frames = [
             ref for ref in situation.frames if wanted in ("", ref.camera) and not _was_lost(ref, situation.lost_ns)
         ]
@@ -251,3 +251,8 @@ def _was_lost(value: Any, lost_ns: dict[str, int]) -> bool:
     """Whether the link that brings values of this stream was gone after this one."""
     name = BY_TYPE[type(value)].name
     return any(value.stamp_ns < at_ns and name in STREAMS_OF_LINK.get(link, ()) for link, at_ns in lost_ns.items())
+
+
+def _camera_of_people(values: list[Any]) -> str:
+    """Recordings of before a camera could be chosen: the one in which people were looked for."""
+    return next((value.camera for value in values if isinstance(value, People)), "")
