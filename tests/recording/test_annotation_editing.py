@@ -159,9 +159,20 @@ def test_merging_documents_keeps_everything_apart() -> None:
 
 def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
     document = coded((0, 10))
-    taken = editing.take_over(document, coded((0, 10), (20, 30)))
+    others = coded((0, 10), (20, 30))
+    elsewhere = dataclasses.replace(
+        others,
+        tiers=tuple(dataclasses.replace(tier, tier_id=f"eaf-{tier.tier_id}") for tier in others.tiers),
+        annotations=tuple(dataclasses.replace(item, tier_id=f"eaf-{item.tier_id}") for item in others.annotations),
+    )
+    taken = editing.take_over(document, elsewhere)
     assert [tier.name for tier in taken.tiers] == ["Motion", "Gaze", "Gaze (2)"]
     assert len(taken.annotations) == len(document.annotations) + 2
+    # What went out from here and was changed elsewhere comes back to its place.
+    both = editing.add_tier(document, "Below", "anna")
+    assert editing.take_over(both, both) == both
+    assert spans_of(editing.take_over(both, others)) == [(0, 10), (20, 30)]
+    assert [tier.name for tier in editing.take_over(both, others).tiers] == ["Motion", "Gaze", "Below"]
     with pytest.raises(AnnotationError, match="no tiers of a coder"):
         editing.take_over(document, RECORD)
     late = dataclasses.replace(coded(), duration_ms=0)

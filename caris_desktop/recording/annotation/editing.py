@@ -330,13 +330,22 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
 
 
 def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
-    """``document`` with the coders' tiers of ``imported`` below its own; tiers from the record are not taken.
+    """``document`` with the coders' tiers of ``imported``; tiers from the record are not taken.
 
-    A tier whose name its coder has already gets a number, and so do ids. Raises AnnotationError where there is
-    nothing to take, or where it does not fit the session.
+    A tier that came from here (its coder and its id are the same) takes the place of what it was. Others come below;
+    where their coder has a tier of that name already, they get a number, and so do ids. Raises AnnotationError where
+    there is nothing to take, or where it does not fit the session.
     """
+    known = {(tier.coder, tier.tier_id) for tier in document.tiers}
+    order = {tier.tier_id: number for number, tier in enumerate(document.tiers)}
+    back = {tier.tier_id for tier in imported.tiers if tier.coder and (tier.coder, tier.tier_id) in known}
+    rest = replace(
+        document,
+        tiers=tuple(tier for tier in document.tiers if tier.tier_id not in back),
+        annotations=tuple(item for item in document.annotations if item.tier_id not in back),
+    )
     tiers: list[Tier] = []
-    taken = {(tier.coder, tier.name) for tier in document.tiers}
+    taken = {(tier.coder, tier.name) for tier in rest.tiers}
     for tier in imported.tiers:
         if tier.coder:
             name, number = tier.name, 2
@@ -353,9 +362,14 @@ def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> Ann
         tuple(item for item in imported.vocabularies if item.name in used),
         tuple(item for item in imported.annotations if item.tier_id in mine),
     )
-    merged = replace(merge_documents(document, coded), duration_ms=document.duration_ms)
+    merged = merge_documents(rest, coded)
+    merged = replace(
+        merged,
+        tiers=tuple(sorted(merged.tiers, key=lambda tier: order.get(tier.tier_id, len(order)))),
+        duration_ms=document.duration_ms,
+    )
     check_document(merged)
-    return merged
+    return sorted_document(merged)
 
 
 def add_tiers_like(
