@@ -1,0 +1,1 @@
+"""Tests of random access to recorded sessions."""
