@@ -77,7 +77,9 @@ def main() -> None:
                 "seconds": round(wall_s, 1),
                 "cpu_percent_of_one_core": round(100 * cpu_s / wall_s, 1),
                 "memory_mb": round(memory_bytes / 1e6),
-                "video_mb_per_hour": round(sizes["video-front.mp4"] / wall_s * 3600 / 1e6),
+                "video_mb_per_hour": round(
+                    sum(size for name, size in sizes.items() if name.endswith(".mp4")) / wall_s * 3600 / 1e6
+                ),
                 "events_mb_per_hour": round(sizes["events.mcap"] / wall_s * 3600 / 1e6),
                 "dropped": report.dropped,
             }

@@ -1,5 +1,6 @@
 """The recorder as it runs: a process of its own, fed over its pipe; judged by what is on disk."""
 
+import csv
 import itertools
 import json
 import os
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import wave
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,7 +38,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import OccupancyGrid, People, PersonBox
+from caris_desktop.domain.sensing import AudioChunk, OccupancyGrid, People, PersonBox
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
 from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.messages import (
@@ -298,9 +300,11 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     recorder.wait_for(RecorderReport)
     kill_after_s = random.Random(seed).uniform(1.0, 2.5)  # noqa: S311 - when to kill, no secret
     begun_s, number, first_frame_ns, frame_ns, sent_ns = time.monotonic(), 0, 0, 0, 0
+    first_ns = clock.now_ns()
     while time.monotonic() - begun_s < kill_after_s:
         sent_ns = clock.now_ns()
         recorder.send(Marked(sent_ns, str(number)), scan())
+        recorder.send(AudioChunk(sent_ns, "microphone", 16_000, np.ones((256, 1), np.int16)))
         if number % 4 == 0:
             frame_ns = clock.now_ns()
             first_frame_ns = first_frame_ns or frame_ns
@@ -312,14 +316,22 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     os.kill(recorder.process.pid, signal.SIGKILL)
     recorder.process.join()
 
+    # As it lies there, before anything is repaired.
     assert json.loads((tmp_path / "s" / "session.json").read_text())["ended_ns"] is None
+    times_s, _ = video_times_s(tmp_path / "s" / "video-front.mp4")
+    with (tmp_path / "s" / "video-front.frames.csv").open(newline="") as file:
+        shown_s = [float(row["video_s"]) for row in csv.DictReader(file)]
+    assert shown_s == pytest.approx(times_s[: len(shown_s)], abs=1e-4)
+    assert len(times_s) - len(shown_s) <= 15
+    with wave.open(str(tmp_path / "s" / "audio-microphone.wav")) as sound:
+        assert (sent_ns - first_ns) / 1e9 - sound.getnframes() / 16_000 < 1.0
+
     session = open_session(tmp_path / "s")
     assert not session.closed_properly
     marks = [value for _, value in session.values("event/marked")]
     assert [value.label for value in marks] == [str(index) for index in range(len(marks))]
     assert sent_ns - marks[-1].stamp_ns < 1e9
     assert sent_ns - session.ended_ns < 1e9
-    times_s, _ = video_times_s(tmp_path / "s" / "video-front.mp4")
     assert (frame_ns - first_frame_ns) / 1e9 - times_s[-1] < 2.0
 
 
