@@ -72,7 +72,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     _format("csv", "Tables (CSV)", "One tidy table for each kind of value and event, with a data dictionary."),
     _format("parquet", "Tables (Parquet)", "The same tables, typed, for pandas, R and DuckDB."),
     _format("eaf", "ELAN", "A project with media, tiers and controlled vocabularies; opens in ELAN by double click."),
-    _format("textgrid", "Praat TextGrid", "The tiers for Praat."),
+    _format("textgrid", "Praat TextGrid", "The tiers for Praat, by the session's time and by that of each sound file."),
     _format("vtt", "Captions (WebVTT)", "What was said, as captions of the video."),
     _format("rosbag2", "ROS bags", "Standard messages for ROS 2 (MCAP) and ROS 1."),
     _format("frames", "Learning data", "Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),

@@ -109,6 +109,18 @@ def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
     assert names(tmp_path / "out" / "two") == ["kept.txt"]
 
 
+def test_what_was_repaired_first_is_told(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(session, tmp_path / "cut")
+    header = json.loads((tmp_path / "cut" / "session.json").read_text())
+    header["ended_ns"] = header["reason"] = None
+    (tmp_path / "cut" / "session.json").write_text(json.dumps(header))
+    events = (tmp_path / "cut" / "events.mcap").read_bytes()
+    (tmp_path / "cut" / "events.mcap").write_bytes(events[: len(events) // 2])
+    assert run(tmp_path / "cut", "--to", "csv", tmp_path / "out") == 0
+    assert capsys.readouterr().err.startswith("cut: ")
+    assert is_whole(tmp_path / "out")
+
+
 def test_a_format_that_fails_costs_only_itself(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

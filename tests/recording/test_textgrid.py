@@ -1,9 +1,12 @@
 """TextGrids, as Praat itself reads them."""
 
 import itertools
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import parselmouth
 import pytest
 from parselmouth.praat import call
@@ -83,6 +86,23 @@ def test_praat_reads_the_tiers_of_the_record_and_of_the_coders(session: Path, tm
         if name != "Moments of marks":
             assert (intervals[0][0], intervals[-1][1]) == (0.0, LENGTH_S)
             assert all(before[1] == after[0] for before, after in itertools.pairwise(intervals))
+
+
+def test_a_sound_file_has_one_by_its_own_time_so_that_praat_shows_both(session: Path, tmp_path: Path) -> None:
+    shutil.copytree(session, tmp_path / "s")
+    header = json.loads((tmp_path / "s" / "session.json").read_text())
+    told = {"source": "microphone", "sample_rate_hz": 16_000, "channels": 1, "samples": 160_001}
+    first_ns = header["started_ns"] + 6 * S
+    header["audio"] = [{"file_name": "audio-microphone.wav", "first_stamp_ns": first_ns, **told}, {"file_name": 3}, 7]
+    (tmp_path / "s" / "session.json").write_text(json.dumps(header))
+    export_session(tmp_path / "s", "textgrid", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {FILE_NAME, "audio-microphone.TextGrid"}
+    path = tmp_path / "out" / "audio-microphone.TextGrid"
+    sound = parselmouth.Sound(np.zeros(160_001), 16_000)
+    assert parselmouth.read(str(path)).xmax == pytest.approx(sound.xmax, abs=1e-6)
+    tiers = tiers_of(path)
+    assert next(interval for interval in tiers["Robot speech"] if interval[2]) == (0.0, 1.5, "Welcome to the lab.")
+    assert "Moments of marks" not in tiers, "none lies in this sound"
 
 
 def test_a_session_in_which_nothing_happened_still_opens(tmp_path: Path) -> None:

@@ -3,9 +3,9 @@
 The long text format of https://www.fon.hum.uva.nl/praat/manual/TextGrid_file_formats.html, in UTF-8.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
@@ -19,55 +19,110 @@ _MARKS_TIER = "Moments of marks"
 
 @dataclass(frozen=True, slots=True)
 class _Interval:
-    """A stretch in whole milliseconds of the session."""
+    """A stretch in whole microseconds."""
 
-    start_ms: int
-    end_ms: int
+    start_us: int
+    end_us: int
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class _Tiers:
+    """Everything there is to write, in microseconds since the session began."""
+
+    intervals: tuple[tuple[str, list[_Interval]], ...]
+    moments: list[tuple[int, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """The time that one TextGrid covers: from ``first_us`` of the session on, for ``whole_us``."""
+
+    file_name: str
+    first_us: int
+    whole_us: int
+
+
 def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    """Fill the folder ``out`` (it exists and is empty): the session by its own time, and each sound file by its.
+
+    Praat shows a TextGrid below a sound when both begin and end together. Raises OSError, SessionError.
+    """
     from caris_desktop.recording.annotation.session_tiers import session_tiers
     from caris_desktop.recording.annotation.store import load_documents
 
     record = session_tiers(session, lambda fraction: context.progress(0.8 * fraction))
     coded = load_documents(session.folder, on_damaged=context.warn)
-    lasted_ms = -(-(session.ended_ns - session.started_ns) // 1_000_000)
-    ends_ms = [annotation.end_ms for document in (record, coded) for annotation in document.annotations]
-    whole_ms = max(1, lasted_ms, *ends_ms)
     names = _names(record, coded)
-    tiers = [
+    tiers = _Tiers(
+        tuple(
+            (
+                names[tier.tier_id],
+                [
+                    _Interval(one.start_ms * 1000, one.end_ms * 1000, one.value)
+                    for one in document.of_tier(tier.tier_id)
+                ],
+            )
+            for document in (record, coded)
+            for tier in document.tiers
+        ),
+        _moments(session),
+    )
+    ends_us = [interval.end_us for _, intervals in tiers.intervals for interval in intervals]
+    lasted_us = -(-(session.ended_ns - session.started_ns) // 1000)
+    spans = [_Span(FILE_NAME, 0, max(1, lasted_us, *ends_us)), *_sounds(session)]
+    for span in spans:
+        (out / span.file_name).write_text(_grid(tiers, span), encoding="utf-8", newline="\n")
+    context.progress(1.0)
+    return [out / span.file_name for span in spans]
+
+
+def _sounds(session: Session) -> Iterator[_Span]:
+    taken = {FILE_NAME.casefold()}
+    told = session.header.get("audio")
+    for row in told if isinstance(told, list) else ():
+        try:
+            name = f"{PurePath(row['file_name']).stem}.TextGrid"
+            first_us = (row["first_stamp_ns"] - session.started_ns) // 1000
+            whole_us = row["samples"] * 1_000_000 // row["sample_rate_hz"]
+        except (TypeError, KeyError, ZeroDivisionError):
+            # A header that somebody changed: the session's own TextGrid has everything.
+            continue
+        if whole_us > 0 and name.casefold() not in taken:
+            taken.add(name.casefold())
+            yield _Span(name, first_us, whole_us)
+
+
+def _grid(tiers: _Tiers, span: _Span) -> str:
+    whole_us = span.whole_us
+    written = [
         _interval_tier(
-            names[tier.tier_id],
-            [_Interval(one.start_ms, one.end_ms, one.value) for one in document.of_tier(tier.tier_id)],
-            whole_ms,
+            name,
+            [_Interval(one.start_us - span.first_us, one.end_us - span.first_us, one.text) for one in intervals],
+            whole_us,
         )
-        for document in (record, coded)
-        for tier in document.tiers
+        for name, intervals in tiers.intervals
     ]
-    moments = _moments(session, whole_ms)
+    moments = [(at_us - span.first_us, text) for at_us, text in tiers.moments]
+    moments = [(at_us, text) for at_us, text in moments if 0 <= at_us <= whole_us]
     if moments:
-        tiers.append(_point_tier(_MARKS_TIER, moments, whole_ms))
-    if not tiers:
-        # Praat opens no TextGrid without one.
-        tiers.append(_interval_tier("Session", [], whole_ms))
+        written.append(_point_tier(_MARKS_TIER, moments, whole_us))
+    if not written:
+        # Praat opens no TextGrid without a tier.
+        written.append(_interval_tier("Session", [], whole_us))
     lines = [
         'File type = "ooTextFile"',
         'Object class = "TextGrid"',
         "",
         "xmin = 0",
-        f"xmax = {_seconds(whole_ms)}",
+        f"xmax = {_seconds(whole_us)}",
         "tiers? <exists>",
-        f"size = {len(tiers)}",
+        f"size = {len(written)}",
         "item []:",
     ]
-    for number, tier in enumerate(tiers, start=1):
+    for number, tier in enumerate(written, start=1):
         lines += [f"    item [{number}]:", *(f"        {line}" for line in tier)]
-    path = out / FILE_NAME
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-    context.progress(1.0)
-    return [path]
+    return "\n".join(lines) + "\n"
 
 
 def _names(*documents: AnnotationDocument) -> dict[str, str]:
@@ -80,55 +135,56 @@ def _names(*documents: AnnotationDocument) -> dict[str, str]:
     }
 
 
-def _moments(session: Session, whole_ms: int) -> list[tuple[int, str]]:
+def _moments(session: Session) -> list[tuple[int, str]]:
     """The marks that are moments. Praat knows one point at a time: those of one millisecond become one."""
     moments: dict[int, str] = {}
+    last_us = (session.ended_ns - session.started_ns) // 1000
     for mark in final_marks(session):
         if mark.end_ns is None:
-            at_ms = min(max(round((mark.start_ns - session.started_ns) / 1e6), 0), whole_ms)
+            at_us = min(max(round((mark.start_ns - session.started_ns) / 1e6) * 1000, 0), last_us)
             text = f"{mark.label} ({mark.note})" if mark.note else mark.label
-            moments[at_ms] = f"{moments[at_ms]} | {text}" if at_ms in moments else text
+            moments[at_us] = f"{moments[at_us]} | {text}" if at_us in moments else text
     return sorted(moments.items())
 
 
-def _interval_tier(name: str, intervals: Iterable[_Interval], whole_ms: int) -> list[str]:
+def _interval_tier(name: str, intervals: Iterable[_Interval], whole_us: int) -> list[str]:
     """Its intervals follow one another without gaps, as Praat wants them: empty ones lie between those given."""
     filled: list[_Interval] = []
-    at_ms = 0
-    for interval in sorted(intervals, key=lambda interval: interval.start_ms):
-        start_ms, end_ms = max(interval.start_ms, at_ms), min(interval.end_ms, whole_ms)
-        if end_ms <= start_ms:
+    at_us = 0
+    for interval in sorted(intervals, key=lambda interval: interval.start_us):
+        start_us, end_us = max(interval.start_us, at_us), min(interval.end_us, whole_us)
+        if end_us <= start_us:
             continue
-        if start_ms > at_ms:
-            filled.append(_Interval(at_ms, start_ms, ""))
-        filled.append(_Interval(start_ms, end_ms, interval.text))
-        at_ms = end_ms
-    if at_ms < whole_ms:
-        filled.append(_Interval(at_ms, whole_ms, ""))
-    lines = [*_head("IntervalTier", name, whole_ms), f"intervals: size = {len(filled)}"]
+        if start_us > at_us:
+            filled.append(_Interval(at_us, start_us, ""))
+        filled.append(_Interval(start_us, end_us, interval.text))
+        at_us = end_us
+    if at_us < whole_us:
+        filled.append(_Interval(at_us, whole_us, ""))
+    lines = [*_head("IntervalTier", name, whole_us), f"intervals: size = {len(filled)}"]
     for number, interval in enumerate(filled, start=1):
         lines += [
             f"intervals [{number}]:",
-            f"    xmin = {_seconds(interval.start_ms)}",
-            f"    xmax = {_seconds(interval.end_ms)}",
+            f"    xmin = {_seconds(interval.start_us)}",
+            f"    xmax = {_seconds(interval.end_us)}",
             f"    text = {_quoted(interval.text)}",
         ]
     return lines
 
 
-def _point_tier(name: str, points: list[tuple[int, str]], whole_ms: int) -> list[str]:
-    lines = [*_head("TextTier", name, whole_ms), f"points: size = {len(points)}"]
-    for number, (at_ms, text) in enumerate(points, start=1):
-        lines += [f"points [{number}]:", f"    number = {_seconds(at_ms)}", f"    mark = {_quoted(text)}"]
+def _point_tier(name: str, points: list[tuple[int, str]], whole_us: int) -> list[str]:
+    lines = [*_head("TextTier", name, whole_us), f"points: size = {len(points)}"]
+    for number, (at_us, text) in enumerate(points, start=1):
+        lines += [f"points [{number}]:", f"    number = {_seconds(at_us)}", f"    mark = {_quoted(text)}"]
     return lines
 
 
-def _head(kind: str, name: str, whole_ms: int) -> list[str]:
-    return [f'class = "{kind}"', f"name = {_quoted(name)}", "xmin = 0", f"xmax = {_seconds(whole_ms)}"]
+def _head(kind: str, name: str, whole_us: int) -> list[str]:
+    return [f'class = "{kind}"', f"name = {_quoted(name)}", "xmin = 0", f"xmax = {_seconds(whole_us)}"]
 
 
-def _seconds(milliseconds: int) -> str:
-    return f"{milliseconds / 1000:.3f}"
+def _seconds(microseconds: int) -> str:
+    return f"{microseconds / 1e6:.6f}".rstrip("0").rstrip(".")
 
 
 def _quoted(text: str) -> str:
