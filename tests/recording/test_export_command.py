@@ -118,7 +118,7 @@ def test_what_was_repaired_first_is_told(session: Path, tmp_path: Path, capsys: 
     (tmp_path / "cut" / "events.mcap").write_bytes(events[: len(events) // 2])
     assert run(tmp_path / "cut", "--to", "csv", tmp_path / "out") == 0
     assert capsys.readouterr().err.startswith("cut: ")
-    assert is_whole(tmp_path / "out")
+    assert (tmp_path / "out" / "odometry.csv").is_file(), "what was saved is exported"
 
 
 def test_a_format_that_fails_costs_only_itself(
