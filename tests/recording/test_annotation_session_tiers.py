@@ -80,6 +80,7 @@ def test_marks_errors_and_notes(tmp_path: Path) -> None:
         Marked(at(25.0), "Confused", mark_id="d", end_ns=at(25.0), note="at the arm"),
         Marked(at(21.0), "Laughs", mark_id="e"),
         Marked(at(30.0), "slip", "wizard_error", mark_id="f"),
+        Marked(at(35.0), "", "wizard_error", mark_id="f2"),
         Marked(at(40.0), "", "note", mark_id="g", note="Asks twice"),
         Marked(at(41.0), "Laughs", mark_id="h"),
         Marked(at(42.0), "Laughs", mark_id="h", state="withdrawn"),
@@ -96,10 +97,10 @@ def test_marks_errors_and_notes(tmp_path: Path) -> None:
         (59_999, 60_000, "Laughs"),
     ]
     assert found["Wizard marks (2)"] == [(10_000, 10_200, "Confused"), (21_000, 21_200, "Laughs")]
-    assert found["Wizard errors"] == [(30_000, 30_200, "slip")]
+    assert found["Wizard errors"] == [(30_000, 30_200, "slip"), (35_000, 35_200, "unspecified")]
     assert found["Notes"] == [(20_000, 25_000, "at the arm"), (40_000, 40_200, "Asks twice")]
     assert vocabulary(document, "Wizard marks") == ["Laughs", "Confused", "Own label"]
-    assert vocabulary(document, "Wizard errors") == ["slip", "late", "wrong branch"]
+    assert vocabulary(document, "Wizard errors") == ["slip", "late", "wrong branch", "unspecified"]
     assert found["Scenario"] == [(0, 60_000, "Tour")]
 
 

@@ -52,6 +52,7 @@ from caris_desktop.recording.utterances import SpokenUtterance, spoken_of
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = "Wizard marks"
 ERRORS_VOCABULARY = "Wizard errors"
+UNNAMED = "unspecified"  # a mark that nobody named
 WIZARD_ERRORS = ("slip", "late", "wrong branch")
 MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
 _HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
@@ -218,10 +219,10 @@ class SessionRecord:
         marks = self.marks()
         labelled = [mark for mark in marks if mark.kind == "mark"]
         errors = [mark for mark in marks if mark.kind == "wizard_error"]
-        yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label) for mark in labelled], MARKS_VOCABULARY)
+        yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
         yield _Row(
             ERRORS_VOCABULARY,
-            [_of_mark(mark, mark.label) for mark in errors],
+            [_of_mark(mark, mark.label or UNNAMED) for mark in errors],
             ERRORS_VOCABULARY,
             participant="Wizard",
         )
