@@ -2,7 +2,7 @@
 -- Run in the folder of the statistics:  duckdb -init queries.sql
 
 -- The sessions, with what heads them.
-CREATE VIEW sessions AS
+CREATE TABLE sessions AS
 SELECT
     session,
     any_value(participant) AS participant,
@@ -19,7 +19,7 @@ FROM session
 GROUP BY session;
 
 -- When the recording was paused.
-CREATE VIEW pauses AS
+CREATE TABLE pauses AS
 WITH changes AS (
     SELECT session, stamp_ns, paused
     FROM event_recording_paused
@@ -43,7 +43,7 @@ FROM utterances
 WHERE said AND speaker IN ('participant', 'robot')
 WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
 
-CREATE VIEW responses AS
+CREATE TABLE responses AS
 SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
 FROM turns
 WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
@@ -62,7 +62,7 @@ FROM utterances
 WHERE said AND speaker IN ('participant', 'robot') AND origin != 'filler'
 WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
 
-CREATE VIEW content_responses AS
+CREATE TABLE content_responses AS
 SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
 FROM content_turns
 WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
@@ -89,7 +89,7 @@ SELECT
 FROM happened
 WINDOW following AS (PARTITION BY session ORDER BY at_ns, request);
 
-CREATE VIEW reactions AS
+CREATE TABLE reactions AS
 SELECT session, next_ns AS at_ns, (next_ns - at_ns) / 1e9 AS delay_s
 FROM moments
 WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= 30 * 1e9
@@ -153,7 +153,7 @@ FROM event_llm_exchange LEFT JOIN event_answer_used USING (session, exchange_id)
 GROUP BY session, exchange_id, outcome;
 
 -- One row for each session.
-CREATE VIEW measures AS
+CREATE TABLE measures AS
 WITH
 paused AS (SELECT session, sum(end_ns - start_ns) / 1e9 AS seconds FROM pauses GROUP BY session),
 response AS (SELECT session, count(*) AS n, median(delay_s) AS middle_s FROM responses GROUP BY session),

@@ -402,7 +402,7 @@ class _Study:
                 SheetItem(
                     "How were they trained?",
                     self._training_text(wizards),
-                    ("session.json of practice sessions",) if self._training(wizards) else (),
+                    ("session.json of practice sessions",),
                     "Training outside of the program; the criterion for being ready.",
                 ),
                 SheetItem(
@@ -453,10 +453,12 @@ class _Study:
         spread = Spread.of(recorded_s)
         length = f"{duration_text(sum(recorded_s))} in {_number(len(recorded_s), 'session')}"
         if spread is not None and spread.n > 1:
-            length += f"; {duration_text(spread.mean)} on average ({duration_text(spread.smallest)} to" \
-                      f" {duration_text(spread.largest)})"  # fmt: skip
+            span = f"{duration_text(spread.smallest)} to {duration_text(spread.largest)}"
+            same = duration_text(spread.smallest) == duration_text(spread.largest)
+            mean = duration_text(spread.mean)
+            length += f"; {mean} each" if same else f"; {mean} on average ({span})"
         left_out = len(self._practice)
-        if left_out:
+        if left_out and len(self._known) > 1:
             length += f"; {_number(left_out, 'practice session')} {_was(left_out)} left out"
         return SheetSection(
             "Study",
@@ -818,11 +820,16 @@ class _Study:
         lasted = self._training(wizards)
         if lasted:
             minutes = [sum(durations) for durations in lasted.values()]
-            all_of_them = len(lasted) == len(wizards)
-            who = "The wizard" if len(wizards) == 1 else "The wizards" if all_of_them else \
-                _number(len(lasted), "wizard").capitalize()  # fmt: skip
-            span = duration_text(minutes[0]) if len(minutes) == 1 else \
-                f"{duration_text(min(minutes))} to {duration_text(max(minutes))} each"  # fmt: skip
+            if len(wizards) == 1:
+                who = "The wizard"
+            elif len(lasted) == len(wizards):
+                who = "The wizards"
+            else:
+                who = f"{_word(len(lasted)).capitalize()} of the {_word(len(wizards))} wizards"
+            shortest, longest = duration_text(min(minutes)), duration_text(max(minutes))
+            span = shortest if len(minutes) == 1 else f"{shortest} each"
+            if shortest != longest:
+                span = f"{shortest} to {longest} each"
             yield f"{who} had practised with the program for {span} before the first session."
         else:
             yield "[Training of the wizard.]" if len(wizards) <= 1 else "[Training of the wizards.]"
