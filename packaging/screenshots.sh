@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Takes the pictures of README.md anew: rehearses both scenarios on a virtual screen and keeps one picture of each.
+# Takes the pictures of README.md anew: rehearses both scenarios on a virtual screen and keeps one picture of each, and one
+# of the tour in replay.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -21,4 +22,5 @@ keep() {
 
 keep tour-guide dark assistant
 keep mental-health-check light assistant
+.venv/bin/python packaging/replay_picture.py "$output/tour-guide/study/sessions/"* resources/screenshots/replay-dark.png dark
 rm -rf -- "$output"
