@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
@@ -166,7 +167,7 @@ def make_session(
     plan = plan or SessionPlan(**fields)
     folder.mkdir(parents=True)
     clock = _clock_of(plan)
-    videos = _write_videos(folder, plan, killed=killed)
+    videos = _begin_videos(folder, plan, killed=killed)
     log = EventLog(DiskFile(folder / "events.mcap"), anchor=clock.anchor, metadata={"program_version": "0.test"})
     plain = PlainFiles(folder, clock, on_full=lambda: False)
     audio = AudioWriter(folder, on_full=lambda: False)
@@ -200,7 +201,7 @@ def make_session(
             put(plan.ended_ns, block)
         log.close()
     plain.close()
-    _write_header(folder, plan, clock, videos, audio.infos(), counts=log.counts, killed=killed)
+    _write_header(folder, plan, clock, videos(), audio.infos(), counts=log.counts, killed=killed)
     if not killed:
         write_manifest(folder)
     return MadeSession(folder, plan, tuple(kept))
@@ -240,18 +241,28 @@ def _arrival(pair: tuple[int, Any]) -> int:
 
 def picture_of(camera_number: int, number: int, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     """A picture with its number in the upper third, in bars that survive any compression, and something that moves."""
-    width_px, height_px = size_px
-    image_bgr = np.empty((height_px, width_px, 3), np.uint8)
-    image_bgr[:] = ((np.arange(width_px) * 200 // width_px) + 20)[None, :, None]
-    image_bgr[:, :, camera_number % 3] = 90
-    bars_px = height_px // 3
-    for bit in range(_NUMBER_BITS):
-        left, right = bit * width_px // _NUMBER_BITS, (bit + 1) * width_px // _NUMBER_BITS
-        image_bgr[:bars_px, left:right] = 235 if number >> bit & 1 else 20
+    image_bgr = _background(camera_number, size_px).copy()
+    height_px, width_px = image_bgr.shape[:2]
+    bars = np.where(number >> _bit_of_column(width_px) & 1, 235, 20).astype(np.uint8)
+    image_bgr[: height_px // 3] = bars[None, :, None]
     side_px = max(4, height_px // 8)
     left = number * 2 % (width_px - side_px)
     image_bgr[height_px // 2 : height_px // 2 + side_px, left : left + side_px] = (40, 220, 240)
     return image_bgr
+
+
+@cache
+def _background(camera_number: int, size_px: tuple[int, int]) -> NDArray[np.uint8]:
+    width_px, height_px = size_px
+    image_bgr = np.empty((height_px, width_px, 3), np.uint8)
+    image_bgr[:] = ((np.arange(width_px) * 200 // width_px) + 20)[None, :, None]
+    image_bgr[:, :, camera_number % 3] = 90
+    return image_bgr
+
+
+@cache
+def _bit_of_column(width_px: int) -> NDArray[np.int64]:
+    return np.arange(width_px) * _NUMBER_BITS // width_px
 
 
 def number_in(image_bgr: NDArray[np.uint8]) -> int:
@@ -536,12 +547,20 @@ def _clock_of(plan: SessionPlan) -> SessionClock:
     return SessionClock(anchor, plan.started_ns)
 
 
-def _write_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> list[VideoInfo]:
+def _begin_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> Callable[[], list[VideoInfo]]:
+    """Write the videos, long ones beside everything else; the result waits for them."""
     jobs = [(folder, plan, camera, killed) for camera in plan.cameras]
-    if plan.seconds * plan.fps < 10_000 or len(jobs) < 2:
-        return [_write_video(*job) for job in jobs]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(_write_video, *zip(*jobs, strict=True)))
+    if plan.seconds * plan.fps < 10_000:
+        written = [_write_video(*job) for job in jobs]
+        return lambda: written
+    pool = ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    futures = [pool.submit(_write_video, *job) for job in jobs]
+
+    def wait() -> list[VideoInfo]:
+        with pool:
+            return [future.result() for future in futures]
+
+    return wait
 
 
 def _write_video(folder: Path, plan: SessionPlan, camera: str, killed: bool) -> VideoInfo:
