@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.eaf_import import read_eaf
+from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import (
     Annotation,
@@ -29,7 +29,7 @@ from caris_desktop.recording.annotation.model import (
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.store import load_documents, save_coder
 from caris_desktop.recording.export import export_session
-from caris_desktop.recording.exporters.eaf import eaf_text
+from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.told_session import at, heard, said, tell, tour
 from tests.support.recorded_session import make_session, number_in
@@ -343,6 +343,27 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
     assert old.entries[0].description == "a yes"
     taken = editing.take_over(AnnotationDocument(duration_ms=5000), document)
     assert len(taken.annotations) == 6
+
+
+def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> None:
+    """Somebody opened a video of the session in ELAN, and cut off its first 300 ms there."""
+    header = {
+        "started_ns": at(0.0),
+        "videos": [{"file_name": "video-front.mp4", "first_stamp_ns": at(2.5)}, {"file_name": "broken"}, 7],
+        "audio": [{"file_name": "audio-m.wav", "first_stamp_ns": at(1.0)}],
+    }
+    began_ms = media_began_ms_of(header)
+    assert began_ms == {"video-front.mp4": 2500, "audio-m.wav": 1000}
+    media = '<MEDIA_DESCRIPTOR MEDIA_URL="file:///C:/x%20y/video-front.mp4" MIME_TYPE="video/mp4" TIME_ORIGIN="300"/>'
+    path = tmp_path / "x.eaf"
+    path.write_text(FOREIGN.replace('"milliseconds"/>', f'"milliseconds">{media}</HEADER>'))
+    moved = read_eaf(path, coder="anna", media_began_ms=began_ms)
+    assert [item.start_ms for item in moved.of_tier("eaf-1")] == [3800, 4800, 5800]
+    assert read_eaf(path, media_began_ms={}).annotations[0].start_ms == 1000
+    # Our own export is in the session's time, though it links the same files.
+    ours = eaf_text(coded("anna"), media=[LinkedMedia("video-front.mp4", "video/mp4", 0, "")])
+    path.write_text(ours, encoding="utf-8")
+    assert read_eaf(path, media_began_ms=began_ms) == coded("anna")
 
 
 def test_a_file_that_elan_changed_keeps_what_is_ours(tmp_path: Path) -> None:

@@ -5,10 +5,12 @@ Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd; older versions with plain voc
 
 import json
 import logging
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
 from caris_desktop.recording.annotation.editing import (
@@ -35,8 +37,12 @@ _LATEST_MS = 2**32 - 1
 _log = logging.getLogger(__name__)
 
 
-def read_eaf(path: Path, *, coder: str = "") -> AnnotationDocument:
+def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] | None = None) -> AnnotationDocument:
     """Tiers, vocabularies and annotations of an .eaf, in milliseconds of the document.
+
+    Somebody may have coded a video of the session itself, not our export: ``media_began_ms`` (see
+    :func:`media_began_ms_of`) says when each of its files began, and a document about one of them is moved to the
+    session's time.
 
     ``coder`` is whose the tiers are that name no annotator; those that this program made from the record stay
     nobody's. Times that ELAN leaves open lie evenly between the known ones, annotations that refer to others take
@@ -55,9 +61,24 @@ def read_eaf(path: Path, *, coder: str = "") -> AnnotationDocument:
     if len(content) > _MAX_FILE_BYTES:
         raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
     try:
-        return _document(_parse(content), coder)
+        root = _parse(content)
+        return _document(root, coder, _moved_ms(root, media_began_ms or {}))
     except AnnotationError as error:
         raise AnnotationError(f"{path.name} cannot be taken over. {error}") from error
+
+
+def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
+    """For each video and sound file of a session, by its name: when it began, from what ``session.json`` says."""
+    began_ms: dict[str, int] = {}
+    for key in ("videos", "audio"):
+        rows = header.get(key)
+        for row in rows if isinstance(rows, list) else []:
+            try:
+                began_ns = int(row["first_stamp_ns"]) - int(header["started_ns"])
+                began_ms[str(row["file_name"])] = round(began_ns / 1e6)
+            except (KeyError, TypeError, ValueError) as error:
+                _log.warning("a file in the list of %s is left out: %r", key, error)
+    return began_ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +121,19 @@ def _parse(content: bytes) -> Element:
     return root
 
 
-def _document(root: Element, coder: str) -> AnnotationDocument:
+def _moved_ms(root: Element, began_ms: Mapping[str, int]) -> int:
+    """How much later the session's time is than the document's: by what it plays first, if that is a file of ours."""
+    if any(item.get("NAME") == PROPERTY for item in root.iterfind("HEADER/PROPERTY")):
+        return 0  # our own export, whose time is the session's
+    for media in root.iterfind("HEADER/MEDIA_DESCRIPTOR"):
+        name = unquote(media.get("MEDIA_URL", "")).replace("\\", "/").rpartition("/")[2]
+        origin = media.get("TIME_ORIGIN", "0")
+        if name in began_ms and re.fullmatch(r"-?[0-9]{1,10}", origin):
+            return began_ms[name] + int(origin)
+    return 0
+
+
+def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
     ours = _noted(root)
     vocabularies = {vocabulary.name: vocabulary for vocabulary in map(_vocabulary, root.iter("CONTROLLED_VOCABULARY"))}
     vocabulary_of_type = {
@@ -128,7 +161,7 @@ def _document(root: Element, coder: str) -> AnnotationDocument:
     annotations = []
     for item in items.values():
         tier = tiers[item.tier_name]
-        start_ms, end_ms = spans[item.xml_id]
+        start_ms, end_ms = (at_ms + moved_ms for at_ms in spans[item.xml_id])
         if end_ms <= start_ms:
             raise AnnotationError(f"An annotation of the tier “{tier.name}” at {time_text(start_ms)} has no length.")
         annotation_id = ours.annotations.get(item.xml_id, item.xml_id)
