@@ -44,6 +44,7 @@ _FLUSH_EVERY_NS = 450_000_000
 _SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
 _SECOND_NS = 1_000_000_000
 _DELAYS_WITHIN_S = 15.0
+_BEHIND_S = 2.0
 _LEAST_RESERVE_BYTES = 1024 * 1024
 _RESERVE_SHARE = 8
 _CLOSE_SYNC_S = 2.0
@@ -82,6 +83,8 @@ class SessionRecorder:
         self._audio_permitted = start.audio
         self._video_ended = self._audio_ended = False
         self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
+        self._behind_ns = 0
+        self._told_behind = False
         self._spared_because = ""
         self._lowered: dict[str, int] = {}
         self._told_lowered: set[str] = set()
@@ -132,7 +135,9 @@ class SessionRecorder:
         """Record one value of the stream table. ``arrived_ns`` is when the console got it; None: just now."""
         if self.paused:
             return
-        arrived_ns = clock.now_ns() if arrived_ns is None else arrived_ns
+        now_ns = clock.now_ns()
+        arrived_ns = now_ns if arrived_ns is None else arrived_ns
+        self._behind_ns = max(self._behind_ns, now_ns - arrived_ns)
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, "this kind is not in the stream table")
@@ -494,11 +499,31 @@ class SessionRecorder:
         self._tell_disk(disk)
         if (before.slow, before.stage) != (disk.slow, disk.stage):
             _log.info("disk: %s", disk)
-        nearly_full = disk.stage in ("low", "out")
-        self._spared_because = "the disk is nearly full" if nearly_full else "the disk is slow" if disk.slow else ""
+        behind_s, self._behind_ns = self._behind_ns / 1e9, 0
+        self._tell_behind(behind_s)
+        self._spared_because = (
+            "the disk is nearly full"
+            if disk.stage in ("low", "out")
+            else "the disk is slow"
+            if disk.slow
+            else "the recorder is behind"
+            if behind_s > _BEHIND_S
+            else ""
+        )
         self._media.limit_rate(2 if self._spared_because else 1)
         if self._log_sync.disk_full or self._media_sync.disk_full:
             self._on_reserve = True
+
+    def _tell_behind(self, behind_s: float) -> None:
+        if behind_s < _BEHIND_S or self._told_behind:
+            return
+        self._told_behind = True
+        self.problem(
+            "warning",
+            f"The recording is {behind_s:.1f} s behind.",
+            "What happens waits in memory and keeps its times; only pictures are left out, and counted.",
+            "Close other programs. If it lasts, record with fewer or smaller cameras.",
+        )
 
     def _live_on_reserve(self) -> None:
         """Events only, from now on."""

@@ -34,7 +34,8 @@ def video_file_name(camera: str, taken: set[str]) -> str:
 class VideoFile:
     """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``.
 
-    A line of the index is written when its frame is in the mp4, so that after a kill every line has its frame.
+    A line of the index is written when its frame is in the mp4, so that after a kill every line has its frame;
+    ``frames`` counts these, and ``last_stamp_ns`` is the stamp of the last.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class VideoFile:
 
         self.path = path
         self.encoder = encoder
+        self.taken = 0
         self.frames = 0
         self.first_stamp_ns = 0
         self.last_stamp_ns = 0
@@ -64,9 +66,9 @@ class VideoFile:
         self._clock = clock
         self._last_tick = -1
         self._last_key_tick = 0
-        # Lines of frames that the encoder still has, that the muxer still has, and how many are in the index.
-        self._encoding: deque[str] = deque()
-        self._muxed: list[str] = []
+        # Stamps and lines of frames that the encoder still has, and of those that the muxer still has.
+        self._encoding: deque[tuple[int, str]] = deque()
+        self._muxed: list[tuple[int, str]] = []
         self.file = DiskFile(path, on_full=on_full)
         try:
             self.index = DiskFile(path.with_suffix(".frames.csv"), on_full=on_full)
@@ -93,6 +95,7 @@ class VideoFile:
         Raises OSError, and PyAV's errors.
         """
         first = self._last_tick < 0
+        self.taken += 1
         if first:
             self.first_stamp_ns = ref.stamp_ns
         tick = max((ref.stamp_ns - self.first_stamp_ns) * TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
@@ -104,11 +107,10 @@ class VideoFile:
             self._last_key_tick = tick
         robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
         video_s = tick / TICKS_PER_S
-        self._encoding.append(
-            f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{self._clock.utc(ref.stamp_ns)},{ref.sequence}\n"
-        )
+        line = f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{self._clock.utc(ref.stamp_ns)},{ref.sequence}\n"
+        self._encoding.append((ref.stamp_ns, line))
         self._mux(self._stream.encode(frame))
-        self._last_tick, self.last_stamp_ns = tick, ref.stamp_ns
+        self._last_tick = tick
 
     def close(self) -> None:
         """Turn the file into a plain mp4. Raises OSError; the video then stays readable as fragments."""
@@ -136,7 +138,7 @@ class VideoFile:
     @property
     def lost(self) -> int:
         """Frames that were taken and, once it is closed or abandoned, are not in the file."""
-        return len(self._encoding) + len(self._muxed)
+        return self.taken - self.frames
 
     @property
     def written_bytes(self) -> int:
@@ -152,10 +154,11 @@ class VideoFile:
                 self._write_index(self._muxed[:-1])
                 del self._muxed[:-1]
 
-    def _write_index(self, lines: list[str]) -> None:
-        if lines:
-            self.index.write("".join(f"{self.frames + at},{line}" for at, line in enumerate(lines)).encode())
-            self.frames += len(lines)
+    def _write_index(self, frames: list[tuple[int, str]]) -> None:
+        if frames:
+            self.index.write("".join(f"{self.frames + at},{line}" for at, (_, line) in enumerate(frames)).encode())
+            self.frames += len(frames)
+            self.last_stamp_ns = frames[-1][0]
 
     def _close_files(self) -> None:
         self.file.close()
