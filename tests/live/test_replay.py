@@ -3,6 +3,7 @@
 import functools
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
+from caris_desktop.domain import streams
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
 from caris_desktop.live.playback_clock import PlaybackClock
@@ -19,6 +21,7 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import open_session
+from tests.recording import minute
 from tests.support.recorded_session import MadeSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
@@ -257,3 +260,30 @@ def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Re
         console.seek(at_ns)
         qtbot.waitUntil(lambda: _newest_of(console, camera) is not None, timeout=5_000)  # noqa: B023 - used at once
         assert _newest_of(console, camera) == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
+
+
+@dataclass(frozen=True, slots=True)
+class MoodAsked:
+    """An event type that nobody but this test knows."""
+
+    stamp_ns: int
+    mood: str
+
+
+def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
+    open_replay: Replay, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = streams.StreamSpec("event/mood_asked", MoodAsked, streams.Delivery.LOSSLESS)
+    monkeypatch.setitem(streams.BY_TYPE, MoodAsked, spec)
+    monkeypatch.setitem(streams.BY_NAME, spec.name, spec)
+    begin_ns = minute.make_session(tmp_path / "session", lambda begin_ns: [MoodAsked(begin_ns + 2 * SECOND_NS, "calm")])
+    console = open_replay(folder=tmp_path / "session")
+    heard: list[Any] = []
+    console.state.event_happened.connect(heard.append)
+    console.set_rate(16.0)
+    console.play()
+    qtbot.waitUntil(lambda: MoodAsked(begin_ns + 2 * SECOND_NS, "calm") in heard, timeout=10_000)
+    qtbot.waitUntil(lambda: console.overview.value is not None, timeout=10_000)
+    tiers = console.overview.value.tiers
+    assert "Mood asked" in [tier.name for tier in tiers.tiers]
+    assert any("calm" in annotation.value for annotation in tiers.annotations)
