@@ -490,7 +490,7 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is None:
             self._say("Select an annotation first.")
-        else:
+        elif self._is_own(item):
             self._edit(lambda document: editing.remove_annotation(document, item.annotation_id), item)
 
     def begin_at_playhead(self) -> None:
@@ -693,7 +693,15 @@ class TimelineView(QWidget):
             item = editing.annotation_at(self.document, tier.tier_id, self.position_ms)
             if item is None:
                 self._say("Nothing is here. Select an annotation first.")
-        return item
+                return None
+        return item if self._is_own(item) else None
+
+    def _is_own(self, item: Annotation) -> bool:
+        """Whether a coder made it; says so where it comes from the record."""
+        own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
+        if not own:
+            self._say("This comes from the record and stays as it is. Code it on a tier of your own.", item)
+        return own
 
     def _on_create_wanted(self, tier_id: str, start_ms: int, end_ms: int) -> None:
         try:
@@ -720,7 +728,7 @@ class TimelineView(QWidget):
         rect = self.canvas.rect_of(item)
         tier = next((tier for tier in self.document.tiers if tier.tier_id == item.tier_id), None)
         if rect is None or tier is None:
-            self._say("This comes from the record and stays as it is. Code it on a tier of your own.", item)
+            self._is_own(item)
             return
         window = self.window()
         if self._card is None or self._card.parent() is not window:
