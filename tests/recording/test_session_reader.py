@@ -12,9 +12,12 @@ from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.messages import SessionHeader
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import SessionError, open_session
 from caris_desktop.recording.session_recorder import DiskLimits, SessionRecorder
 from tests.recording.driving import command, header, mark, pose, scan, start
+from tests.support.recorded_session import MadeSession
 
 LIMITS = DiskLimits(reserve_bytes=4096)
 
@@ -62,7 +65,7 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
 
     previous = 0
     rng = np.random.default_rng(7)
-    for cut in sorted(rng.integers(0, len(whole), 60)):
+    for cut in sorted(rng.integers(0, len(whole), 30)):
         (tmp_path / "s" / "events.mcap").write_bytes(whole[:cut])
         session = open_session(tmp_path / "s", repair=False)
         labels = [value.label for _, value in session.values("event/marked")]
@@ -80,7 +83,7 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
     path = tmp_path / "s" / "events.mcap"
     whole = path.read_bytes()
     rng = np.random.default_rng(3)
-    for _ in range(60):
+    for _ in range(30):
         damaged = bytearray(whole)
         at = int(rng.integers(8, len(whole) - 40))
         damaged[at : at + 32] = rng.bytes(32)
@@ -147,3 +150,51 @@ def test_no_credentials_reach_the_session(tmp_path: Path) -> None:
     record(tmp_path / "s", [], head=header(robot_address="ws://user:secret@robot.local:9090/x?token=abc"))
     written = json.loads((tmp_path / "s" / "session.json").read_text())
     assert written["robot"]["address"] == "ws://robot.local:9090/x"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"clock": {"monotonic_ns": 10**400, "utc_ns": 0}}, "does not say when"),
+        ({"clock": {"monotonic_ns": 0, "utc_ns": 2**80}}, "does not say when"),
+        ({"started_ns": "soon"}, "does not say when"),
+        ({"clock": "noon"}, "does not say when"),
+        ({"format_version": "2"}, "Update CARIS Desktop"),
+        ({"format": "another program"}, "does not head a session"),
+        ({"padding": "x" * 17_000_000}, "far too large"),
+    ],
+)
+def test_a_header_that_makes_no_sense_is_told(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+    record(tmp_path / "s", [])
+    path = tmp_path / "s" / "session.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    before = path.read_bytes()
+    with pytest.raises(SessionError, match=expected):
+        open_session(tmp_path / "s")
+    assert path.read_bytes() == before
+
+
+def test_deep_nesting_is_told_too(tmp_path: Path) -> None:
+    record(tmp_path / "s", [])
+    (tmp_path / "s" / "session.json").write_text('{"format": ' + "[" * 200_000)
+    with pytest.raises(SessionError, match="is damaged"):
+        open_session(tmp_path / "s")
+
+
+def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: MadeSession, tmp_path: Path) -> None:
+    names = [path.relative_to(whole_session.folder) for path in whole_session.folder.rglob("*") if path.is_file()]
+    assert len(names) > 10
+    for name in names:
+        folder = tmp_path / "without" / name.name
+        shutil.copytree(whole_session.folder, folder)
+        (folder / name).unlink()
+        if name.name in ("session.json", "events.mcap"):
+            with pytest.raises(SessionError, match=f"holds no {name.name}"):
+                open_session(folder)
+            continue
+        session = open_session(folder)
+        with SessionTimeline(session) as timeline, VideoReader(session) as videos:
+            assert timeline.state_at(timeline.end_ns)
+            shown = {camera: videos.frame(camera, 5) for camera in ("front", "rear")}
+            assert videos.problems == ([f"{name.name} is missing."] if name.suffix == ".mp4" else [])
+            assert sum(picture is not None for picture in shown.values()) == (1 if name.suffix == ".mp4" else 2)
