@@ -1,8 +1,10 @@
 """Runs the real recorder process for tests, and makes values for it."""
 
 import multiprocessing
+import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -16,9 +18,9 @@ from caris_desktop.domain.events import CommandSent, Marked
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.messages import RecorderReport, SessionHeader, StartRecording, StopRecording
 from caris_desktop.recording.recorder_process import run_recorder
-from caris_desktop.recording.disk_watch import DiskLimits
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -32,21 +34,32 @@ def body(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits
 
 
 class RecorderUnderTest:
-    """The recorder in a process of its own, and all that it says."""
+    """The recorder in a process of its own, and all that it says.
+
+    With ``in_thread`` it runs in this process instead, which starts in no time: for what does not depend on the
+    process.
+    """
 
     def __init__(
         self,
         *rings: FrameRing,
         limits: DiskLimits | None = None,
         target: Callable[[Connection, tuple[str, ...], DiskLimits], None] = body,
+        in_thread: bool = False,
     ) -> None:
         self.connection, theirs = SPAWN.Pipe(duplex=True)
+        self.heard: list[Any] = []
+        self._thread: threading.Thread | None = None
+        if in_thread:
+            recorder = partial(run_recorder, theirs, FrameRings(rings), limits or DiskLimits())
+            self._thread = threading.Thread(target=recorder, name="recorder")
+            self._thread.start()
+            return
         self.process = SPAWN.Process(
             target=target, args=(theirs, tuple(ring.name for ring in rings), limits or DiskLimits()), daemon=True
         )
         self.process.start()
         theirs.close()
-        self.heard: list[Any] = []
 
     def send(self, *messages: Any) -> None:
         for message in messages:
@@ -75,6 +88,10 @@ class RecorderUnderTest:
 
     def close(self) -> None:
         self.connection.close()
+        if self._thread is not None:
+            self._thread.join(10)
+            assert not self._thread.is_alive()
+            return
         self.process.join(10)
         if self.process.is_alive():
             self.process.kill()

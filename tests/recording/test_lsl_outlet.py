@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,9 @@ import pytest
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
-from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.lsl_outlet import STREAM_NAME
 from caris_desktop.recording.messages import OfferMarkers, PauseRecording, RecorderReport
 from caris_desktop.recording.session_reader import open_session
-from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, command, mark, pose, start
 
 _NO_NETWORK = "needs a network interface on which Lab Streaming Layer finds its own streams"
@@ -73,13 +70,11 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     assert open_session(tmp_path / "s").closed_properly
 
 
-def body_without_pylsl(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits) -> None:
-    sys.modules["pylsl"] = None  # type: ignore[assignment] - importing it fails from here on
-    driving.body(connection, ring_names, limits)
-
-
-def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(tmp_path: Path) -> None:
-    recorder = RecorderUnderTest(target=body_without_pylsl)
+def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pylsl", None)  # importing it fails from here on
+    recorder = RecorderUnderTest(in_thread=True)
     recorder.send(start(tmp_path / "s", lsl=True), mark("kept"))
     problem = recorder.wait_for(Problem)
     assert "Lab Streaming Layer is not installed" in problem.what

@@ -4,7 +4,6 @@ import itertools
 import json
 import time
 from collections.abc import Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +14,9 @@ from caris_desktop.domain.events import Gap, Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording import video_encoders, video_file, video_rate
-from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.messages import RecorderReport
 from caris_desktop.recording.session_reader import open_session
 from caris_desktop.recording.video_rate import VideoRate
-from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, mark, picture, start
 from tests.recording.test_recorder_process import video_times_s
 
@@ -82,12 +79,11 @@ def test_when_no_more_frames_can_wait_nobody_waits_a_second() -> None:
     assert rate.observe(10 * SECOND + 1, waited_s=0.2, took_s=0.05, crowded=True) == ""
 
 
-def body_of_a_slow_machine(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits) -> None:
+@pytest.fixture
+def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Encoding takes 70 ms a frame for the first frames, then as long as it does; patience ends after 1.5 s, and
     the encoder is the fastest from the beginning.
     """
-    video_rate._CALM_NS = 1_500_000_000
-    video_encoders._SHARE_OF_IDLE = 0.0
     write = video_file.VideoFile.write
     left = itertools.count(50, -1)
 
@@ -96,8 +92,9 @@ def body_of_a_slow_machine(connection: Connection, ring_names: tuple[str, ...], 
             time.sleep(0.07)
         write(self, image_bgr, ref)
 
-    video_file.VideoFile.write = write_slowly  # type: ignore[method-assign]
-    driving.body(connection, ring_names, limits)
+    monkeypatch.setattr(video_file.VideoFile, "write", write_slowly)
+    monkeypatch.setattr(video_rate, "_CALM_NS", 1_500_000_000)
+    monkeypatch.setattr(video_encoders, "_SHARE_OF_IDLE", 0.0)
 
 
 @pytest.fixture
@@ -107,10 +104,11 @@ def ring() -> Iterator[FrameRing]:
     ring.close()
 
 
+@pytest.mark.usefixtures("slow_machine")
 def test_a_machine_that_cannot_keep_up_leaves_out_frames_evenly_and_says_so_once(
     tmp_path: Path, ring: FrameRing
 ) -> None:
-    recorder = RecorderUnderTest(ring, target=body_of_a_slow_machine)
+    recorder = RecorderUnderTest(ring, in_thread=True)
     recorder.send(start(tmp_path / "s"))
     recorder.wait_for(RecorderReport)
     sent, deadline, details = 0, time.monotonic() + 40, set()

@@ -98,7 +98,7 @@ def body_on_a_slow_disk(connection: Connection, ring_names: tuple[str, ...], lim
     def sync_slowly(descriptor: int) -> None:
         path = Path(f"/proc/self/fd/{descriptor}").readlink()
         if not (path.parents[1] / "fast").exists():
-            time.sleep(1.3)
+            time.sleep(1.1)
         sync(descriptor)
 
     os.fdatasync = sync_slowly
