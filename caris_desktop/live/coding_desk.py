@@ -1,7 +1,6 @@
 """Annotations of the session in replay: edited here, saved in the background; and the overview for the timeline."""
 
 import asyncio
-import logging
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from pathlib import Path
@@ -9,23 +8,17 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.annotation.csv_import import read_csv
-from caris_desktop.recording.annotation.eaf_import import read_eaf
-from caris_desktop.recording.annotation.editing import (
-    AnnotationError,
-    check_document,
-    coders_of,
-    merge_documents,
-    tiers_of_coder,
-)
+from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
+from caris_desktop.recording.annotation.editing import AnnotationError, coders_of, take_over, tiers_of_coder
 from caris_desktop.recording.annotation.history import EditHistory
 from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.overview_of import build_overview
+from caris_desktop.recording.annotation.overview_of import run_overview
 from caris_desktop.recording.annotation.store import load_documents, save_coder
 from caris_desktop.recording.session_reader import Session
 
-_log = logging.getLogger(__name__)
 Tell = Callable[[str, str, str], None]
 """What happened, what it means, what to do."""
 
@@ -34,6 +27,7 @@ class CodingDesk(QObject):
     """``coding`` holds the AnnotationDocument of all coders, ``overview`` the SessionOverview once it was made."""
 
     _overview_made = Signal(object)
+    _overview_missing = Signal()
     _save_failed = Signal(str)
 
     def __init__(
@@ -49,25 +43,32 @@ class CodingDesk(QObject):
         self._saving = asyncio.Lock()
         self._saved = AnnotationDocument()
         self._unsaved: Future[None] | None = None
+        self._overview_maker: ChildProcess | None = None
         self._overview_made.connect(self.overview.set)
+        self._overview_missing.connect(self._on_overview_missing)
         self._save_failed.connect(self._on_save_failed)
 
     def start(self) -> None:
         """Load what was coded before, and look through the session in the background."""
-        try:
-            document = load_documents(self._session.folder)
-        except AnnotationError as error:
-            self._problem(
-                "Annotations of this session cannot be read.", str(error), "They stay as they are; mend or move them."
-            )
-            document = AnnotationDocument()
+        document = load_documents(self._session.folder, on_damaged=self._on_damaged)
         self._history = EditHistory(document)
         self._saved = document
         self.coding.set(document)
-        self._asyncio.submit(self._look_through())
+        # In a process of its own: a minute of Python at most, which would make the replay stutter.
+        self._overview_maker = ChildProcess(
+            ProcessBody("overview", run_overview, (self._session,)),
+            on_message=lambda overview, _raw: self._overview_made.emit(overview),
+            on_exit=lambda _code: self._overview_missing.emit(),
+        )
+        self._overview_maker.start()
+
+    def _on_damaged(self, why: str) -> None:
+        self._problem("Annotations of a coder cannot be read.", why, "They stay as they are; mend or move the file.")
 
     def close(self) -> None:
         """Wait until everything is saved; a few seconds at most."""
+        if self._overview_maker is not None:
+            self._overview_maker.stop(grace_s=0.0)
         if self._unsaved is not None:
             wait([self._unsaved], timeout=5.0)
 
@@ -86,18 +87,14 @@ class CodingDesk(QObject):
         return self._step(self._history.redo)
 
     def import_annotations(self, path: Path, coder: str) -> str:
-        read = read_eaf if path.suffix.lower() == ".eaf" else read_csv
         try:
-            imported = read(path, coder=coder)
+            if path.suffix.lower() == ".eaf":
+                imported = read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
+            else:
+                imported = read_csv(path, coder=coder)
         except AnnotationError as refusal:
             return str(refusal)
-
-        def take_over(document: AnnotationDocument) -> AnnotationDocument:
-            merged = merge_documents(document, imported)
-            check_document(merged)
-            return merged
-
-        return self.edit(take_over)
+        return self.edit(lambda document: take_over(document, imported))
 
     def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
         before = self.coding.value
@@ -125,18 +122,11 @@ class CodingDesk(QObject):
                     return
             self._saved = document
 
-    async def _look_through(self) -> None:
-        try:
-            self._overview_made.emit(await asyncio.to_thread(build_overview, self._session))
-        except Exception:
-            # Nobody waits for this task, so nobody else would hear of it.
-            _log.exception("the overview of %s", self._session.folder)
-            self._save_failed.emit("")
-
-    def _on_save_failed(self, why: str) -> None:
-        if why:
-            self._problem("Your annotations are not saved.", why, "Make room or rights for the session's folder.")
-        else:
+    def _on_overview_missing(self) -> None:
+        if self.overview.value is None:
             self._problem(
                 "The timeline cannot show what was recorded.", "Replay and coding still work.", "The log tells why."
             )
+
+    def _on_save_failed(self, why: str) -> None:
+        self._problem("Your annotations are not saved.", why, "Make room or rights for the session's folder.")

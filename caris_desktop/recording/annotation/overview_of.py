@@ -2,9 +2,11 @@
 
 import logging
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +60,13 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     moments.sort(key=lambda moment: moment.at_ns)
     tell(1.0)
     return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session))
+
+
+def run_overview(connection: Connection, session: Session) -> None:
+    """Process body: sends the SessionOverview and ends."""
+    if hasattr(os, "nice"):
+        os.nice(5)
+    connection.send(build_overview(session))
 
 
 def _mark_text(mark: FinalMark) -> str:
