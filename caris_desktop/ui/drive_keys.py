@@ -401,7 +401,8 @@ class HoldToDrive(QObject):
     def _without_driving_alt(self, event: QKeyEvent) -> Qt.KeyboardModifier:
         """The modifiers of a key, less an Alt that is down because the wizard drives with it."""
         modifiers = event.modifiers()
-        if any(not hold.bare for hold in self._active.values()):
+        # Also where the motion has ended meanwhile: the fingers are still where they were.
+        if any(hold is not None and not hold.bare for hold in self._owned.values()):
             modifiers &= ~Qt.KeyboardModifier.AltModifier
         return modifiers
 

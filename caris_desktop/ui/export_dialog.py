@@ -247,8 +247,7 @@ class ExportDialog(QWidget):
         ready = bool(self.formats) and bool(self._folder.text().strip())
         self._start.setEnabled(ready)
         count = len(self.formats)
-        again = " again" if ended else ""
-        self._start.set_label(f"Export{again}", look="plain" if ended and status.state == "done" else "primary")
+        self._start.set_label("Export", look="plain" if ended and status.state == "done" else "primary")
         text, role = "", "dim"
         if running:
             text = f"{status.fraction:.0%}".replace("%", " %") + (f" · {status.what}" if status.what else "")

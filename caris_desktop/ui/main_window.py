@@ -205,6 +205,7 @@ class MainWindow(QWidget):
         layout.addLayout(holder, 1)
         layout.addWidget(self._status_bar)
         self._told_layout: LayoutNode | None = None
+        self._scenario_layout: LayoutNode | None = None
         self._layout_rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self._layout_rest.timeout.connect(self._tell_layout)
         self.dock_host.layout_changed.connect(self._layout_rest.start)
@@ -302,8 +303,9 @@ class MainWindow(QWidget):
         for name in panels_in(tree):
             self._make_panel(name)
         self.dock_host.show_layout(self._panels, tree)
-        self._told_layout = tree  # the scenario itself says so
-        self._layout_rest.stop()
+        # How much room each panel really gets is seen once they are at rest; that is not the wizard's doing.
+        self._told_layout, self._scenario_layout = None, tree
+        self._layout_rest.start()
         self._bind_driving_panels()
         self._top_bar.show_scenario()
         self._status_bar.refresh()
@@ -781,9 +783,18 @@ class MainWindow(QWidget):
 
     def _tell_layout(self) -> None:
         """For the record: how the wizard has arranged the panels, once they are at rest."""
-        tree = self.current_layout()
-        if tree is not None and (self._told_layout is None or _differs(tree, self._told_layout)):
-            self._told_layout = tree
+        if not self.dock_host.isVisible():
+            self._layout_rest.start()
+            return
+        tree, before = self.dock_host.read_layout(), self._told_layout
+        self._told_layout = tree
+        if tree is None:
+            return
+        if before is None and self._scenario_layout is not None:
+            arranged = _differs(tree, self._scenario_layout, by=None)
+        else:
+            arranged = before is None or _differs(tree, before, by=_SAME_WEIGHT)
+        if arranged:
             self._console.keep_layout(tree)
 
     # ---- robots
@@ -929,6 +940,7 @@ class MainWindow(QWidget):
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._settings is not None:
             self._settings.setValue("window/geometry", self.saveGeometry())
+        self._layout_rest.stop()
         for window in (self._export, self._sessions):
             if window is not None:
                 window.close()
@@ -954,15 +966,15 @@ def _bring_up(window: QWidget) -> None:
     window.activateWindow()
 
 
-def _differs(tree: LayoutNode, other: LayoutNode) -> bool:
-    """Whether panels lie elsewhere or have another share of the window."""
+def _differs(tree: LayoutNode, other: LayoutNode, *, by: float | None) -> bool:
+    """Whether panels lie elsewhere, or have a share of the window that is another one ``by`` more than this."""
     if isinstance(tree, SplitNode) and isinstance(other, SplitNode):
         if (tree.split, len(tree.children)) != (other.split, len(other.children)):
             return True
         shares = zip(_shares(tree), _shares(other), strict=True)
-        if any(abs(before - after) > _SAME_WEIGHT for before, after in shares):
+        if by is not None and any(abs(before - after) > by for before, after in shares):
             return True
-        return any(_differs(*children) for children in zip(tree.children, other.children, strict=True))
+        return any(_differs(*children, by=by) for children in zip(tree.children, other.children, strict=True))
     return tree != other
 
 

@@ -246,6 +246,7 @@ class MarkCard(QWidget):
         self._add_note.setVisible(mark.state != "open")
         self._show_words()
         self._show_keys()
+        self.update()
         if mark.state == "open":
             self._second.start()
         else:

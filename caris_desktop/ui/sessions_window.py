@@ -199,6 +199,8 @@ class HitsModel(QAbstractListModel):
         self.pattern: re.Pattern[str] | None = None
 
     def show_hits(self, status: LibraryStatus) -> None:
+        if status.updating and status.hits == self._hits:
+            return  # those of the search before, until there are others
         self.beginResetModel()
         self._hits = status.hits
         self._whose = {
@@ -329,6 +331,7 @@ class SessionsWindow(QWidget):
         self.setWindowTitle("Sessions · CARIS Desktop")
         self._theme = theme
         self._library = library
+        self._shown: tuple[SessionEntry, ...] = ()
         self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
         self.search = QLineEdit()
         self.search.setObjectName("sessions_search")
@@ -369,6 +372,7 @@ class SessionsWindow(QWidget):
         self.hit_list.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.hit_list.doubleClicked.connect(self._on_hit_chosen)
         self.hit_list.chosen.connect(self._on_hit_entered)
+        self.hit_list.selectionModel().currentChanged.connect(self._on_hit_current)
         self._found = QLabel()
         self._found.setObjectName("sessions_found")
         self._hits_part = QWidget()
@@ -456,15 +460,19 @@ class SessionsWindow(QWidget):
         self._find()
 
     def _on_found(self, status: LibraryStatus) -> None:
-        chosen = {entry.folder for entry in self.selected()}
-        self.model.show_entries(status.sessions)
-        self._select(chosen)
+        if status.sessions != self._shown:
+            # A list that is the same keeps its place, however often the index is looked through.
+            self._shown = status.sessions
+            chosen = {entry.folder for entry in self.selected()}
+            self.model.show_entries(status.sessions)
+            self._select(chosen)
         self.hits.show_hits(status)
         self._hits_part.setVisible(bool(status.query.text))
-        self._found.setText(
-            f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”" if status.hits
-            else f"“{status.query.text}” was found nowhere"
-        )  # fmt: skip
+        if status.hits:
+            found = f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”"
+        else:
+            found = "Searching…" if status.updating else f"“{status.query.text}” was found nowhere"
+        self._found.setText(found)
         self._learn(status)
         self._say(status)
         self._show_buttons()
@@ -550,6 +558,13 @@ class SessionsWindow(QWidget):
     def _on_hit_chosen(self, index: QModelIndex) -> None:
         hit = self.hits.hit(index.row())
         self._library.open_replay(hit.folder, at_ns=hit.at_ns)
+
+    def _on_hit_current(self, index: QModelIndex, _before: QModelIndex) -> None:
+        """The buttons act on the session that the hit is in."""
+        if index.isValid():
+            row = self.model.row_of(self.hits.hit(index.row()).folder)
+            if row is not None:
+                self.table.selectRow(row)
 
     def _on_hit_entered(self) -> None:
         index = self.hit_list.currentIndex()

@@ -195,7 +195,8 @@ class StartDialog(QDialog):
         if offer.microphone is not None and offer.microphone not in names:
             names.append(offer.microphone)  # unplugged now, and still the one that was chosen
         for name in names:
-            gone = "" if name in offer.microphones else " (not plugged in)"
+            # Until the computer's inputs are known, none can be said to be missing.
+            gone = " (not plugged in)" if name and offer.microphones and name not in offer.microphones else ""
             choice.addItem(f"{microphone_words(name)}{gone}", name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
         choice.currentIndexChanged.connect(self._show_kept)

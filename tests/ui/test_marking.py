@@ -127,6 +127,17 @@ def test_it_was_earlier_and_earlier_still(focused: QWidget, window: MainWindow, 
     assert "taken back" in window.marking.card.text
 
 
+def test_alt_is_for_driving_also_when_driving_has_ended_by_itself(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyPress(field, Qt.Key.Key_W, ALT)
+    window.hold.release_all("The console stopped answering for a moment")
+    console.calls.clear()
+    QTest.keyClick(field, Qt.Key.Key_N, CTRL | ALT)
+    assert window.marking.card.writes_note
+    QTest.keyRelease(field, Qt.Key.Key_W, ALT)
+
+
 def test_a_note_keeps_the_moment_of_its_key(
     qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole
 ) -> None:

@@ -244,11 +244,15 @@ class SessionPanel(Panel):
         status: RecordingStatus = self.state.recording.value
         in_session = status.state in IN_SESSION
         at_rest = status.state in ("idle", "failed")
+        # A replay shows what was recorded; nothing in it records, marks or starts anything.
+        replay = self.table.spec("mark") is None
+        show_part(self._toggle, not replay)
+        in_session, at_rest = in_session and not replay, at_rest and not replay
         show_part(self._folder, status.folder is not None and at_rest)
         show_part(self._export, status.folder is not None and at_rest)
         show_part(self._sessions, self._has_library and at_rest)
         show_part(self._pause, in_session)
-        show_part(self._note, status.state == "recording")
+        show_part(self._note, status.state == "recording" and not replay)
         self._fit()
         paused = status.state == "paused"
         self._pause.set_label(
@@ -295,7 +299,8 @@ class SessionPanel(Panel):
         """In a low panel the log stays, then the labels; the line on the recording goes first."""
         width = self.width() - 22
         room_px = self.height() - 20 - self._buttons.heightForWidth(width) - LOG_LINE_PX - 8
-        marking = self.state.recording.value.state == "recording" and bool(self.console.scenario.recording.labels)
+        labels = self.console.scenario.recording.labels if self.table.spec("mark") is not None else ()
+        marking = self.state.recording.value.state == "recording" and bool(labels)
         labels_px = self._labels.heightForWidth(width) + 8 if marking else 0
         marking = marking and room_px >= labels_px
         show_part(self._labels, marking)
