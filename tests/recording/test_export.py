@@ -1,6 +1,7 @@
 """Exports: what the tables hold, that each column is described, that nothing is overwritten."""
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,26 @@ def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_p
     path.write_bytes(path.read_bytes()[:-4000])
     export_session(session, "csv", tmp_path / "out")
     assert table(tmp_path / "out" / "scan.csv")
+
+
+def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
+    from mcap.writer import Writer  # the file as somebody damaged it
+
+    record(tmp_path / "s", [])
+    stamps_ns = [10**30, -(10**30), open_session(tmp_path / "s").started_ns]
+    with (tmp_path / "s" / "events.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/event/marked", "json", writer.register_schema("x", "jsonschema", b"{}"))
+        for stamp_ns in stamps_ns:
+            data = json.dumps({"stamp_ns": stamp_ns, "label": "x", "start_ns": stamp_ns}).encode()
+            writer.add_message(channel, 0, data, 0)
+        writer.finish()
+    export_session(tmp_path / "s", "csv", tmp_path / "out")
+    (row,) = table(tmp_path / "out" / "event_marked.csv")
+    assert row["session_s"] == "0.0"
+    assert sum(bool(mark["utc"]) for mark in table(tmp_path / "out" / "marks.csv")) == 1
+    export_session(tmp_path / "s", "parquet", tmp_path / "parquet")
 
 
 def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:

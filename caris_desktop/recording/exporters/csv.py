@@ -50,8 +50,7 @@ def _cell(column: Column, value: Any) -> str:
         return ""
     match column.kind:
         case "utc":
-            seconds, nanoseconds = divmod(value, 1_000_000_000)
-            return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"
+            return _utc(value)
         case "json":
             return json_text(value)
         case "points":
@@ -64,3 +63,12 @@ def _cell(column: Column, value: Any) -> str:
             # Of arrays the numbers' own digits: a float32 has fewer than the float it would become.
             return ";".join(map(str, value.ravel()) if isinstance(value, np.ndarray) else map(scalar_text, value))
     return scalar_text(value)
+
+
+def _utc(utc_ns: int) -> str:
+    """ISO 8601, microseconds; nothing for what no calendar has."""
+    seconds, nanoseconds = divmod(utc_ns, 1_000_000_000)
+    try:
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"
+    except (ValueError, OverflowError, OSError):
+        return ""

@@ -60,6 +60,8 @@ _RESERVED = (
     "arrived_session_s",
     "number",
 )
+# Nothing is recorded a century away from its session; no calendar has to hold what damaged stamps say.
+_FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _HALVES = re.compile("[\ud800-\udfff]")
 _PROGRESS_EVERY_ROWS = 500
 
@@ -170,7 +172,7 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
     whole_ns = max(1, session.ended_ns - session.started_ns)
     tables: dict[str, tuple[Table, ...]] = {}
     for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
-        if not isinstance(value.stamp_ns, int):
+        if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - session.started_ns) > _FARTHEST_NS:
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
         if spec.name not in tables:
