@@ -251,7 +251,6 @@ class Console(QObject):
             return
         self._drive.release("Another robot is connected")
         self._robot.connect_robot(connection)
-        self.publish(_robot_event(connection))
 
     def shutdown(self) -> None:
         """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
@@ -377,6 +376,9 @@ class Console(QObject):
             self._held_voice_problem = problem
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        connection = self._robot.connection
+        if connection is not None:
+            self.publish(_robot_event(connection))
         if self._perception is not None:
             self._perception.use_cameras(_camera_models(robot))
 
