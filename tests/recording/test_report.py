@@ -91,7 +91,7 @@ def report_of(folder: Path, out: Path) -> Page:
 def drawings(page: Path) -> list[ElementTree.Element]:
     return [
         ElementTree.fromstring(svg)  # noqa: S314 - our own
-        for svg in re.findall(r'<svg xmlns=.*?class="drawing">.*?</svg>', page.read_text(encoding="utf-8"))
+        for svg in re.findall(r'<svg xmlns=.*?class="drawing[a-z ]*">.*?</svg>', page.read_text(encoding="utf-8"))
     ]
 
 

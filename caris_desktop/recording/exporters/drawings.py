@@ -26,6 +26,8 @@ _MAP_PX = 1080.0
 _MAP_MAX_HEIGHT_PX = 620.0
 _WAY_CHUNKS = 48
 _SCALE_PX = 18.0
+# Red, green, blue, alpha: grey on a light page and on a dark one.
+_UNKNOWN = (0x7A, 0x8A, 0x9B, 0x38)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +133,7 @@ def _joined(parts: Iterable[Markup]) -> Markup:
     return Markup("").join(parts)
 
 
-def _svg(width: float, height: float, *inside: Markup, title: str) -> Markup:
+def _svg(width: float, height: float, *inside: Markup, title: str, look: str = "drawing") -> Markup:
     return _element(
         "svg",
         _element("title", title),
@@ -139,7 +141,7 @@ def _svg(width: float, height: float, *inside: Markup, title: str) -> Markup:
         xmlns="http://www.w3.org/2000/svg",
         viewBox=f"0 0 {width:.0f} {height:.0f}",
         role="img",
-        class_="drawing",
+        class_=look,
     )
 
 
@@ -178,6 +180,7 @@ def _strip(
     lasts_s: float,
 ) -> Markup:
     ends_s = begins_s + span_s
+    rows = [row for row in rows if any(_within(item, begins_s, ends_s) for item in row.items)]
     height = 4.0 + (_ROW_PX + _ROW_GAP_PX) * len(rows) + (_SPEED_ROW_PX + _ROW_GAP_PX) * len(curves)
 
     def x(seconds: float) -> float:
@@ -212,14 +215,14 @@ def _strip(
         middle = y + _ROW_PX / 2
         parts.append(_text(_LABEL_PX - 10.0, middle + 4.0, _shortened(row.label, 20), anchor="end"))
         parts.append(_element("line", x1=_LABEL_PX, x2=right, y1=middle, y2=middle, class_="rail"))
-        parts += [
-            _item(item, x, y)
-            for item in row.items
-            if (item.end_s if item.end_s is not None else item.start_s) >= begins_s and item.start_s < ends_s
-        ]
+        parts += [_item(item, x, y) for item in row.items if _within(item, begins_s, ends_s)]
         y += _ROW_PX + _ROW_GAP_PX
     title = f"What happened from {clock_text(begins_s)} to {clock_text(min(ends_s, lasts_s))}"
-    return _svg(_LABEL_PX + _PLOT_PX + 12.0, height + _AXIS_PX, *parts, title=title)
+    return _svg(_LABEL_PX + _PLOT_PX + 20.0, height + _AXIS_PX, *parts, title=title)
+
+
+def _within(item: Item, begins_s: float, ends_s: float) -> bool:
+    return (item.start_s if item.end_s is None else item.end_s) >= begins_s and item.start_s < ends_s
 
 
 def _time_axis(begins_s: float, span_s: float, ends_s: float, height: float, x: Any) -> list[Markup]:
@@ -294,8 +297,8 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
 def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
     """Where the robot was, on the map that it knew. ``grid`` may be None; there must be at least one point."""
     left, bottom, right, top = _bounds(way, grid)
-    scale = min(_MAP_PX / (right - left), _MAP_MAX_HEIGHT_PX / (top - bottom))
-    width, height = (right - left) * scale, (top - bottom) * scale
+    scale = _MAP_PX / (right - left)
+    width, height = _MAP_PX, (top - bottom) * scale
 
     def spot(x_m: float, y_m: float) -> tuple[float, float]:
         return (x_m - left) * scale, (top - y_m) * scale
@@ -304,15 +307,16 @@ def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> M
     whole = height + _SCALE_PX
     parts = [_element("rect", x=0.0, y=0.0, width=width, height=whole, class_="floor", rx=8.0)]
     if grid is not None:
-        parts.append(_map_picture(grid, spot, scale))
-    parts += [_pin(pin, spot, width) for pin in places]
+        parts += [_beyond(grid, spot, width, whole), _map_picture(grid, spot, scale)]
+    inside = [pin for pin in places if left < pin.x_m - 0.2 and pin.x_m + 0.2 < right and bottom < pin.y_m < top]
+    parts += [_pin(pin, spot, width) for pin in inside]
     parts += _way_lines(way, spot)
-    parts += _minutes(way, spot, [spot(pin.x_m, pin.y_m) for pin in places])
+    parts += _minutes(way, spot, [spot(pin.x_m, pin.y_m) for pin in inside])
     parts += [_pin(pin, spot, width) for pin in way.pins]
     parts.append(_start(spot(*way.points_m[0])))
     parts.append(_robot(spot(*way.points_m[-1]), float(way.headings_rad[-1])))
     parts.append(_scale_bar(width, whole, scale))
-    return _svg(width, whole, *parts, title="The way of the robot on the map")
+    return _svg(width, whole, *parts, title="The way of the robot on the map", look="drawing map")
 
 
 def _bounds(way: Way, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
@@ -332,10 +336,12 @@ def _bounds(way: Way, grid: OccupancyGrid | None) -> tuple[float, float, float, 
     margin = 0.5
     left, right = float(x_m.min()) - margin, float(x_m.max()) + margin
     bottom, top = float(y_m.min()) - margin, float(y_m.max()) + margin
-    least = max(2.0, (right - left) / 4)
-    if top - bottom < least:
-        middle = (top + bottom) / 2
-        bottom, top = middle - least / 2, middle + least / 2
+    # As wide as the page, whatever shape the way has, so that words are of one size everywhere.
+    width = max(4.0, right - left, (top - bottom) * _MAP_PX / _MAP_MAX_HEIGHT_PX)
+    height = max(width / 4, top - bottom)
+    middle_x, middle_y = (left + right) / 2, (bottom + top) / 2
+    left, right = middle_x - width / 2, middle_x + width / 2
+    bottom, top = middle_y - height / 2, middle_y + height / 2
     return left, bottom, right, top
 
 
@@ -351,6 +357,22 @@ def _map_picture(grid: OccupancyGrid, spot: Any, scale: float) -> Markup:
     )  # fmt: skip
 
 
+def _beyond(grid: OccupancyGrid, spot: Any, width: float, height: float) -> Markup:
+    """What lies outside of the map is as unknown as what is unknown in it."""
+    rows, columns = grid.cells.shape
+    across_m, along_m = columns * grid.resolution_m, rows * grid.resolution_m
+    origin = grid.origin_in_map
+    cosine, sine = math.cos(origin.heading_rad), math.sin(origin.heading_rad)
+    corners = [
+        spot(origin.x_m + cosine * x_m - sine * y_m, origin.y_m + sine * x_m + cosine * y_m)
+        for x_m, y_m in ((0.0, 0.0), (across_m, 0.0), (across_m, along_m), (0.0, along_m))
+    ]
+    outline = "L".join(f"{x:.1f} {y:.1f}" for x, y in corners)
+    around = f"M0 0H{width:.1f}V{height:.1f}H0zM{outline}z"
+    red, green, blue, alpha = _UNKNOWN
+    return _element("path", d=around, fill=f"rgb({red},{green},{blue})", fill_opacity=alpha / 255, fill_rule="evenodd")
+
+
 def map_png(grid: OccupancyGrid) -> bytes:
     """The map as PNG with its free floor transparent, so that it stands on a light and on a dark page."""
     import cv2
@@ -364,7 +386,7 @@ def map_png(grid: OccupancyGrid) -> bytes:
         rows, columns = (size // block for size in padded.shape)
         cells = padded.reshape(rows, block, columns, block).max(axis=(1, 3))
     image = np.zeros((*cells.shape, 4), np.uint8)
-    image[cells < 0] = (0x9B, 0x8A, 0x7A, 0x38)
+    image[cells < 0] = (*_UNKNOWN[2::-1], _UNKNOWN[3])
     known = cells >= 0
     image[known] = (0x88, 0x70, 0x5F, 0)
     image[known, 3] = (np.clip(cells[known].astype(np.float32), 0, 100) * 2.55).astype(np.uint8)
@@ -413,7 +435,7 @@ def _minutes(way: Way, spot: Any, places_px: Sequence[tuple[float, float]]) -> l
     step_s = _step(ends_s - begins_s, 12, (30, 60, 120, 300, 600, 1200, 1800, 3600, 7200))
     parts: list[Markup] = []
     last: tuple[float, float] | None = None
-    moment_s = math.ceil(begins_s / step_s + 1e-9) * step_s
+    moment_s = math.floor(max(0.0, begins_s) / step_s + 1.0) * step_s
     while moment_s < ends_s:
         index = int(np.searchsorted(way.seconds, moment_s))
         here = spot(*way.points_m[index])
