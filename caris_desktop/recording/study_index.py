@@ -139,7 +139,7 @@ def session_folders(sessions_dir: Path) -> list[Path]:
             for entry in entries
             if not entry.name.startswith(".")
             and entry.is_dir(follow_symlinks=False)
-            and Path(entry.path, "session.json").is_file()
+            and os.path.isfile(f"{entry.path}/session.json")  # noqa: PTH113 - asked of every session at each opening
         )
     return [sessions_dir / name for name in names]
 
@@ -400,19 +400,23 @@ def _put_aside(path: Path) -> None:
 
 def content_signature(folder: Path) -> str:
     """Changes whenever something may have changed in what is told of a session: its head, events or annotations."""
-    parts = []
-    for path in (folder / "session.json", folder / "events.mcap", *_annotation_files(folder)):
-        try:
-            status = path.stat()
-        except OSError:
-            parts.append(f"{path.name}:-")
-        else:
-            parts.append(f"{path.name}:{status.st_mtime_ns}:{status.st_size}")
-    return "|".join(parts)
+    # Asked of every session each time a study is opened, hence without a Path for each file.
+    names = ["session.json", "events.mcap"]
+    try:
+        with os.scandir(folder / "annotations") as entries:
+            names += sorted(f"annotations/{entry.name}" for entry in entries if entry.name.endswith(".json"))
+    except OSError:
+        # Nobody has coded the session; what cannot be read now has no signature until it can.
+        pass
+    return "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
 
 
-def _annotation_files(folder: Path) -> list[Path]:
-    return sorted((folder / "annotations").glob("*.json"))
+def _age_and_size(path: str) -> str:
+    try:
+        status = os.stat(path)  # noqa: PTH116 - as said above
+    except OSError:
+        return "-"
+    return f"{status.st_mtime_ns}:{status.st_size}"
 
 
 def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
