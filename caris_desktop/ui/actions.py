@@ -299,7 +299,8 @@ def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: st
     """
     words = []
     for chord in key.split(", "):
-        parts = chord.split("+")
+        # The plus key itself is written "+" and "Ctrl++".
+        parts = [part for part in chord.split("+") if part] + (["+"] if chord.endswith("+") else [])
         shift = "⇧" if "Shift" in parts else ""
         named = [
             _CAP_TEXTS.get(part, (letters or {}).get(part, modifier_name(platform, part)))

@@ -77,7 +77,15 @@ def test_every_icon_exists() -> None:
 
 @pytest.mark.parametrize(
     ("key", "cap"),
-    [("Ctrl+Shift+M", "⇧Ctrl M"), ("Shift+M", "⇧M"), ("Esc, Esc", "Esc Esc"), ("Return", "Enter"), ("Alt+Up", "Alt ↑")],
+    [
+        ("Ctrl+Shift+M", "⇧Ctrl M"),
+        ("Shift+M", "⇧M"),
+        ("Esc, Esc", "Esc Esc"),
+        ("Return", "Enter"),
+        ("Alt+Up", "Alt ↑"),
+        ("+", "+"),
+        ("Ctrl++", "Ctrl +"),
+    ],
 )
 def test_key_caps_read_like_a_keyboard(key: str, cap: str) -> None:
     assert cap_text(key) == cap

@@ -107,12 +107,12 @@ def test_an_edge_snaps_to_what_is_near() -> None:
     assert snapped(5, [], within_ms=5) == 5
 
 
-def test_rows_are_pictures_sound_speed_own_tiers_then_the_record() -> None:
+def test_rows_are_own_tiers_pictures_sound_speed_then_the_record() -> None:
     rows = all_rows(sample_overview(), sample_coding(120_000))
-    assert [row.kind for row in rows[:4]] == ["pictures", "sound", "sound", "speed"]
+    assert [row.own for row in rows[:4]] == [True, True, True, False]
+    assert [row.kind for row in rows[3:7]] == ["pictures", "sound", "sound", "speed"]
     assert [row.name for row in rows if row.kind == "sound"] == ["Microphone", "Robot voice"]
-    own = [row.own for row in rows[4:]]
-    assert own == sorted(own, reverse=True)
+    assert not any(row.own for row in rows[3:])
     assert len({row.key for row in rows}) == len(rows)
     assert all_rows(None, AnnotationDocument()) == []
 

@@ -124,6 +124,10 @@ class ReplayBar(QWidget):
     def sizeHint(self) -> QSize:
         return QSize(900, 84)
 
+    def minimumSizeHint(self) -> QSize:
+        # What goes when there is little room must not keep the window from becoming narrow.
+        return QSize(880, 84)
+
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._times.set_wall_shown(self.width() >= 1240)

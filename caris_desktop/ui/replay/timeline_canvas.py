@@ -135,7 +135,7 @@ class TimelineCanvas(QWidget):
         return QSize(900, 240)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(NAMES_PX + 160, RULER_PX + 40)
+        return QSize(NAMES_PX + 160, RULER_PX + 32)
 
     # ---- what it shows
 

@@ -12,7 +12,7 @@ from caris_desktop.recording.annotation.model import Annotation, AnnotationDocum
 from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
 
 RowKind = Literal["pictures", "sound", "speed", "tier"]
-ROW_HEIGHTS_PX: Mapping[RowKind, int] = {"pictures": 56, "sound": 40, "speed": 40, "tier": 32}
+ROW_HEIGHTS_PX: Mapping[RowKind, int] = {"pictures": 48, "sound": 32, "speed": 32, "tier": 32}
 RECORD_ROW_PX = 24
 SHORTEST_MS = 40
 """Of an annotation made by dragging: one frame of video."""
@@ -152,13 +152,16 @@ class Track:
         return self.annotations[index] if 0 <= index < len(self.annotations) else None
 
 
-def tracks_of(document: AnnotationDocument) -> dict[str, Track]:
-    """Each tier's track, in one pass: the annotations are sorted by tier."""
-    items = document.annotations
+def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None = None) -> dict[str, Track]:
+    """Each tier's track; those of ``before`` that an edit left alone are taken over."""
     parts: dict[str, list[Annotation]] = {tier.tier_id: [] for tier in document.tiers}
-    for item in items:
-        parts.setdefault(item.tier_id, []).append(item)
-    return {tier_id: Track(part) for tier_id, part in parts.items()}
+    for item in document.annotations:
+        parts[item.tier_id].append(item)
+    known = before or {}
+    return {
+        tier_id: known[tier_id] if tier_id in known and known[tier_id].annotations == part else Track(part)
+        for tier_id, part in parts.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,20 +189,17 @@ class Row:
 
 
 def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> list[Row]:
-    """Pictures, sound, speed, the coders' own tiers, then what was recorded."""
-    rows: list[Row] = []
-    if overview is not None:
-        several = len(overview.cameras) > 1
-        for camera in overview.cameras:
-            rows.append(Row(f"pictures {camera}", "pictures", f"Video {camera}" if several else "Video", camera))
-        rows += [
-            Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms
-        ]
-        if len(overview.speed):
-            rows.append(Row("speed", "speed", "Speed"))
-    rows += [Row(f"tier {tier.tier_id}", "tier", tier.name, tier=tier) for tier in coding.tiers if tier.coder]
-    if overview is not None:
-        rows += [Row(f"record {tier.tier_id}", "tier", tier.name, tier=tier) for tier in overview.tiers.tiers]
+    """The coders' own tiers, which are worked on; pictures, sound and speed; then what was recorded."""
+    rows = [Row(f"tier {tier.tier_id}", "tier", tier.name, tier=tier) for tier in coding.tiers if tier.coder]
+    if overview is None:
+        return rows
+    several = len(overview.cameras) > 1
+    for camera in overview.cameras:
+        rows.append(Row(f"pictures {camera}", "pictures", f"Video {camera}" if several else "Video", camera))
+    rows += [Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms]
+    if len(overview.speed):
+        rows.append(Row("speed", "speed", "Speed"))
+    rows += [Row(f"record {tier.tier_id}", "tier", tier.name, tier=tier) for tier in overview.tiers.tiers]
     return rows
 
 

@@ -56,6 +56,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 NEW_MS = 1000
 NUDGE_MS = 50
 _ZOOM_STEP = 1.5
+_LOW_PX = 168
 # These go on while their key is held.
 _REPEATED = ("seek_by", "nudge", "select_next", "select_tier", "zoom")
 _NOT_A_MODIFIER = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.GroupSwitchModifier
@@ -78,6 +79,7 @@ class TimelineView(QWidget):
         self._order: list[str] = []
         self._hidden: set[str] = set()
         self._tracks: dict[str, Track] = {}
+        self._own_tracks: dict[str, Track] = {}
         self._record_tracks: dict[str, Track] = {}
         self._open: OpenStretch | None = None
         self._card: LabelCard | None = None
@@ -195,10 +197,13 @@ class TimelineView(QWidget):
         return QSize(900, 300)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(480, TITLE_HEIGHT_PX + RULER_PX + 40 + 64)
+        return QSize(480, TITLE_HEIGHT_PX + RULER_PX + 32)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
+        low = self.height() < _LOW_PX
+        self.strip.setVisible(not low)
+        self._across.setVisible(not low)
         roomy = self.width() >= 1040
         for button, text in self._named_buttons:
             if button.text() != (text if roomy else ""):
@@ -231,6 +236,7 @@ class TimelineView(QWidget):
         return max(self._ms_of(playback.end_ns), float(self.document.duration_ms), 1.0)
 
     def _show_session(self) -> None:
+        self._shown_end_ns: int = self._replay.playback.value.end_ns
         self.canvas.show_session(self._replay.session.started_ns, self._duration_ms())
 
     def _on_overview_changed(self, overview: SessionOverview | None) -> None:
@@ -242,9 +248,9 @@ class TimelineView(QWidget):
         self._show_tracks()
 
     def _on_coding_changed(self, document: AnnotationDocument) -> None:
-        own = {f"tier {key}": track for key, track in tracks_of(document).items()}
         rows_before = self._rows
-        self._tracks = own
+        self._own_tracks = tracks_of(document, self._own_tracks)
+        self._tracks = {f"tier {key}": track for key, track in self._own_tracks.items()}
         self._show_tracks()
         if [row.tier for row in rows_before if row.own] != [tier for tier in document.tiers if tier.coder]:
             self._show_rows()
@@ -270,6 +276,8 @@ class TimelineView(QWidget):
         self._on_selection_changed()
 
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
+        if playback.end_ns != self._shown_end_ns:
+            self._show_session()
         self.canvas.show_position(self._ms_of(playback.position_ns), playing=playback.playing)
 
     def _on_selection_changed(self) -> None:
