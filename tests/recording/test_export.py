@@ -155,6 +155,19 @@ def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     export_session(tmp_path / "s", "parquet", tmp_path / "parquet")
 
 
+def test_what_heads_the_session_is_told_with_its_media(session: Path, tmp_path: Path) -> None:
+    path = session / "session.json"
+    header = json.loads(path.read_text())
+    header["videos"] = [{"file_name": "video-front.mp4", "frames": 7}, {"file_name": "video-up.mp4"}]
+    header["audio"] = [{"file_name": "audio-microphone.wav", "sample_rate_hz": 16000}]
+    path.write_text(json.dumps(header))
+    export_session(session, "csv", tmp_path / "out")
+    about = {row["key"]: row["value"] for row in table(tmp_path / "out" / "session.csv")}
+    assert (about["videos.1.frames"], about["videos.2.file_name"]) == ("7", "video-up.mp4")
+    assert about["audio.1.sample_rate_hz"] == "16000"
+    assert about["robot_clock.estimates"] == "0"
+
+
 def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()

@@ -53,7 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
                 "alone",
                 begin_ns + 1_000_000_000,
                 (Answer("easy", 4), Answer("complex", None)),
-                ("a", "b"),
+                ("a;", "b"),
             ),
             QuestionnaireFilled(begin_ns + 3_000_000_000, "NASA-TLX", "bad", 12.0, "", begin_ns, ()),
         ],
@@ -64,7 +64,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_it_comes_back_from_the_record(folder: Path) -> None:
     first, second = (value for _, value in open_session(folder).values("event/questionnaire_filled"))
     assert first.answers == (Answer("easy", 4), Answer("complex", None))
-    assert (first.tags, second.title) == (("a", "b"), "NASA-TLX")
+    assert (first.tags, second.title) == (("a;", "b"), "NASA-TLX")
 
 
 def test_it_is_a_table_in_csv(folder: Path, tmp_path: Path) -> None:
@@ -77,7 +77,11 @@ def test_it_is_a_table_in_csv(folder: Path, tmp_path: Path) -> None:
         "31.5",
         "alone",
     )
-    assert (first["session_s"], first["begun_session_s"], first["tags"]) == ("2.0", "1.0", "a;b")
+    assert (first["session_s"], first["begun_session_s"], first["tags"]) == (
+        "2.0",
+        "1.0",
+        '["a;", "b"]',
+    )
     assert (first["answers_count"], second["answers_count"]) == ("2", "0")
     with (tmp_path / "csv" / "event_questionnaire_filled_answers.csv").open(encoding="utf-8", newline="") as file:
         assert [(row["number"], row["item"], row["points"]) for row in csv.DictReader(file)] == [
@@ -95,7 +99,7 @@ def test_it_is_a_typed_table_in_parquet(folder: Path, tmp_path: Path) -> None:
     first, _ = pq.read_table(tmp_path / "parquet" / "event_questionnaire_filled.parquet").to_pylist()
     assert (first["took_s"], first["tags"], first["condition"], first["value_condition"]) == (
         31.5,
-        ["a", "b"],
+        ["a;", "b"],
         "B",
         "alone",
     )

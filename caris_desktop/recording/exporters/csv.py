@@ -51,7 +51,7 @@ def _cell(column: Column, value: Any) -> str:
     match column.kind:
         case "utc":
             return _utc(value)
-        case "json":
+        case "json" | "texts":
             return json_text(value)
         case "points":
             return ";".join(" ".join(map(str, point)) for point in value)
@@ -59,7 +59,7 @@ def _cell(column: Column, value: Any) -> str:
             return ""
         case "integers" if column.name.endswith("_shape"):
             return "x".join(map(str, value))
-        case "numbers" | "integers" | "texts":
+        case "numbers" | "integers":
             # Of arrays the numbers' own digits: a float32 has fewer than the float it would become.
             return ";".join(map(str, value.ravel()) if isinstance(value, np.ndarray) else map(scalar_text, value))
     return scalar_text(value)

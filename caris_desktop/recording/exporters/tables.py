@@ -551,7 +551,8 @@ def _kind(hint: Any) -> tuple[Kind, str]:
         item = get_args(hint)[0]
         kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
         if item in kinds:
-            return kinds[item], "Several; in CSV files separated by semicolons."
+            written = "as JSON" if item is str else "separated by semicolons"
+            return kinds[item], f"Several; in CSV files {written}."
         return "json", "As JSON."
     plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
     return (plain[hint], "") if hint in plain else ("json", "As JSON.")
@@ -597,7 +598,10 @@ DICTIONARY_TABLE = Table(
             ("table", "The table."),
             ("column", "Its column; empty in the row that describes the table itself."),
             ("unit", "The unit, empty where there is none."),
-            ("type", "What the values are. In CSV files utc is ISO 8601, and lists are separated by semicolons."),
+            (
+                "type",
+                "What the values are. In CSV files utc is ISO 8601, texts are JSON, numbers have semicolons between.",
+            ),
             ("clock", "Of times: session (monotonic), UTC (this computer's at the start), or robot (its own)."),
             ("description", "What it means."),
         )
