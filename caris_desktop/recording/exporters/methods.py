@@ -306,7 +306,8 @@ class _Study:
             )
         guarded = sum(one.measures.driving.guard_interventions for one in self._known)
         if any("event/guard_changed" in one.streams for one in self._known):
-            own.append(f"A guard against obstacles slowed or stopped it {_times(guarded)}.")
+            often = f"slowed or stopped it {_times(guarded)}" if guarded else "never slowed or stopped it"
+            own.append(f"A guard against obstacles {often}.")
         own.append("What it said was decided by the wizard." if any(one.spoken for one in self._known) else "")
         return SheetSection(
             "Robot",
@@ -584,7 +585,10 @@ class _Study:
             parts.append(f"Its highest speed was {max(known_speeds):.2f} m/s.")
         stops = sum(one.measures.driving.stops for one in self._known)
         emergencies = sum(one.measures.driving.emergency_stops for one in self._known)
-        parts.append(f"Stop was pressed {_times(stops)}, the emergency stop {_times(emergencies)}.")
+        if stops or emergencies:
+            parts.append(f"Stop was pressed {_times(stops)}, the emergency stop {_times(emergencies)}.")
+        else:
+            parts.append("Neither stop nor the emergency stop was pressed.")
         return " ".join(parts)
 
     def _speech(self) -> str:
@@ -759,7 +763,8 @@ class _Study:
         if not known:
             return f"{text} The offset of the robot's clock was not measured."
         drifts = [abs(clock.drift_ms_per_min) for clock in known]
-        offsets = [clock.utc_offset_s for clock in known]
+        # Adding zero makes a zero of what would be shown as minus zero.
+        offsets = [round(clock.utc_offset_s, 3) + 0.0 for clock in known]
         if max(map(abs, offsets)) > _OWN_TIME_S:
             ahead = "it counted from a moment of its own"
         elif len(offsets) == 1:
@@ -1024,7 +1029,7 @@ def as_markdown(sheet: MethodsSheet) -> str:
             lines.append(f"**{item.question}**")
             if item.answer:
                 lines += ["", _plain(item.answer)]
-            if item.sources:
+            if item.answer and item.sources:
                 lines += ["", f"*From {', '.join(f'`{source}`' for source in item.sources)}*"]
             if item.by_hand:
                 lines += ["", f"- [ ] **To fill in by hand:** {item.by_hand}"]
