@@ -9,16 +9,18 @@ from typing import Any
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.schema import from_jsonable
-from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.recording import mcap_blocks
+from caris_desktop.recording.mcap_blocks import BlockIndex
 from caris_desktop.recording.recovery import repair_session
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_header import SessionError, read_header, times_of
 
 __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
-# Ends that nobody chose: the record stops where something broke.
-_CUT_OFF = ("", "recovered")
+_EVENTS = "events.mcap"
+# An end that nobody chose: the record stops where something broke.
+_RECOVERED = "recovered"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class Session:
         """As :meth:`values`, each with the moment it reached the console, on the session clock."""
         wanted = {BY_NAME[name].name for name in streams}
         anchor = self.clock.anchor
-        return _values(self.folder / "events.mcap", wanted, anchor.monotonic_ns - anchor.utc_ns)
+        return _values(self.folder / _EVENTS, wanted, anchor.monotonic_ns - anchor.utc_ns)
 
 
 def open_session(folder: Path, *, repair: bool = True) -> Session:
@@ -90,18 +92,14 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
         if report.repaired:
             header = read_header(folder)
             times = times_of(header, folder)
+    clock = times.clock
     if times.ended_ns is not None:
-        return Session(folder, header, times.clock, times.ended_ns, times.reason not in _CUT_OFF, times.reason, notices)
-    newest_ns, end = times.clock.started_ns, None
-    unfinished = Session(folder, header, times.clock, newest_ns, False, "", notices)
-    for arrival_ns, _, value in unfinished.arrivals():
-        newest_ns = max(newest_ns, arrival_ns)
-        if isinstance(value, SessionEnded):
-            end = value
-    if end is not None:
-        closed = end.reason not in _CUT_OFF
-        return Session(folder, header, times.clock, end.stamp_ns, closed, end.reason, notices)
-    return Session(folder, header, times.clock, newest_ns, False, "", notices)
+        return Session(folder, header, clock, times.ended_ns, times.reason != _RECOVERED, times.reason, notices)
+    newest_ns = _newest_ns(folder / _EVENTS, clock)
+    session = Session(folder, header, clock, newest_ns, False, "", notices)
+    for _, end in session.values(BY_TYPE[SessionEnded].name):
+        return Session(folder, header, clock, end.stamp_ns, end.reason != _RECOVERED, end.reason, notices)
+    return session
 
 
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
@@ -124,9 +122,24 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
     return read
 
 
-def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+def _index_of(path: Path) -> BlockIndex:
     try:
-        index = mcap_blocks.read_index(path)
+        return mcap_blocks.read_index(path)
+    except OSError as error:
+        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+
+
+def _newest_ns(path: Path, clock: SessionClock) -> int:
+    """When the last that was saved had arrived."""
+    ends_utc_ns = _index_of(path).ends_utc_ns
+    anchor = clock.anchor
+    newest_utc_ns = int(ends_utc_ns.max()) if len(ends_utc_ns) else 0
+    return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
+
+
+def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+    index = _index_of(path)
+    try:
         file = path.open("rb")
     except OSError as error:
         raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error

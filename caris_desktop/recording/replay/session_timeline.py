@@ -19,7 +19,6 @@ from caris_desktop.recording.session_reader import Session, value_reader
 _log = logging.getLogger(__name__)
 _KEPT_BLOCKS = 64
 _KEPT_BLOCK_BYTES = 64 * 1024 * 1024
-_KEPT_VALUES = 64
 _END_TOLD_NS = 1_000_000_000
 
 
@@ -59,7 +58,7 @@ class SessionTimeline:
         self._read = value_reader(self._path)
         self._blocks: OrderedDict[int, _Block | None] = OrderedDict()
         self._kept_bytes = 0
-        self._values: OrderedDict[tuple[int, int], Any] = OrderedDict()
+        self._values: dict[int, tuple[tuple[int, int], Any]] = {}
 
     @property
     def start_ns(self) -> int:
@@ -176,16 +175,15 @@ class SessionTimeline:
         return None
 
     def _value(self, number: int, place: int) -> Any | None:
-        """As :meth:`_made`, kept: a map stands for a whole session and is made once."""
-        if (number, place) in self._values:
-            self._values.move_to_end((number, place))
-            return self._values[number, place]
+        """As :meth:`_made`, the last one of each channel kept: a map stands for a whole session and is made once."""
         block = self._block(number)
-        value = None if block is None else self._made(block, place)
-        self._values[number, place] = value
-        if len(self._values) > _KEPT_VALUES:
-            self._values.popitem(last=False)
-        return value
+        if block is None:
+            return None
+        channel = block.messages[place].channel
+        kept = self._values.get(channel)
+        if kept is None or kept[0] != (number, place):
+            kept = self._values[channel] = (number, place), self._made(block, place)
+        return kept[1]
 
     def _made(self, block: _Block, place: int) -> Any | None:
         message = block.messages[place]

@@ -13,6 +13,7 @@ from caris_desktop.domain.events import CommandSent, Marked, ScenarioOpened, Utt
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import FrameRef, LaserScan, OccupancyGrid, StatusShown
 from caris_desktop.domain.streams import BY_TYPE, Delivery
+from caris_desktop.recording import mcap_blocks
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -114,8 +115,9 @@ def test_without_an_index_everything_is_found_all_the_same(killed_session: MadeS
 def test_a_damaged_block_is_left_out(whole_session: MadeSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)
+    index = mcap_blocks.read_index(folder / "events.mcap")
     content = bytearray((folder / "events.mcap").read_bytes())
-    at = len(content) // 3
+    at = int(index.offsets[index.count // 3]) + 100
     content[at : at + 64] = bytes(64)
     (folder / "events.mcap").write_bytes(content)
     with SessionTimeline(open_session(folder)) as timeline:
