@@ -7,10 +7,12 @@ into code.
 import dataclasses
 import json
 import logging
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.recording.bag_files import BagChannel
 from caris_desktop.ros.fields import Message, MessageError
@@ -42,17 +44,12 @@ def typestore(ros: Ros) -> "Typestore":
     return store
 
 
-def typed(store: "Typestore", type_name: str, plain: Message) -> Any:
+def typed(ros: Ros, type_name: str, plain: Message) -> Any:
     """The message of rosbags for a plain one; fields that it does not have are zero or empty.
 
-    Field names are compared without regard to case: CameraInfo has ``K`` in ROS 1 and ``k`` in ROS 2.
+    A field whose name is one letter may be of either case: CameraInfo has ``K`` in ROS 1 and ``k`` in ROS 2.
     """
-    given = {name.lower(): value for name, value in plain.items()}
-    fields = {
-        name: _typed_field(store, description, given.get(name.lower()))
-        for name, description in store.fielddefs[type_name][1]
-    }
-    return store.types[type_name](**fields)
+    return _builder(ros, type_name)(plain)
 
 
 def plain(message: Any) -> Any:
@@ -100,27 +97,53 @@ class MessageReader:
         return message
 
 
-def _typed_field(store: "Typestore", description: Any, value: Any) -> Any:
+_Build = Callable[[Any], Any]
+
+
+@lru_cache(maxsize=256)
+def _builder(ros: Ros, type_name: str) -> _Build:
+    """What makes messages of one type."""
+    store = typestore(ros)
+    kind = store.types[type_name]
+    fields = [
+        (name, name.swapcase() if len(name) == 1 else name, _field_builder(ros, description))
+        for name, description in store.fielddefs[type_name][1]
+    ]
+
+    def build(plain: Any) -> Any:
+        given = plain or {}
+        return kind(*(make(given[name] if name in given else given.get(other)) for name, other, make in fields))
+
+    return build
+
+
+def _field_builder(ros: Ros, description: Any) -> _Build:
     from rosbags.interfaces import Nodetype
 
     kind, detail = description
     if kind == Nodetype.NAME:
-        return typed(store, detail, value or {})
+        return _builder(ros, detail)
     if kind == Nodetype.BASE:
-        if value is not None:
-            return value
-        return {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(detail[0], 0)
+        empty: Any = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(detail[0], 0)
+        return lambda value: empty if value is None else value
     (inner_kind, inner), length = detail
     if inner_kind == Nodetype.NAME:
-        return [typed(store, inner, item) for item in value or ()]
+        build = _builder(ros, inner)
+        return lambda value: [build(item) for item in value or ()]
     if inner[0] == "string":
-        return list(value or ())
-    dtype = {"bool": np.bool_, "byte": np.uint8, "char": np.uint8}.get(inner[0]) or np.dtype(inner[0])
-    if value is None:
-        return np.zeros(length if kind == Nodetype.ARRAY else 0, dtype)
-    if isinstance(value, bytes):
-        return np.frombuffer(value, np.uint8).view(dtype)
-    return np.ascontiguousarray(value, dtype)
+        return lambda value: list(value or ())
+    dtype = np.dtype({"bool": np.bool_, "byte": np.uint8, "char": np.uint8}.get(inner[0]) or inner[0])
+    absent: NDArray[Any] = np.zeros(length if kind == Nodetype.ARRAY else 0, dtype)
+    absent.flags.writeable = False
+
+    def build_array(value: Any) -> NDArray[Any]:
+        if value is None:
+            return absent
+        if isinstance(value, bytes):
+            return np.frombuffer(value, np.uint8).view(dtype)
+        return np.ascontiguousarray(value, dtype)
+
+    return build_array
 
 
 def _is_standard(store: "Typestore", type_name: str, channel: BagChannel) -> bool:

@@ -153,7 +153,7 @@ def _write(writer: Any, ros: Ros, written: Iterator[Written]) -> None:
         if topic not in connections:
             connections[topic] = writer.add_connection(topic, kind, typestore=store)
         serialize = store.serialize_ros1 if ros == 1 else store.serialize_cdr
-        writer.write(connections[topic], T0_NS + at_ms * MS, serialize(typed(store, kind, message), kind))
+        writer.write(connections[topic], T0_NS + at_ms * MS, serialize(typed(ros, kind, message), kind))
 
 
 SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
@@ -311,7 +311,7 @@ def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
     message = messages.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
     store, kind = typestore(1), "sensor_msgs/msg/LaserScan"
     text = store.generate_msgdef(kind)[0].encode()
-    ros1 = store.serialize_ros1(typed(store, kind, message), kind)
+    ros1 = store.serialize_ros1(typed(1, kind, message), kind)
     pose = json.dumps(messages.encode_pose_stamped(Dialect.ROS1, Pose2D(1, 2, 0.5), stamp_ns=T0_NS)).encode()
     bag = mcap(
         tmp_path / "mixed.mcap",

@@ -338,7 +338,7 @@ class _Bags:
         connections = self._connections.get(topic)
         if connections is None:
             connections = self._connections[topic] = self._connect(topic)
-        ros1, ros2 = (typed(typestore(ros), topic.type, message) for ros in _BOTH)
+        ros1, ros2 = (typed(ros, topic.type, message) for ros in _BOTH)
         self._ros1.write(connections[0], at_utc_ns, typestore(1).serialize_ros1(ros1, topic.type))
         self._ros2.write(connections[1], at_utc_ns, typestore(2).serialize_cdr(ros2, topic.type))
         self.counts[topic] = self.counts.get(topic, 0) + 1
