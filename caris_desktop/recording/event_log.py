@@ -8,6 +8,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.mcap_file import McapFile
 
 
 class EventLog:
@@ -18,14 +19,12 @@ class EventLog:
     """
 
     def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
-        from mcap.writer import Writer
-
         self._file = file
         self._anchor = anchor
         self._channels: dict[str, int] = {}
+        self._schemas: dict[type[Any], int] = {}
         self.counts: Counter[str] = Counter()
-        self._writer = Writer(file)
-        self._writer.start(profile="", library="caris-desktop")
+        self._writer = McapFile(file, library="caris-desktop")
         self._writer.add_metadata("session", metadata)
 
     def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
@@ -38,9 +37,9 @@ class EventLog:
         self.counts[spec.name] += 1
         self._writer.add_message(
             channel,
+            data,
             log_time=max(0, self._anchor.utc_ns_at(arrived_ns)),
             publish_time=max(0, self._anchor.utc_ns_at(value.stamp_ns)),
-            data=data,
             sequence=self.counts[spec.name] & 0xFFFFFFFF,
         )
 
@@ -61,10 +60,9 @@ class EventLog:
             self._file.close()
 
     def _register(self, spec: StreamSpec, topic: str) -> int:
-        schema = self._writer.register_schema(
-            name=f"caris.{spec.value_type.__name__}",
-            encoding="jsonschema",
-            data=json.dumps(json_schema(spec.value_type)).encode(),
-        )
-        channel: int = self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema)
-        return channel
+        schema = self._schemas.get(spec.value_type)
+        if schema is None:
+            text = json.dumps(json_schema(spec.value_type)).encode()
+            schema = self._writer.add_schema(f"caris.{spec.value_type.__name__}", "jsonschema", text)
+            self._schemas[spec.value_type] = schema
+        return self._writer.add_channel(topic, "json", schema)

@@ -250,4 +250,4 @@ def _import_writers() -> None:
     """Before the first session, so that its first frames are not lost to imports."""
     import av  # noqa: F401 - for its side effect, as said above
     import cv2  # noqa: F401 - likewise
-    import mcap.writer  # noqa: F401 - likewise
+    import zstandard  # noqa: F401 - likewise

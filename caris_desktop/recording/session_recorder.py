@@ -106,7 +106,7 @@ class SessionRecorder:
         except OSError:
             self._lock.release()
             raise
-        self._closing_bytes = min(limits.closing_bytes, self._reserve.left_bytes // 4)
+        self._closing_bytes = min(limits.closing_bytes, self._reserve.left_bytes // 2)
         try:
             self._write_header()
             self._log = EventLog(
