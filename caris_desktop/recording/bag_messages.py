@@ -25,6 +25,13 @@ Ros = Literal[1, 2]
 _MAX_DEFINITION_CHARS = 200_000
 # Not in rosbags' table of ROS 1, where tf is a package of its own.
 _MORE_OF_ROS1 = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
+# As it was until ROS 1 Melodic.
+_OLDER_OF_ROS1 = {
+    "sensor_msgs/msg/BatteryState": "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\n"
+    "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
+    "uint8 power_supply_health\nuint8 power_supply_technology\nbool present\nfloat32[] cell_voltage\n"
+    "string location\nstring serial_number",
+}
 _ALIASES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 
@@ -41,6 +48,17 @@ def typestore(ros: Ros) -> "Typestore":
     if ros == 1:
         for name, text in _MORE_OF_ROS1.items():
             store.register(get_types_from_msg(text, name))
+    return store
+
+
+@lru_cache(maxsize=1)
+def _older_of_ros1() -> "Typestore":
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store, newer = get_typestore(Stores.EMPTY), typestore(1).fielddefs
+    store.register({name: newer[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")})
+    for name, text in _OLDER_OF_ROS1.items():
+        store.register(get_types_from_msg(text, name))
     return store
 
 
@@ -76,7 +94,12 @@ class MessageReader:
         self._store = typestore(1 if self._encoding == "ros1" else 2)
         if self._type not in self._store.fielddefs:
             raise NotUnderstoodError("its type is not known")
-        if channel.definition and not _is_standard(self._store, self._type, channel):
+        if not channel.definition or _is_standard(self._store, self._type, channel):
+            return
+        older = _older_of_ros1() if self._encoding == "ros1" and self._type in _OLDER_OF_ROS1 else None
+        if older is not None and _is_standard(older, self._type, channel):
+            self._store = older
+        else:
             raise NotUnderstoodError(f"its definition of {channel.type} is not the standard one")
 
     def read(self, data: bytes) -> Message:

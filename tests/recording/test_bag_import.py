@@ -23,6 +23,7 @@ from caris_desktop.domain.events import CommandSent, GoalChanged, InitialPoseSet
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
+    BatteryState,
     CameraLens,
     FrameRef,
     LaserScan,
@@ -326,6 +327,29 @@ def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
     reasons = {topic.topic: topic.reason for topic in report.topics}
     assert "protobuf" in reasons["/other"] or "taken" in reasons["/other"]
     assert "not the standard one" in reasons["/changed"] or "taken" in reasons["/changed"]
+
+
+def test_the_battery_of_an_older_ros(tmp_path: Path) -> None:
+    """Without temperatures, until ROS 1 Melodic; bzip2, as rosbag offers it."""
+    text = (
+        "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\nfloat32 capacity\nfloat32 design_capacity\n"
+        "float32 percentage\nuint8 power_supply_status\nuint8 power_supply_health\nuint8 power_supply_technology\n"
+        "bool present\nfloat32[] cell_voltage\nstring location\nstring serial_number\n"
+    )
+    newer, kind = typestore(1), "sensor_msgs/msg/BatteryState"
+    header = f"{'=' * 80}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    data = struct.pack("<III", 1, 2, 3) + struct.pack("<I", 0) + struct.pack("<6f", 24, 1, 1, 1, 1, 0.5)
+    data += bytes([2, 1, 3, 1]) + struct.pack("<III", 0, 0, 0)
+    writer = Writer1(tmp_path / "old.bag")
+    writer.set_compression(Writer1.CompressionFormat.BZ2)
+    with writer:
+        old = writer.add_connection(
+            "/battery", kind, msgdef=text + header, md5sum="476f837fa6771f6e16e3bf4ef96f8770", typestore=newer
+        )
+        writer.write(old, T0_NS, data)
+    import_bag(tmp_path / "old.bag", tmp_path / "session")
+    (battery,) = values(open_session(tmp_path / "session"), BatteryState)
+    assert battery.charge_fraction == 0.5
 
 
 # Bad input

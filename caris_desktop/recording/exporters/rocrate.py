@@ -20,7 +20,7 @@ from urllib.parse import quote
 
 from caris_desktop import __version__
 from caris_desktop.domain.schema import json_schema
-from caris_desktop.domain.streams import STREAMS, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, StreamSpec
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.manifest import MANIFEST_NAME, session_files
@@ -204,7 +204,7 @@ def _description(name: str) -> str:
 def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
     """How to read the record, for somebody who knows nothing of this program."""
     recorded = {str(name) for name in session.header.get("counts") or ()}
-    specs = [spec for spec in STREAMS if spec.name in recorded] or list(STREAMS)
+    specs = [spec for spec in BY_NAME.values() if spec.name in recorded] or list(BY_NAME.values())
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
     (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
