@@ -105,7 +105,16 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
         return functools.partial(_record, kind)
     if kind is float:
         return lambda data: math.inf if data is None else float(data)
+    if kind in (int, str, bool):
+        return functools.partial(_plain, kind)
     return _as_it_is
+
+
+def _plain(kind: type[Any], data: Any) -> Any:
+    """A stamp that is a text, say, would break whatever counts with it."""
+    if type(data) is not kind:
+        raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
+    return data
 
 
 def _one_of(permitted: tuple[Any, ...], data: Any) -> Any:

@@ -117,7 +117,11 @@ class LiveSessionLibrary(QObject):
 
     def default_export_folder(self, sessions: Sequence[Path]) -> Path:
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
-        return self._study / "exports" / name
+        folder = self._study / "exports" / name
+        number = 2
+        while folder.exists():
+            folder, number = folder.with_name(f"{name}-{number}"), number + 1
+        return folder
 
     def start_export(self, sessions: Sequence[Path], formats: Sequence[str], out: Path, *, licence: str = "") -> None:
         if self._exporter is not None:
@@ -151,7 +155,11 @@ class LiveSessionLibrary(QObject):
         elif isinstance(message, ExportFinished):
             self.export.set(
                 ExportStatus(
-                    "done" if message.written else "failed", 1.0, "", message.written, "\n".join(message.problems)
+                    "done" if message.written else "failed",
+                    1.0,
+                    "",
+                    message.written,
+                    "\n".join((*message.problems, *message.notices)),
                 )
             )
             self._exporter.ask_to_end()

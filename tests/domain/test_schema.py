@@ -7,6 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from caris_desktop.domain.events import Gap
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
 from caris_desktop.domain.sensing import OccupancyGrid
@@ -45,3 +46,9 @@ def test_a_grid_that_is_not_what_it_says_is_refused(broken: dict[str, Any]) -> N
     data["cells"] = {**data["cells"], **broken}
     with pytest.raises(ValueError, match=r"grid|bytes"):
         from_jsonable(OccupancyGrid, data)
+
+
+@pytest.mark.parametrize("stamp", ["5", 5.0, True, None, [5]])
+def test_a_whole_number_is_nothing_else(stamp: object) -> None:
+    with pytest.raises(ValueError, match="integer"):
+        from_jsonable(Gap, {"stamp_ns": stamp, "stream": "scan", "count": 1, "reason": ""})
