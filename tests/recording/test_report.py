@@ -25,7 +25,8 @@ from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.export import ExportContext, export_session
-from caris_desktop.recording.exporters.methods import methods_sheet, write_methods_of_study
+from caris_desktop.recording.exporters.methods import write_methods_of_study
+from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures import measure_session
 from caris_desktop.recording.session_reader import Session, open_session
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, tell, tour

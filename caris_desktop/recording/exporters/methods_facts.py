@@ -1,0 +1,207 @@
+"""What the methods sheet needs to know of the sessions of a study, read once each."""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.events import ControlUsed, HeadMoved, LlmExchange, RobotChosen, ScenarioOpened
+from caris_desktop.domain.streams import spec_of_topic
+from caris_desktop.recording import mcap_blocks
+from caris_desktop.recording.exporters.methods_words import distinct
+from caris_desktop.recording.measures import Measures, ModelUse, measure, read_facts
+from caris_desktop.recording.robot_clock import ClockSummary, robot_clock
+from caris_desktop.recording.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session_header import SessionError, read_header
+from caris_desktop.recording.session_reader import Session, open_session
+from caris_desktop.recording.study_index import session_folders
+
+_log = logging.getLogger(__name__)
+PRACTICE = "practice"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownSession:
+    """What the sheet needs of one session; its values themselves are let go."""
+
+    session: Session
+    measures: Measures
+    scenarios: tuple[ScenarioText, ...]
+    robots: tuple[str, ...]
+    exchanges: tuple[LlmExchange, ...]
+    streams: frozenset[str]
+    clock: ClockSummary | None
+    heard: bool
+    spoken: bool
+    voices: frozenset[str]
+    head_moves: int
+    controls: int
+
+
+def read_known(session: Session, progress: Callable[[float], None]) -> KnownSession:
+    facts = read_facts(session, lambda fraction: progress(0.8 * fraction))
+    opened, chosen = facts.of(ScenarioOpened), facts.of(RobotChosen)
+    head = session.header
+    robots = [event.title or event.name for event in chosen]
+    if not robots and isinstance(head.get("robot"), dict) and head["robot"].get("profile"):
+        robots = [str(head["robot"]["profile"])]
+    scenarios = [read_scenario(event) for event in opened]
+    if not scenarios and isinstance(head.get("scenario"), dict) and head["scenario"].get("title"):
+        of = head["scenario"]
+        scenarios = [ScenarioText(str(of["title"]), str(of.get("file", "")), str(of.get("sha256", "")))]
+    rare = [value for _, value in session.values("event/head_moved", "event/control_used")]
+    anchor = session.clock.anchor
+    return KnownSession(
+        session=session,
+        measures=measure(facts),
+        scenarios=tuple(scenarios),
+        robots=tuple(dict.fromkeys(robots)),
+        exchanges=facts.of(LlmExchange),
+        streams=_streams(session),
+        clock=robot_clock(session).summary(
+            utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
+        ),
+        heard=any(item.speaker == "participant" for item in facts.utterances),
+        spoken=any(item.speaker == "robot" and item.said for item in facts.utterances),
+        voices=frozenset(item.voice for item in facts.utterances if item.speaker == "robot" and item.voice),
+        head_moves=sum(isinstance(value, HeadMoved) for value in rare),
+        controls=sum(isinstance(value, ControlUsed) and value.state == "requested" for value in rare),
+    )
+
+
+def _streams(session: Session) -> frozenset[str]:
+    try:
+        channels = mcap_blocks.read_index(session.folder / "events.mcap").channels.values()
+    except OSError as error:
+        raise SessionError(f"{session.folder} cannot be read: {error.strerror or error}.") from error
+    specs = (spec_of_topic(channel.topic) for channel in channels)
+    return frozenset(spec.name for spec in specs if spec is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Practice:
+    """A practice session of a wizard."""
+
+    wizard: str
+    started_utc_ns: int
+    duration_s: float
+
+
+def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
+    """The practice sessions in the folders that ``sessions`` lie in."""
+    found = []
+    for parent in sorted({session.folder.absolute().parent for session in sessions}):
+        try:
+            folders = session_folders(parent)
+        except OSError as error:
+            _log.warning("practice sessions are not looked for in %s: %s", parent, error)
+            continue
+        for folder in folders:
+            try:
+                if _head_purpose(folder) != PRACTICE:
+                    continue
+                session = open_session(folder, repair=False)
+            except SessionError as error:
+                _log.info("not counted as practice: %s", error)
+                continue
+            utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
+            found.append(Practice(wizard_of(session), utc_ns, session.duration_s))
+    return found
+
+
+def _head_purpose(folder: Path) -> str:
+    """Raises SessionError. A look at the head alone: there may be hundreds of sessions."""
+    trial = read_header(folder).get("trial")
+    return purpose_of(trial if isinstance(trial, dict) else {})
+
+
+def purpose_of(trial: dict[str, Any]) -> str:
+    return str(trial.get("purpose") or "").strip().casefold()
+
+
+def wizard_of(session: Session) -> str:
+    return session.trial.get("wizard", "").strip()
+
+
+class StudyFacts:
+    """The sessions that count, in the order in which they were, and what they tell together.
+
+    ``practice`` are the wizards' practice sessions, which do not count.
+    """
+
+    def __init__(self, known: Sequence[KnownSession], practice: Sequence[Practice]) -> None:
+        self.known = sorted(known, key=lambda one: one.session.clock.anchor.utc_ns_at(one.session.started_ns))
+        self.practice = practice
+        self.models = _merged([model for one in known for model in one.measures.models])
+
+    def wizards(self) -> list[str]:
+        return distinct(wizard_of(one.session) for one in self.known)
+
+    def training(self) -> dict[str, list[float]]:
+        """The durations of each wizard's practice before the first session that counts."""
+        first_ns: dict[str, int] = {}
+        for one in reversed(self.known):
+            session = one.session
+            first_ns[wizard_of(session).casefold()] = session.clock.anchor.utc_ns_at(session.started_ns)
+        lasted: dict[str, list[float]] = {}
+        for name in self.wizards():
+            own = [
+                item.duration_s
+                for item in self.practice
+                if item.wizard.casefold() == name.casefold() and item.started_utc_ns < first_ns[name.casefold()]
+            ]
+            if own:
+                lasted[name] = own
+        return lasted
+
+    def robots(self) -> list[str]:
+        return distinct(name for one in self.known for name in one.robots)
+
+    def recorded_s(self) -> float:
+        return sum(one.measures.recorded_s for one in self.known)
+
+    def responses(self) -> list[float]:
+        return [seconds for one in self.known for seconds in one.measures.response_times_s]
+
+    def system_prompts(self) -> dict[str, int]:
+        """Each system prompt, with how many questions it was sent with."""
+        prompts: Counter[str] = Counter()
+        for one in self.known:
+            for exchange in one.exchanges:
+                text = "\n\n".join(message.content for message in exchange.messages if message.role == "system")
+                if text:
+                    prompts[text] += 1
+        return dict(prompts)
+
+    def counted(self, of: Callable[[Measures], dict[str, int]]) -> dict[str, int]:
+        """A counter of the figures, over all sessions; the most frequent first."""
+        whole: Counter[str] = Counter()
+        for one in self.known:
+            whole.update(of(one.measures))
+        return dict(whole.most_common())
+
+
+def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
+    groups: dict[tuple[str, str, str], list[ModelUse]] = {}
+    for model in models:
+        groups.setdefault((model.provider, model.model, model.version), []).append(model)
+    return [
+        ModelUse(
+            provider=provider,
+            model=name,
+            version=version,
+            asked=sum(one.asked for one in group),
+            answered=sum(one.answered for one in group),
+            cancelled=sum(one.cancelled for one in group),
+            failed=sum(one.failed for one in group),
+            said=sum(one.said for one in group),
+            edited=sum(one.edited for one in group),
+            dismissed=sum(one.dismissed for one in group),
+            unused=sum(one.unused for one in group),
+            first_token_s=tuple(seconds for one in group for seconds in one.first_token_s),
+            answer_s=tuple(seconds for one in group for seconds in one.answer_s),
+        )
+        for (provider, name, version), group in groups.items()
+    ]

@@ -1,0 +1,622 @@
+"""The questions of the methods sheet, each with its answer from the record, or a word on what is to be filled in.
+
+The questions are those of the reporting guidelines of Riek, "Wizard of Oz Studies in HRI: A Systematic Review and New
+Reporting Guidelines", Journal of Human-Robot Interaction 1(1), 2012, and what journals ask to be disclosed of language
+models: which one, which version, with which parameters and prompts, for what, and who decided about its answers.
+Nothing is invented: what the record does not tell is left for the researcher, and marked so.
+"""
+
+import json
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.domain.events import LlmExchange, RobotChosen, ScenarioOpened
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.completeness import stream_words
+from caris_desktop.recording.exporters.drawings import duration_text
+from caris_desktop.recording.exporters.html import distance_text, model_name
+from caris_desktop.recording.exporters.methods_facts import (
+    PRACTICE,
+    StudyFacts,
+    practice_beside,
+    purpose_of,
+    read_known,
+    wizard_of,
+)
+from caris_desktop.recording.exporters.methods_paragraph import paragraph
+from caris_desktop.recording.exporters.methods_words import (
+    CAN,
+    SEEN,
+    SOURCE_WORDS,
+    days_words,
+    distinct,
+    listing,
+    listing_counts,
+    number_of,
+    settings_words,
+    share_words,
+    spread_words,
+    times_word,
+    was_or_were,
+)
+from caris_desktop.recording.measures import ModelUse, Spread, per_10_min
+from caris_desktop.recording.scenario_text import ScenarioText
+from caris_desktop.recording.session_reader import Session
+
+# A robot's clock that is further off was never set, or is that of a simulation.
+_OWN_TIME_S = 30 * 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class SheetItem:
+    """One question. ``answer`` is empty where the record does not tell; ``by_hand`` says what to add.
+
+    ``sources`` names the parts of the record that the answer is from.
+    """
+
+    question: str
+    answer: str = ""
+    sources: tuple[str, ...] = ()
+    by_hand: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SheetSection:
+    """Questions of one kind."""
+
+    title: str
+    items: tuple[SheetItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Appendix:
+    """A text in full, such as a system prompt; ``text`` may be long and have lines."""
+
+    title: str
+    about: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class MethodsSheet:
+    """The whole sheet. ``paragraph`` is for a paper; what stands in square brackets in it is still to be filled in."""
+
+    title: str
+    about: str
+    sections: tuple[SheetSection, ...]
+    paragraph: str
+    appendices: tuple[Appendix, ...]
+
+    @property
+    def open_items(self) -> int:
+        return sum(bool(item.by_hand) for section in self.sections for item in section.items)
+
+
+def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None] = lambda _: None) -> MethodsSheet:
+    """Fill the sheet. ``progress`` may raise to cancel. Raises SessionError."""
+    counting = [session for session in sessions if purpose_of(session.trial) != PRACTICE] or list(sessions)
+    known = []
+    for number, session in enumerate(counting):
+
+        def tell(fraction: float, *, before: int = number) -> None:
+            progress(0.95 * (before + fraction) / len(counting))
+
+        known.append(read_known(session, tell))
+    return _Answers(StudyFacts(known, practice_beside(sessions))).sheet()
+
+
+class _Answers:
+    """How each question is answered from the sessions."""
+
+    def __init__(self, study: StudyFacts) -> None:
+        self._of = study
+
+    def sheet(self) -> MethodsSheet:
+        sections = (self._robot(), self._participants(), self._wizards(), self._study(), self._language_model(),
+                    self._record())  # fmt: skip
+        one = len(self._of.known) == 1
+        of = self._of.known[0].session.folder.name if one else f"{len(self._of.known)} sessions"
+        return MethodsSheet(
+            title=f"Methods sheet of {of}",
+            about=(
+                "Filled from the record of CARIS Desktop after the reporting guidelines for Wizard-of-Oz studies by"
+                " Riek (2012) and current practice in disclosing language models. Each answer names the parts of the"
+                " record that it is from. What the record cannot tell is marked to be filled in by hand."
+            ),
+            sections=tuple(section for section in sections if section.items),
+            paragraph=paragraph(self._of),
+            appendices=tuple(self._prompts()),
+        )
+
+    # Sections
+
+    def _robot(self) -> SheetSection:
+        robots = distinct(name for one in self._of.known for name in one.robots)
+        goals = self._of.counted(lambda m: m.driving.goals)
+        navigated_s = sum(one.measures.driving.navigating_s for one in self._of.known)
+        own = []
+        if goals:
+            own.append(
+                f"It drove by itself to {number_of(sum(goals.values()), 'goal')} that the wizard set"
+                f" ({listing_counts(goals)}; {duration_text(navigated_s)})."
+            )
+        guarded = sum(one.measures.driving.guard_interventions for one in self._of.known)
+        if any("event/guard_changed" in one.streams for one in self._of.known):
+            often = f"slowed or stopped it {times_word(guarded)}" if guarded else "never slowed or stopped it"
+            own.append(f"A guard against obstacles {often}.")
+        own.append("What it said was decided by the wizard." if any(one.spoken for one in self._of.known) else "")
+        return SheetSection(
+            "Robot",
+            (
+                SheetItem(
+                    "How many robots, and of which kind?",
+                    listing(robots),
+                    ("session.json", *events_named(RobotChosen)) if robots else (),
+                    "Make, model and appearance (humanoid, mechanical, ...)." if robots else "The robot.",
+                ),
+                SheetItem(
+                    "What did the robot do by itself, and what did the wizard decide?",
+                    " ".join(part for part in own if part),
+                    ("event/goal_changed", "event/guard_changed", "event/utterance_changed"),
+                    "How it was presented to participants: as autonomous or not.",
+                ),
+                SheetItem(
+                    "How did it move?",
+                    self._movement(),
+                    ("event/command_sent", "odometry", "pose", "event/stop_requested"),
+                ),
+                SheetItem("How did it speak?", self._speech(), ("event/utterance_changed",)),
+            ),
+        )
+
+    def _participants(self) -> SheetSection:
+        people = distinct(one.session.trial.get("participant", "") for one in self._of.known)
+        without = sum(not one.session.trial.get("participant") for one in self._of.known)
+        answer = ""
+        if people:
+            answer = (
+                f"{number_of(len(people), 'participant').capitalize()} in {number_of(len(self._of.known), 'session')}."
+            )
+            if without:
+                verb = "names" if without == 1 else "name"
+                answer += f" {number_of(without, 'session').capitalize()} {verb} no participant."
+        conditions = Counter(one.session.trial.get("condition", "") for one in self._of.known)
+        conditions.pop("", None)
+        seen = [one.measures.people for one in self._of.known]
+        return SheetSection(
+            "Participants",
+            (
+                SheetItem(
+                    "How many participants?",
+                    answer,
+                    ("session.json",) if answer else (),
+                    "" if answer else "How many took part.",
+                ),
+                SheetItem(
+                    "Which conditions, with how many sessions each?",
+                    listing_counts(conditions),
+                    ("session.json",) if conditions else (),
+                    "" if conditions else "The conditions, if any.",
+                ),
+                SheetItem(
+                    "How many people were in front of the robot?",
+                    self._people_seen(seen),
+                    ("event/person_appeared",) if any(seen) else (),
+                ),
+                SheetItem("Who were they?", by_hand="Age, gender, background, experience with robots, recruitment."),
+                SheetItem(
+                    "What were they told?",
+                    by_hand="Instructions, consent, what they believed of the robot's autonomy, debriefing.",
+                ),
+                SheetItem(
+                    "Was the simulation convincing?",
+                    by_hand="Whether participants suspected a wizard, and how that was found out.",
+                ),
+            ),
+        )
+
+    @staticmethod
+    def _people_seen(seen: list[int]) -> str:
+        if not any(seen):
+            return ""
+        if len(seen) == 1:
+            return f"{number_of(seen[0], 'person', 'people').capitalize()} by the console's person detector."
+        return (
+            f"{min(seen)} to {max(seen)} in a session (median {statistics.median(seen):g}), by the console's person"
+            " detector."
+        )
+
+    def _wizards(self) -> SheetSection:
+        wizards = self._of.wizards()
+        errors = self._of.counted(lambda m: m.errors)
+        return SheetSection(
+            "Wizard",
+            (
+                SheetItem(
+                    "How many wizards?",
+                    self._wizards_text(wizards),
+                    ("session.json",) if wizards else (),
+                    "Who they were (researcher, confederate, naive), and what they knew of the hypotheses.",
+                ),
+                SheetItem(
+                    "How were they trained?",
+                    self._training_text(wizards),
+                    ("session.json of practice sessions",),
+                    "Training outside of the program; the criterion for being ready.",
+                ),
+                SheetItem(
+                    "What could the wizard perceive?",
+                    self._perceived(),
+                    ("events.mcap", *events_named(ScenarioOpened)),
+                    "What the wizard saw and heard without the program (same room, one-way mirror, ...).",
+                ),
+                SheetItem(
+                    "What could the wizard do, and what was used?",
+                    self._produced(),
+                    (
+                        *events_named(ScenarioOpened),
+                        "event/utterance_changed",
+                        "event/command_sent",
+                        "event/goal_changed",
+                        "event/head_moved",
+                        "event/control_used",
+                    ),
+                    "The rules that the wizard followed (protocol, when to use which phrase).",
+                ),
+                SheetItem(
+                    "How fast did the wizard and the robot respond?",
+                    self._responses_text(),
+                    ("event/utterance_changed", *events_named(LlmExchange)),
+                    "" if self._of.responses() else "Response times: what participants said is not in the record.",
+                ),
+                SheetItem(
+                    "Which errors did the wizard make?",
+                    self._errors_text(errors),
+                    ("event/marked",),
+                    "How errors were noticed: only those that the wizard marked are in the record.",
+                ),
+            ),
+        )
+
+    def _study(self) -> SheetSection:
+        scenarios: dict[str, ScenarioText] = {}
+        for one in self._of.known:
+            for scenario in one.scenarios:
+                scenarios[scenario.sha256 or scenario.title] = scenario
+        described = [
+            f"{scenario.title}{f': {scenario.description}' if scenario.description else ''}"
+            f"{f' (file {scenario.file_name}, SHA-256 {scenario.sha256[:12]}…)' if scenario.file_name else ''}"
+            for scenario in scenarios.values()
+        ]
+        recorded_s = [one.measures.recorded_s for one in self._of.known]
+        spread = Spread.of(recorded_s)
+        length = f"{duration_text(sum(recorded_s))} in {number_of(len(recorded_s), 'session')}"
+        if spread is not None and spread.n > 1:
+            span = f"{duration_text(spread.smallest)} to {duration_text(spread.largest)}"
+            same = duration_text(spread.smallest) == duration_text(spread.largest)
+            mean = duration_text(spread.mean)
+            length += f"; {mean} each" if same else f"; {mean} on average ({span})"
+        left_out = len(self._of.practice)
+        if left_out and len(self._of.known) > 1:
+            length += f"; {number_of(left_out, 'practice session')} {was_or_were(left_out)} left out"
+        return SheetSection(
+            "Study",
+            (
+                SheetItem(
+                    "How many scenarios, and which?",
+                    " ".join(f"{text.rstrip('.')}." for text in described),
+                    ("session.json", *events_named(ScenarioOpened)) if described else (),
+                ),
+                SheetItem("When, and how long?", f"{self._dates()}: {length}.", ("session.json",)),
+                SheetItem("Where did it take place?", by_hand="Place, room, number of locations, who else was there."),
+                SheetItem(
+                    "Was the robot's behaviour developed in several rounds?",
+                    by_hand="Pilots and what was changed after them.",
+                ),
+                SheetItem("With which software?", self._software(), ("session.json",)),
+                SheetItem(
+                    "Which limitations follow from the wizard?",
+                    by_hand="What of the wizard's part could later be done by the robot itself, and how well.",
+                ),
+            ),
+        )
+
+    def _language_model(self) -> SheetSection:
+        if not self._of.models:
+            return SheetSection(
+                "Language model",
+                (
+                    SheetItem(
+                        "Was a language model used?",
+                        "No: no question to one is in the record.",
+                        events_named(LlmExchange),
+                    ),
+                ),
+            )
+        exchanges = [exchange for one in self._of.known for exchange in one.exchanges]
+        settings = distinct(json.dumps(exchange.parameters, sort_keys=True) for exchange in exchanges)
+        sources = events_named(LlmExchange)
+        count = len(self._of.system_prompts())
+        prompts = (
+            f"{number_of(count, 'system prompt').capitalize()}, in full in the appendix."
+            if count
+            else "Without a system prompt."
+        )
+        days = days_words(one.session for one in self._of.known if one.exchanges)
+        return SheetSection(
+            "Language model",
+            (
+                SheetItem(
+                    "Which model, which version?",
+                    " ".join(
+                        f"{model_name(model.provider, model.model, model.version)}: asked {times_word(model.asked)}"
+                        f"{'' if model.version else '; its version is not in the record'}."
+                        for model in self._of.models
+                    ),
+                    sources,
+                    "Where the model ran, and to whom the questions were sent."
+                    if any(model.provider != "embedded" for model in self._of.models)
+                    else "",
+                ),
+                SheetItem("When?", f"{days}.", ("session.json",)),
+                SheetItem("With which parameters?", f"{'; '.join(map(settings_words, settings))}.", sources),
+                SheetItem(
+                    "With which prompts?",
+                    f"{prompts} Every prompt is in the record as it was sent.",
+                    sources,
+                ),
+                SheetItem(
+                    "What was it used for, and who decided?",
+                    "It proposed what the robot could say. Nothing of it was said unless the wizard chose to.",
+                    (*sources, "event/answer_used"),
+                ),
+                SheetItem(
+                    "How many of its answers were used?",
+                    " ".join(self._acceptance(model) for model in self._of.models),
+                    (*sources, "event/answer_used"),
+                ),
+                SheetItem("How long did it take?", self._latency(), sources),
+            ),
+        )
+
+    def _record(self) -> SheetSection:
+        lost = self._of.counted(lambda m: m.lost)
+        cut = sum(not one.session.closed_properly for one in self._of.known)
+        pauses = sum(one.measures.pauses for one in self._of.known)
+        paused_s = sum(one.measures.paused_s for one in self._of.known)
+        losses = [
+            f"{count} {stream_words(stream)} were not recorded." if count != 1 else
+            f"1 of the {stream_words(stream)} was not recorded."
+            for stream, count in lost.items()
+        ] or ["No loss is in the record."]  # fmt: skip
+        if cut:
+            losses.append(f"{number_of(cut, 'recording').capitalize()} {was_or_were(cut)} cut off before the end.")
+        if pauses:
+            losses.append(f"Recording was paused {times_word(pauses)}, for {duration_text(paused_s)} in all.")
+        trouble_s = sum(one.measures.link_trouble_s for one in self._of.known)
+        if trouble_s:
+            losses.append(f"The robot could not be reached for {duration_text(trouble_s)} in all.")
+        return SheetSection(
+            "Record",
+            (
+                SheetItem("Which clocks, and how exact?", self._clocks(), ("event/link_quality", "session.json")),
+                SheetItem(
+                    "What was lost?", " ".join(losses), ("event/gap", "event/recording_paused", "event/link_changed")
+                ),
+            ),
+        )
+
+    # Answers
+
+    def _movement(self) -> str:
+        sources: dict[str, float] = {}
+        for one in self._of.known:
+            for source, seconds in one.measures.driving.seconds_by_source.items():
+                sources[source] = sources.get(source, 0.0) + seconds
+        ways = [
+            one.measures.driving.distance_m for one in self._of.known if one.measures.driving.distance_m is not None
+        ]
+        speeds = [one.measures.driving.max_speed_mps for one in self._of.known]
+        known_speeds = [speed for speed in speeds if speed is not None]
+        parts = []
+        if sources:
+            shown = [f"{SOURCE_WORDS.get(source, source)} ({duration_text(s)})" for source, s in sources.items()]
+            parts.append(f"The wizard drove with {listing(shown)}.")
+        else:
+            parts.append("The wizard did not drive it by hand.")
+        if ways:
+            parts.append(f"It went {distance_text(sum(ways))} in all.")
+        if known_speeds:
+            parts.append(f"Its highest speed was {max(known_speeds):.2f} m/s.")
+        stops = sum(one.measures.driving.stops for one in self._of.known)
+        emergencies = sum(one.measures.driving.emergency_stops for one in self._of.known)
+        if stops or emergencies:
+            parts.append(f"Stop was pressed {times_word(stops)}, the emergency stop {times_word(emergencies)}.")
+        else:
+            parts.append("Neither stop nor the emergency stop was pressed.")
+        return " ".join(parts)
+
+    def _speech(self) -> str:
+        origins = self._of.counted(lambda m: m.origins)
+        whole = sum(origins.values())
+        if not whole:
+            return "It said nothing."
+        voices = {voice for one in self._of.known for voice in one.voices}
+        voice = {frozenset({"robot"}): " The voice was the robot's own.",
+                 frozenset({"computer"}): " The voice was synthesised by the wizard's computer."}.get(
+                     frozenset(voices), "")  # fmt: skip
+        return f"It spoke {times_word(whole)}: {share_words(origins)}.{voice}"
+
+    def _wizards_text(self, wizards: list[str]) -> str:
+        if not wizards:
+            return ""
+        sessions = Counter(wizard_of(one.session) for one in self._of.known)
+        shares = listing([f"{name or 'unnamed'} ({number_of(count, 'session')})" for name, count in sessions.items()])
+        return f"{number_of(len(wizards), 'wizard').capitalize()}: {shares}."
+
+    def _training_text(self, wizards: list[str]) -> str:
+        lasted = self._of.training()
+        if not lasted:
+            return "No practice session before the first session is in the record."
+        parts = [
+            f"{name}: {duration_text(sum(durations))} in {number_of(len(durations), 'practice session')}"
+            for name, durations in lasted.items()
+        ]
+        without = [name for name in wizards if name not in lasted]
+        rest = f" Of {listing(without)} no practice session is in the record." if without else ""
+        return f"With the program, before the first session: {'; '.join(parts)}.{rest}"
+
+    def _perceived(self) -> str:
+        shown = [words for stream, words in SEEN if any(stream in one.streams for one in self._of.known)]
+        texts = [f"On the console: {listing(shown)}."] if shown else []
+        texts.append(
+            "What participants said was transcribed for the wizard."
+            if any(one.heard for one in self._of.known)
+            else "What participants said was not transcribed."
+        )
+        panels = distinct(panel for one in self._of.known for scenario in one.scenarios for panel in scenario.panels)
+        if panels:
+            texts.append(f"Panels of the scenario: {', '.join(panels)}.")
+        return " ".join(texts)
+
+    def _produced(self) -> str:
+        permissions: dict[str, bool] = {}
+        phrases = 0
+        for one in self._of.known:
+            for scenario in one.scenarios:
+                phrases = max(phrases, len(scenario.phrases))
+                for name, allowed in scenario.permissions.items():
+                    permissions[name] = permissions.get(name, False) or allowed
+        able = [words for name, words in CAN if permissions.get(name)]
+        unable = [words for name, words in CAN if permissions.get(name) is False]
+        texts = []
+        if phrases:
+            texts.append(f"{number_of(phrases, 'prepared phrase').capitalize()} on keys.")
+        if able:
+            texts.append(f"The scenario let the wizard type what the robot says, {listing(able)}.")
+        if unable:
+            texts.append(f"It did not let the wizard {listing(unable, 'or')}.")
+        moves = sum(one.head_moves for one in self._of.known)
+        controls = sum(one.controls for one in self._of.known)
+        goals = sum(sum(one.measures.driving.goals.values()) for one in self._of.known)
+        photos = sum(one.measures.photos for one in self._of.known)
+        used = [
+            text
+            for count, text in (
+                (goals, f"{goals} navigation goals" if goals != 1 else "1 navigation goal"),
+                (moves, f"{moves} turns of the head" if moves != 1 else "1 turn of the head"),
+                (controls, f"{controls} uses of further controls" if controls != 1 else "1 use of a further control"),
+                (photos, f"{photos} photos" if photos != 1 else "1 photo"),
+            )
+            if count
+        ]
+        if used:
+            texts.append(f"Used beside speech and driving: {listing(used)}.")
+        return " ".join(texts)
+
+    def _responses_text(self) -> str:
+        parts = []
+        response = Spread.of(self._of.responses())
+        if response is not None:
+            parts.append(
+                f"From the end of a participant's utterance to the robot's next words: {spread_words(response)}."
+            )
+            content = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.content_responses])
+            if content is not None and content != response:
+                parts.append(f"Without fillers: {spread_words(content)}.")
+        reaction = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
+        if reaction is not None:
+            parts.append(
+                "From the end of a participant's utterance, or the language model's answer, to the wizard's request:"
+                f" {spread_words(reaction)}."
+            )
+        return " ".join(parts)
+
+    def _errors_text(self, errors: dict[str, int]) -> str:
+        count = sum(errors.values())
+        if not count:
+            return "The wizard marked no errors."
+        rate = per_10_min(count, sum(one.measures.recorded_s for one in self._of.known))
+        kinds = listing_counts({label or "not told which": number for label, number in errors.items()})
+        shown = f", {rate:.1f} per 10 minutes" if rate is not None else ""
+        return f"The wizard marked {number_of(count, 'error')} ({kinds}){shown}."
+
+    def _dates(self) -> str:
+        return days_words(one.session for one in self._of.known)
+
+    def _software(self) -> str:
+        versions = distinct(str(one.session.header.get("program_version", "")) for one in self._of.known)
+        text = f"CARIS Desktop {listing(versions)}." if versions else "CARIS Desktop."
+        named: dict[str, list[str]] = {}
+        for one in self._of.known:
+            software = one.session.header.get("software")
+            for name, version in software.items() if isinstance(software, dict) else ():
+                if str(version) not in named.setdefault(str(name), []):
+                    named[str(name)].append(str(version))
+        listed = ", ".join(f"{name} {' / '.join(versions)}" for name, versions in sorted(named.items()))
+        return f"{text} {listed}." if listed else text
+
+    def _acceptance(self, model: ModelUse) -> str:
+        name = f"{model_name(model.provider, model.model, model.version)}: " if len(self._of.models) > 1 else ""
+        text = f"{name}{number_of(model.answered, 'answer')} to {number_of(model.asked, 'question')}"
+        text = text[0].upper() + text[1:]
+        if model.accepted_fraction is not None:
+            text += (
+                f"; accepted {model.said + model.edited} ({model.accepted_fraction:.0%}: {model.said} as"
+                f" {'it was' if model.said == 1 else 'they were'}, {model.edited} edited), {model.dismissed} dismissed,"
+                f" {model.unused} not used"
+            )
+        failed = ((model.cancelled, "cancelled"), (model.failed, "failed"))
+        rest = listing([f"{count} {word}" for count, word in failed if count])
+        return f"{text}{f'; {rest}' if rest else ''}."
+
+    def _latency(self) -> str:
+        texts = []
+        for model in self._of.models:
+            first, whole = Spread.of(model.first_token_s), Spread.of(model.answer_s)
+            name = f"{model_name(model.provider, model.model, model.version)}: " if len(self._of.models) > 1 else ""
+            if first is not None:
+                texts.append(f"{name}To the first word: {spread_words(first)}.")
+            if whole is not None:
+                texts.append(f"{name}To the whole answer: {spread_words(whole)}.")
+        return " ".join(texts)
+
+    def _clocks(self) -> str:
+        known = [one.clock for one in self._of.known if one.clock is not None]
+        text = "All times are those of one monotonic clock of the wizard's computer, mapped to UTC at the start."
+        if not known:
+            return f"{text} The offset of the robot's clock was not measured."
+        drifts = [abs(clock.drift_ms_per_min) for clock in known]
+        # Adding zero makes a zero of what would be shown as minus zero.
+        offsets = [round(clock.utc_offset_s, 3) + 0.0 for clock in known]
+        if max(map(abs, offsets)) > _OWN_TIME_S:
+            ahead = "it counted from a moment of its own"
+        elif len(offsets) == 1:
+            ahead = f"it was {offsets[0]:+.3f} s from the computer's UTC"
+        else:
+            ahead = f"it was {min(offsets):+.3f} to {max(offsets):+.3f} s from the computer's UTC"
+        unknown = len(self._of.known) - len(known)
+        rest = f" In {number_of(unknown, 'session')} it was not measured." if unknown else ""
+        return (
+            f"{text} The robot's clock was compared with it once a second: {ahead}, and drifted by at most"
+            f" {max(drifts):.1f} ms per minute; its stamps are known to ±{max(c.uncertainty_ms for c in known):.1f} ms."
+            f"{rest}"
+        )
+
+    def _prompts(self) -> list[Appendix]:
+        prompts = self._of.system_prompts()
+        return [
+            Appendix(
+                "System prompt" if len(prompts) == 1 else f"System prompt {number}",
+                f"Sent with {number_of(count, 'question')}.",
+                text,
+            )
+            for number, (text, count) in enumerate(prompts.items(), start=1)
+        ]
+
+
+def events_named(*kinds: type[Any]) -> tuple[str, ...]:
+    return tuple(BY_TYPE[kind].name for kind in kinds)

@@ -1,0 +1,106 @@
+"""The words of the methods sheet: counts and lists right for none, one and many, and what things are called."""
+
+import json
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+
+from caris_desktop.recording.measures import Spread
+from caris_desktop.recording.session_reader import Session
+
+SEEN = (
+    ("frame", "the video of the robot's camera"),
+    ("people", "boxes around the people that a detector found in it"),
+    ("map", "a map"),
+    ("pose", "the robot's place on it"),
+    ("scan", "the LIDAR scan"),
+    ("people_in_map", "where people stood on the map"),
+    ("head", "how the robot's head was turned"),
+    ("battery", "the robot's battery"),
+)
+CAN = (
+    ("driving", "drive the robot"),
+    ("assistant", "ask a language model"),
+    ("photos", "take photos"),
+    ("naming_people", "name people"),
+    ("robot_controls", "use further controls of the robot"),
+)
+ORIGIN_WORDS = {
+    "typed": "typed by the wizard",
+    "phrase": "prepared phrases",
+    "suggestion": "suggested replies that the wizard chose",
+    "assistant": "answers of the language model that the wizard approved",
+    "filler": "fillers",
+    "heard": "of other origin",
+}
+SOURCE_WORDS = {
+    "keyboard": "the keyboard",
+    "gamepad": "a gamepad",
+    "onscreen": "buttons on the screen",
+    "rehearsal": "a rehearsed script",
+}
+_NUMBERS = (
+    "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve",
+)  # fmt: skip
+
+
+def number_of(count: int, one: str, many: str = "") -> str:
+    """``no sessions``, ``one session``, ``twelve sessions``, ``13 sessions``."""
+    return f"{number_word(count)} {one if count == 1 else many or one + 's'}"
+
+
+def number_word(count: int) -> str:
+    """``one``, ``twelve``, ``13``."""
+    return _NUMBERS[count] if count < len(_NUMBERS) else str(count)
+
+
+def times_word(count: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{number_word(count)} times")
+
+
+def was_or_were(count: int) -> str:
+    return "was" if count == 1 else "were"
+
+
+def listing(parts: Sequence[str], last: str = "and") -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return f" {last} ".join(part for part in (", ".join(parts[:-1]), *parts[-1:]) if part)
+
+
+def listing_counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name}: {count}" for name, count in counts.items())
+
+
+def share_words(origins: dict[str, int]) -> str:
+    whole = sum(origins.values())
+    return listing([f"{count / whole:.0%} {ORIGIN_WORDS.get(name, name)}" for name, count in origins.items()])
+
+
+def distinct(values: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(value for value in values if value))
+
+
+def statistics_words(spread: Spread) -> str:
+    sd = "" if spread.sd is None else f", SD {spread.sd:.2f} s"
+    return f"n = {spread.n}" if spread.n == 1 else f"n = {spread.n}, mean {spread.mean:.2f} s{sd}"
+
+
+def spread_words(spread: Spread) -> str:
+    if spread.n == 1:
+        return f"{spread.median:.2f} s (n = 1)"
+    return f"median {spread.median:.2f} s ({statistics_words(spread)}, {spread.smallest:.2f} to {spread.largest:.2f} s)"
+
+
+def settings_words(text: str) -> str:
+    """Parameters as they were sent, in words: ``temperature 0.3, max_tokens 48``."""
+    return ", ".join(f"{name} {value}" for name, value in json.loads(text).items()) or "the model's defaults"
+
+
+def days_words(sessions: Iterable[Session]) -> str:
+    """``21 November 2026``, or the first and the last day."""
+    days = sorted(session.clock.anchor.utc_ns_at(session.started_ns) // 1_000_000_000 for session in sessions)
+    if not days:
+        return ""
+    first, last = (datetime.fromtimestamp(moment, UTC) for moment in (days[0], days[-1]))
+    if first.date() == last.date():
+        return f"{first.day} {first:%B %Y}"
+    return f"{first.day} {first:%B %Y} to {last.day} {last:%B %Y}"
