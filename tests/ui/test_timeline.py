@@ -409,6 +409,23 @@ def test_the_view_follows_the_playhead_over_its_edge_and_to_a_jump(coder: Coder)
     assert 0 < coder.canvas.scale.to_px(80_000) < coder.canvas.room_px
 
 
+def test_who_drags_over_the_edge_sees_on(coder: Coder) -> None:
+    coder.show(90_000, 100_000)
+    start = coder.point(ANA, 95_000)
+    began_ms = coder.ms_at(start)
+    QTest.mousePress(coder.canvas, LEFT, pos=start)
+    for _ in range(5):
+        QTest.mouseMove(coder.canvas, QPoint(coder.canvas.width() + 60, start.y()))
+        QTest.mouseMove(coder.canvas, QPoint(coder.canvas.width() + 61, start.y()))
+    assert coder.canvas.scale.start_ms > 92_000
+    end = QPoint(coder.canvas.width() - 100, start.y())
+    QTest.mouseMove(coder.canvas, end)
+    end_ms = coder.ms_at(end)
+    QTest.mouseRelease(coder.canvas, LEFT, pos=end)
+    coder.timeline.give_up()
+    assert coder.values(ANA)[-1] == (round(began_ms), round(end_ms), "")
+
+
 def test_the_ruler_goes_to_a_moment(qtbot: QtBot, coder: Coder) -> None:
     x = NAMES_PX + round(coder.canvas.scale.to_px(60_000))
     QTest.mouseClick(coder.canvas, LEFT, pos=QPoint(x, 10))
@@ -673,7 +690,7 @@ class Script:
         self.expect(change)
 
     def move(self, item: tuple[int, int, str]) -> None:
-        self.coder.replay.at_ms(0)  # nothing to snap to
+        self.coder.replay.at_ms(self.coder.canvas.scale.start_ms)  # in view, and nothing to snap to
         middle = self.coder.point(self.tier_id, (item[0] + item[1]) / 2)
         self.coder.drag(middle, middle + QPoint(9, 0))
         by_ms = 9 / self.coder.canvas.scale.px_per_ms

@@ -77,6 +77,7 @@ class Drag:
 
     kind: DragKind
     origin: QPointF
+    origin_ms: float
     row: int = -1
     annotation: Annotation | None = None
     start_ms: float = 0.0
@@ -180,6 +181,7 @@ class TimelineCanvas(QWidget):
         if self._open is not None:
             self.update()
             return
+        self.update(0, 0, NAMES_PX, RULER_PX)
         for at_ms in (before, position_ms):
             left = NAMES_PX + round(self.scale.to_px(at_ms))
             self.update(left - 8, 0, 16, self.height())
@@ -356,7 +358,7 @@ class TimelineCanvas(QWidget):
         point = event.position()
         hit = self.hit(point)
         if event.button() == Qt.MouseButton.MiddleButton:
-            self._drag = Drag("pan", point, start_ms=self.scale.start_ms)
+            self._drag = Drag("pan", point, self._ms_at(point), start_ms=self.scale.start_ms)
             return
         if event.button() != Qt.MouseButton.LeftButton or self._drag is not None:
             return
@@ -368,13 +370,13 @@ class TimelineCanvas(QWidget):
             if point.x() >= NAMES_PX - MENU_PX:
                 self.row_menu_wanted.emit(row.key, event.globalPosition().toPoint())
             else:
-                self._drag = Drag("row", point, hit.row, target=hit.row)
+                self._drag = Drag("row", point, at_ms, hit.row, target=hit.row)
         elif hit.part == "row" and self.rows[hit.row].kind == "tier":
             if self.rows[hit.row].own:
                 self.activate(self.rows[hit.row].key)
             self._press_tier(hit, point, at_ms)
         elif hit.part in ("ruler", "row", "below"):
-            self._drag = Drag("seek", point, moving=True)
+            self._drag = Drag("seek", point, at_ms, moving=True)
             self.seek_wanted.emit(self._bounded(at_ms))
 
     def _press_tier(self, hit: Hit, point: QPointF, at_ms: float) -> None:
@@ -385,14 +387,14 @@ class TimelineCanvas(QWidget):
                 self.seek_wanted.emit(float(item.start_ms))
                 return
             kind: DragKind = "start" if hit.edge == "start" else "end" if hit.edge == "end" else "move"
-            self._drag = Drag(kind, point, hit.row, item, item.start_ms, item.end_ms, target=hit.row)
+            self._drag = Drag(kind, point, at_ms, hit.row, item, item.start_ms, item.end_ms, target=hit.row)
             return
         self.select("")
         if self.rows[hit.row].own:
             start_ms = self._snap(at_ms, hit.row)
-            self._drag = Drag("create", point, hit.row, None, start_ms, start_ms)
+            self._drag = Drag("create", point, at_ms, hit.row, None, start_ms, start_ms)
         else:
-            self._drag = Drag("seek", point, moving=True)
+            self._drag = Drag("seek", point, at_ms, moving=True)
             self.seek_wanted.emit(self._bounded(at_ms))
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
@@ -402,6 +404,8 @@ class TimelineCanvas(QWidget):
             return
         if not drag.moving and (point - drag.origin).manhattanLength() < _DRAG_PX:
             return
+        if drag.kind not in ("pan", "row"):
+            self._scroll_at_edge(point.x())
         at_ms = self._ms_at(point)
         match drag.kind:
             case "seek":
@@ -417,18 +421,24 @@ class TimelineCanvas(QWidget):
                 self._refused = self._overlaps(self._drag)
                 self.update()
 
+    def _scroll_at_edge(self, x: float) -> None:
+        """Who drags over an edge of the rows sees on."""
+        over = min(0.0, x - NAMES_PX) + max(0.0, x - (self.width() - 2))
+        if over:
+            self.scroll_across_to(self.scale.start_ms + min(40.0, max(-40.0, over)) / self.scale.px_per_ms)
+
     def _dragged(self, drag: Drag, point: QPointF, at_ms: float) -> Drag:
         """What a drag has made of a new or an existing annotation."""
         track, item = self.track_of(self.rows[drag.row]), drag.annotation
         if drag.kind == "create":
-            anchor_ms = self._snap(self._ms_at(drag.origin), drag.row)
+            anchor_ms = self._snap(drag.origin_ms, drag.row)
             other_ms = self._bounded(self._snap(at_ms, drag.row))
             before, after = self._free_around(track, anchor_ms)
             low, high = min(anchor_ms, other_ms), max(anchor_ms, other_ms)
             return replace(drag, start_ms=max(low, before), end_ms=min(high, after))
         if item is None:
             return drag
-        moved_ms = at_ms - self._ms_at(drag.origin)
+        moved_ms = at_ms - drag.origin_ms
         if drag.kind == "move":
             length = item.end_ms - item.start_ms
             start_ms = self._snap(item.start_ms + moved_ms, drag.row, without=item)
@@ -664,6 +674,7 @@ class TimelineCanvas(QWidget):
         self._paint_hovered_row(painter)
         self._paint_row_slot(painter)
         self._paint_playhead(painter)
+        self._paint_position(painter)
 
     def _paint_selection(self, painter: QPainter) -> None:
         item = self.selected
@@ -752,6 +763,16 @@ class TimelineCanvas(QWidget):
             return
         y = RULER_PX + self._shown.tops[min(drag.target, len(self.rows))] - self._shown.scroll_y
         painter.fillRect(QRectF(0, y - 1.5, self.width(), 3), self._theme.color("blue"))
+
+    def _paint_position(self, painter: QPainter) -> None:
+        """Where the playhead is, to the millisecond, in the corner."""
+        painter.setClipping(False)
+        painter.setFont(self._theme.font(tokens.STATUS_PX))
+        painter.setPen(self._theme.color("dim"))
+        place = QRectF(14, 0, NAMES_PX - 28, RULER_PX - 1)
+        painter.drawText(
+            place, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), exact_text(self._position_ms)
+        )
 
     def _paint_playhead(self, painter: QPainter) -> None:
         x = self.scale.to_px(self._position_ms)

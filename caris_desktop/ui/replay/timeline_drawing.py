@@ -35,6 +35,7 @@ PAD_PX = 3
 TEXT_FROM_PX = 22.0
 _LABEL_FROM_PX = 34
 _NARROW_PX = 3
+_ROOMY_PX = 90
 _BESIDE_PX = 240
 _PICTURE_SHAPE = 16 / 9
 _LABELS_KEPT = 20_000
@@ -283,10 +284,11 @@ class TimelineDrawing:
         y = top + (row.height_px - metrics.height()) / 2
         # Of a long stretch that begins before the visible part the label still shows, and beside a short one it may
         # take the room up to the next.
-        inside = rights - lefts >= _LABEL_FROM_PX
-        starts = np.where(inside, np.maximum(lefts, 0) + 6, rights + 4)
-        following = np.append(lefts[1:], room)
-        ends = np.where(inside, rights - 3, np.minimum(following - 2, starts + _BESIDE_PX))
+        widths, following = rights - lefts, np.append(lefts[1:], room)
+        cut_short = (widths < _ROOMY_PX) & (following - rights > 2 * widths) & (not row.own)
+        beside = (widths < _LABEL_FROM_PX) | cut_short
+        starts = np.where(beside, rights + 4, np.maximum(lefts, 0) + 6)
+        ends = np.where(beside, np.minimum(following - 2, starts + _BESIDE_PX), rights - 3)
         for number in np.flatnonzero(ends - starts >= TEXT_FROM_PX).tolist():
             value = track.annotations[found.start + number].value
             if value:
