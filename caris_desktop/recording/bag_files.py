@@ -176,7 +176,7 @@ class Ros1Bag:
                         return
                     fields, data = record
                     content = self._unfolded(fields, data) if fields["op"][0] == self._CHUNK else b""
-                except _CutError as error:
+                except (_CutError, _TooLargeError) as error:
                     notes.add(f"The bag breaks off or is damaged at byte {at} ({error}); what comes before was read.")
                     return
                 kind = fields["op"][0]
@@ -516,7 +516,7 @@ def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
 
     most = MAX_MESSAGE_BYTES if size_bytes is None else size_bytes
     if most > _MAX_CHUNK_BYTES:
-        raise _TooLargeError(f"a part of {size_bytes} bytes")
+        raise _TooLargeError(f"a part of {size_bytes} bytes, which is far too large")
     try:
         if compression == "":
             content = data
@@ -535,7 +535,7 @@ def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
     except (zstandard.ZstdError, OSError, EOFError, RuntimeError) as error:
         raise _CutError(f"it cannot be unfolded: {error}") from error
     if len(content) > most:
-        raise _TooLargeError("a part that is larger than it says")
+        raise _TooLargeError("a part that is far too large: more than it says")
     if size_bytes is not None and len(content) != size_bytes:
         raise _CutError("a part that is shorter than it says")
     return content

@@ -1,5 +1,6 @@
 """Foreign bags as sessions: what is in them is found again, what is not understood is told, bad ones leave nothing."""
 
+import bz2
 import io
 import json
 import shutil
@@ -14,6 +15,7 @@ import pytest
 import zstandard
 from mcap.writer import Writer as McapWriter
 from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -308,6 +310,23 @@ def mcap(
     return path
 
 
+def test_an_imported_bag_can_be_exported_again(tmp_path: Path) -> None:
+    import_bag(BAGS["mcap"](tmp_path), tmp_path / "session")
+    export_session(tmp_path / "session", "rosbag2", tmp_path / "out")
+    read: dict[str, list[Any]] = {}
+    with AnyReader([tmp_path / "out" / "ros2"]) as reader:
+        for connection, _, raw in reader.messages():
+            read.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    (lens,) = read["/camera/rgb/camera_info"]
+    assert lens.k.tolist() == [100.0, 0.0, 80.0, 0.0, 101.0, 45.0, 0.0, 0.0, 1.0]
+    assert lens.p.reshape(3, 4)[:, :3].ravel().tolist() == lens.k.tolist()
+    (path,) = read["/plan"]
+    assert [(pose.pose.position.x, pose.pose.position.y) for pose in path.poses] == [(1.0, 0.0), (2.0, 1.0)]
+    assert [(goal.pose.position.x, goal.pose.position.y) for goal in read["/goal_pose"]] == [(3.0, 4.0)]
+    assert [said.data for said in read["/speech/participant"]] == ["Hi robot"]
+    assert {"/camera/rgb/image/compressed", "/camera/head/image/compressed", "/cmd_vel", "/map"} <= set(read)
+
+
 def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
     message = messages.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
     store, kind = typestore(1), "sensor_msgs/msg/LaserScan"
@@ -381,6 +400,18 @@ def huge_message(folder: Path) -> Path:
     return _mcap_with_chunk(folder / "huge.mcap", b"x" * 100, claimed=1 << 40)
 
 
+def ros1_bomb(folder: Path) -> Path:
+    """Sixteen megabytes in a few bytes, said to be 50."""
+
+    def record(data: bytes, **fields: bytes) -> bytes:
+        head = b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in fields.items())
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    chunk = record(bz2.compress(bytes(1 << 24)), op=b"\x05", compression=b"bz2", size=struct.pack("<I", 50))
+    (folder / "bomb.bag").write_bytes(b"#ROSBAG V2.0\n" + chunk)
+    return folder / "bomb.bag"
+
+
 def _mcap_with_chunk(path: Path, data: bytes, *, claimed: int) -> Path:
     def record(opcode: int, body: bytes) -> bytes:
         return struct.pack("<BQ", opcode, len(body)) + body
@@ -422,6 +453,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "rubbish": (with_content("a.bag", b"#ROSBAG V2.0\n" + bytes(range(256)) * 20), "holds no messages.*damaged"),
     "unknown types": (only_unknown, "holds nothing that this program knows.*sensor_msgs/msg/Imu"),
     "bomb": (zstd_bomb, "holds no messages.*far too large"),
+    "bomb in ROS 1": (ros1_bomb, "holds no messages.*far too large"),
     "huge": (huge_message, "holds no messages.*far too large"),
     "empty folder": (empty_folder, "no rosbag2"),
     "evil metadata": (evil_metadata, "does not describe a bag"),

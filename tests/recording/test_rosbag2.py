@@ -12,13 +12,24 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.schema import to_jsonable
-from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, PeopleInMap, RobotPose
+from caris_desktop.domain.sensing import (
+    BatteryState,
+    CameraLens,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PeopleInMap,
+    RobotPose,
+)
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.rosbag2 import write_rosbag2
 from caris_desktop.recording.session_reader import open_session
+from tests.recording.test_frames import rerecorded
 from tests.support.recorded_session import MadeSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
@@ -184,6 +195,28 @@ def test_every_frame_where_that_is_asked_for(made: MadeSession, tmp_path: Path) 
         assert counts[f"/camera/{camera}/image/compressed"] == len(made.plan.frame_stamps_ns(camera))
     assert fractions == sorted(fractions)
     assert 0.0 <= fractions[0] < fractions[-1] <= 1.0
+
+
+def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
+    made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
+    model = CameraModel(640, 480, 500.0, 510.0, 320.0, 240.0, 0.1, -0.05, 1.2, heading_rad=0.4, tilt_rad=0.3)
+    lens = CameraLens(made.plan.started_ns, None, "front door", model)
+    rerecorded(made, [(made.plan.started_ns, lens), *made.values])
+    export_session(made.folder, "rosbag2", tmp_path / "out")
+    read: dict[str, list[Any]] = {}
+    with AnyReader([tmp_path / "out" / "session.bag"]) as reader:
+        for connection, _, raw in reader.messages():
+            read.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    (info,) = read["/camera/front_door/camera_info"]
+    assert (info.K[0], info.K[4], info.width) == (500.0, 510.0, 640)
+    transforms = {t.child_frame_id: t for message in read["/tf_static"] for t in message.transforms}
+    place = transforms[info.header.frame_id].transform
+    assert (place.translation.x, place.translation.y, place.translation.z) == (0.1, -0.05, 1.2)
+    q = place.rotation
+    rotation = Rotation.from_quat([q.x, q.y, q.z, q.w])
+    for u_px, v_px in ((320.0, 240.0), (0.0, 100.0), (600.0, 470.0)):
+        optical = [(u_px - 320.0) / 500.0, (v_px - 240.0) / 510.0, 1.0]
+        np.testing.assert_allclose(rotation.apply(optical), model.ray(u_px, v_px), atol=1e-9)
 
 
 def in_plane(position: Any, orientation: Any) -> tuple[float, float, float]:
