@@ -149,8 +149,8 @@ ACTIONS: tuple[ActionSpec, ...] = (
         enabled_when="recording", callback="withdraw_mark", group="Marks",
     ),
     ActionSpec(
-        "note", "Note", "note-pencil", ("Ctrl+N",), kind="mark", enabled_when="recording", callback="write_note",
-        group="Marks",
+        "note", "Write a note", "note-pencil", ("Ctrl+N",), kind="mark", enabled_when="recording",
+        callback="write_note", group="Marks",
     ),
     ActionSpec(
         "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",

@@ -16,7 +16,7 @@ from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.intents import ReplayControls, RobotChoice, SessionLibrary, WizardIntents
-from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus, RecordingStatus
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario, SplitNode
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.actions import Actions, Feature
@@ -50,7 +50,7 @@ from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
-from caris_desktop.ui.top_bar import TopBar, as_menu
+from caris_desktop.ui.top_bar import IN_SESSION, TopBar, as_menu
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.words import UNDER_WAY
 
@@ -235,6 +235,7 @@ class MainWindow(QWidget):
         self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency, self.hold)
         self._emergency_copy.pressed.connect(console.emergency_stop)
         console.state.event_happened.connect(self._on_event)
+        console.state.recording.changed.connect(self._on_recording_changed)
         console.state.robot.changed.connect(self._on_robot_changed)
         console.state.places.changed.connect(self._on_places_changed)
         self._on_robot_changed(console.state.robot.value)
@@ -726,6 +727,7 @@ class MainWindow(QWidget):
         if self._sessions is None:
             self._sessions = SessionsWindow(self.theme, self._library, self)
             self._sessions.export_requested.connect(self.open_export)
+            self._on_recording_changed(self._console.state.recording.value)
         _bring_up(self._sessions)
 
     def open_export(self, sessions: Sequence[Path]) -> None:
@@ -900,6 +902,13 @@ class MainWindow(QWidget):
             self._settings.setValue("theme", choice)
 
     # ---- what happens
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if self._sessions is None:
+            return
+        self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
+        if status.state == "idle" and self._sessions.isVisible():
+            self._sessions.refresh()  # one more
 
     def _on_robot_changed(self, robot: Any) -> None:
         features: list[Feature] = []

@@ -126,6 +126,7 @@ class SessionsModel(QAbstractTableModel):
         super().__init__(parent)
         self._theme = theme
         self._entries: list[SessionEntry] = []
+        self.recording: Path | None = None
         self._column, self._order = 0, Qt.SortOrder.DescendingOrder
 
     def show_entries(self, entries: Sequence[SessionEntry]) -> None:
@@ -148,15 +149,16 @@ class SessionsModel(QAbstractTableModel):
 
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         entry, column = self._entries[index.row()], COLUMNS[index.column()]
+        goes_on = entry.folder == self.recording
         if role == Qt.ItemDataRole.DisplayRole:
-            return column.text(entry)
+            return "Recording now" if goes_on and column.title == "State" else column.text(entry)
         if role == Qt.ItemDataRole.TextAlignmentRole:
             side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
             return int(side | Qt.AlignmentFlag.AlignVCenter)
         if role == Qt.ItemDataRole.ToolTipRole:
-            return f"{entry.folder}\n{state_words(entry)}"
-        if role == Qt.ItemDataRole.DecorationRole and column.title == "State" and not entry.closed_properly:
-            return _warning_icon(self._theme)
+            return f"{entry.folder}\n{'Recording now' if goes_on else state_words(entry)}"
+        if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
+            return None if entry.closed_properly or goes_on else _warning_icon(self._theme)
         return None
 
     def headerData(
@@ -340,6 +342,7 @@ class SessionsWindow(QWidget):
         self.search.setClearButtonEnabled(True)
         self.search.setMinimumHeight(36)
         self.search.textChanged.connect(self._on_typed)
+        self.search.returnPressed.connect(self._find)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._find)
         self._filters: dict[str, DropDown] = {}
@@ -444,6 +447,13 @@ class SessionsWindow(QWidget):
         """Look again: sessions may have come."""
         self._library.find(self.query)
 
+    def show_recording(self, folder: Path | None) -> None:
+        """Which session is being recorded now: it is whole only when that has ended."""
+        if folder != self.model.recording:
+            self.model.recording = folder
+            self.table.viewport().update()
+            self._show_buttons()
+
     def _on_typed(self, _text: str) -> None:
         self._typing.start()
 
@@ -541,23 +551,34 @@ class SessionsWindow(QWidget):
         self._show_buttons()
 
     def _show_buttons(self) -> None:
-        count = len(self.selected())
-        self._replay_button.setEnabled(count == 1)
-        self._open.setEnabled(count == 1)
-        self._export.setEnabled(count > 0)
+        chosen = self.selected()
+        count = len(chosen)
+        goes_on = any(entry.folder == self.model.recording for entry in chosen)
+        wait = "This session is still being recorded" if goes_on else ""
+        for button, enabled in (
+            (self._replay_button, count == 1 and not goes_on),
+            (self._open, count == 1),
+            (self._export, count > 0 and not goes_on),
+        ):
+            button.setEnabled(enabled)
+            button.setToolTip(wait if button is not self._open else "")
         self._export.set_label(f"Export {count} sessions…" if count > 1 else "Export…")
 
     def _replay(self) -> None:
         chosen = self.selected()
         if len(chosen) == 1:
-            self._library.open_replay(chosen[0].folder)
+            self._open_replay(chosen[0].folder)
 
     def _on_row_chosen(self, index: QModelIndex) -> None:
-        self._library.open_replay(self.model.entry(index.row()).folder)
+        self._open_replay(self.model.entry(index.row()).folder)
+
+    def _open_replay(self, folder: Path, at_ns: int | None = None) -> None:
+        if folder != self.model.recording:
+            self._library.open_replay(folder, at_ns=at_ns)
 
     def _on_hit_chosen(self, index: QModelIndex) -> None:
         hit = self.hits.hit(index.row())
-        self._library.open_replay(hit.folder, at_ns=hit.at_ns)
+        self._open_replay(hit.folder, hit.at_ns)
 
     def _on_hit_current(self, index: QModelIndex, _before: QModelIndex) -> None:
         """The buttons act on the session that the hit is in."""

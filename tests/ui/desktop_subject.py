@@ -5,6 +5,7 @@ Prints each intent and each change of what is on show; does what the lines on st
 
 import sys
 import threading
+import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
@@ -87,9 +88,17 @@ class Subject(QObject):
         self.field.clear()
         self.console.clear_emergency_stop()
         self.window.hold.release_all("reset")
+        self.window.hold.escape_pressed.emit()
         self.window.hold._last_escape_s = float("-inf")  # the next Esc is not the second one of an earlier test
         self.window.activateWindow()
         self.window.focus_driving()
+        self._begin(number, time.monotonic() + 3.0)
+
+    def _begin(self, number: str, deadline_s: float) -> None:
+        """Only once the window manager has given the window the keys: what follows is then told as a change."""
+        if self.window.hold.key_owner != "driving" and time.monotonic() < deadline_s:
+            QTimer.singleShot(10, self, lambda: self._begin(number, deadline_s))
+            return
         self._tell()
         self.console.calls.clear()
         self._told = 0

@@ -298,6 +298,18 @@ def test_the_list_is_used_with_keys_alone(sessions: SessionsWindow, library: Fak
     assert "updating" in str(find(sessions, "sessions_status").property("text"))
 
 
+def test_a_session_that_is_being_recorded_waits(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    sessions.show_recording(SESSIONS[1].folder)
+    assert shown(sessions, "State")[2] == "Recording now"
+    sessions.table.selectRow(2)
+    assert not find(sessions, "sessions_replay").isEnabled()
+    assert not find(sessions, "sessions_export").isEnabled()
+    QTest.keyClick(sessions.table, Qt.Key.Key_Return)
+    assert library.named("open_replay") == []
+    sessions.show_recording(None)
+    assert find(sessions, "sessions_replay").isEnabled()
+
+
 def test_a_study_without_sessions_and_one_that_cannot_be_read(sessions: SessionsWindow, library: FakeLibrary) -> None:
     library.found.set(LibraryStatus(updating=True))
     assert find(sessions, "sessions_empty").property("text") == "Reading the sessions of this study…"
