@@ -25,13 +25,12 @@ _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 # Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
 _TABLES: dict[str, dict[str, str]] = {
-    "session": {
-        "participant": "VARCHAR", "condition": "VARCHAR", "trial": "VARCHAR", "key": "VARCHAR", "value": "VARCHAR",
-    },
+    "session": {"key": "VARCHAR", "value": "VARCHAR"},
     "utterances": {
         "speaker": "VARCHAR", "origin": "VARCHAR", "said": "BOOLEAN", "requested_ns": "BIGINT", "start_ns": "BIGINT",
         "end_ns": "BIGINT", "text": "VARCHAR",
     },
+    "annotations": {"coder": "VARCHAR", "tier": "VARCHAR", "value": "VARCHAR", "duration_s": "DOUBLE"},
     "marks": {"stamp_ns": "BIGINT", "label": "VARCHAR", "kind": "VARCHAR", "duration_s": "DOUBLE"},
     "odometry": {
         "stamp_ns": "BIGINT", "pose_in_odom_x_m": "DOUBLE", "pose_in_odom_y_m": "DOUBLE",
@@ -225,7 +224,7 @@ def queries(out: Path, *, tables: str = "tables") -> str:
         if any((out / "tables").glob(f"*/{name}.parquet")):
             source = f"FROM read_parquet({_quoted(f'{tables}/*/{name}.parquet')}, union_by_name = true)"
         else:
-            typed = {"session": "VARCHAR", **columns}
+            typed = {**dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR"), **columns}
             source = (
                 f"SELECT {', '.join(f'NULL::{kind} AS {_named(column)}' for column, kind in typed.items())} LIMIT 0"
             )
@@ -247,6 +246,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             measures = _rows(database, "SELECT * FROM measures ORDER BY session")
             rows = _rows(database, "SELECT * FROM summary")
             labels = _rows(database, "SELECT * FROM labels")
+            codes = _rows(database, "SELECT * FROM codes")
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
@@ -271,6 +271,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
     )
     _write_csv(out / "measures.csv", measures)
     _write_csv(out / "labels.csv", labels)
+    _write_csv(out / "codes.csv", codes)
     _write_csv(
         out / "summary.csv",
         [

@@ -311,3 +311,10 @@ SELECT session, any_value(condition) AS condition, kind, label, count(*) AS n, s
 FROM marks
 GROUP BY session, kind, label
 ORDER BY session, kind, label;
+
+-- How often, and how long, each coder used which code in which session.
+CREATE VIEW codes AS
+SELECT session, any_value(condition) AS condition, coder, tier, value, count(*) AS n, sum(duration_s) AS lasted_s
+FROM annotations
+GROUP BY session, coder, tier, value
+ORDER BY session, coder, tier, value;

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.recording import statistics_command
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.measures import FIGURES, Measures, measure_session
 from caris_desktop.recording.session_reader import open_session
 from caris_desktop.recording.statistics import StatisticsError, StudyStatistics, queries, study_statistics
@@ -24,6 +26,8 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
         trial = {**TRIAL, "participant": f"P{number}", "condition": condition, "purpose": purpose}
         values = tour(number, minutes=1.5 + number / 4, state_hz=4.0, building=False) if number != 1 else []
         tell(study / "sessions" / f"it's s{number}", values, lasts_s=90 + number * 15, trial=trial)
+    gaze = (Annotation("a", "t", 0, 1000, "away"), Annotation("b", "t", 2000, 2500, "away"))
+    save_coder(study / "sessions" / "it's s0", AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), gaze), "Ann")
     return study
 
 
@@ -84,6 +88,15 @@ def test_results_are_files_to_go_on_from(made: StudyStatistics) -> None:
     with (made.out / "labels.csv").open(encoding="utf-8", newline="") as file:
         labels = list(csv.DictReader(file))
     assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
+    with (made.out / "codes.csv").open(encoding="utf-8", newline="") as file:
+        (code,) = csv.DictReader(file)
+    assert (code["coder"], code["tier"], code["value"], code["n"], code["lasted_s"]) == (
+        "Ann",
+        "Gaze",
+        "away",
+        "2",
+        "1.5",
+    )
 
 
 def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,6 +113,14 @@ def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.Mo
     study_rows = [row for row in made.summary if row.condition is None]
     assert found == (len(study_rows), sum(row.n for row in study_rows))
     assert spoken == (sum(row["robot_utterances"] + row["participant_utterances"] for row in made.measures),)
+
+
+def test_a_study_in_which_nothing_happened_has_statistics_too(tmp_path: Path) -> None:
+    tell(tmp_path / "sessions" / "s", [], lasts_s=10, trial={})
+    made = study_statistics(tmp_path, tmp_path / "statistics")
+    (row,) = [row for row in made.summary if (row.condition, row.measure) == (None, "recorded_s")]
+    assert (row.n, row.mean, row.sd) == (1, 10.0, None)
+    assert {row.condition for row in made.summary} == {None, ""}
 
 
 def test_only_what_changed_is_exported_again(made: StudyStatistics, study: Path, tmp_path: Path) -> None:
