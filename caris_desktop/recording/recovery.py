@@ -132,6 +132,7 @@ class _Repair:
         self._record = _Record()
         self._ended_ns = 0
         self._reason = ""
+        self._damaged_bytes: int | None = None
 
     def run(self) -> RepairReport:
         wanting = _wanting(self._folder, self._header, self._times)
@@ -176,6 +177,7 @@ class _Repair:
             self._tell_of_events()
 
     def _rewrite_events(self, file: Any, index: BlockIndex) -> None:
+        self._damaged_bytes = index.damaged_bytes
         part = self._folder / _REWRITTEN
         part.unlink(missing_ok=True)
         for number in range(index.count):
@@ -252,9 +254,11 @@ class _Repair:
                     record.ended = value
 
     def _tell_of_events(self) -> None:
-        with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
-            damaged_bytes = mcap_blocks.scan(original).damaged_bytes
-        lost = f", but for {damaged_bytes} bytes at the break" if damaged_bytes else ""
+        if self._damaged_bytes is None:
+            # An earlier attempt came so far and was cut off itself.
+            with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
+                self._damaged_bytes = mcap_blocks.scan(original).damaged_bytes
+        lost = f", but for {self._damaged_bytes} bytes at the break" if self._damaged_bytes else ""
         self._sentences.append(
             f"The recording was cut off after {self._times.clock.session_s(self._ended_ns):.1f} s. All "
             f"{sum(self._record.counts.values())} values that were saved are there{lost}; their index was made anew."
