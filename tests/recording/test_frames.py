@@ -3,6 +3,7 @@
 import configparser
 import csv
 import json
+import re
 from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
@@ -213,6 +214,7 @@ def test_the_card_describes_every_field(made: MadeSession, out: Path) -> None:
         assert told or name.endswith(("_s", "utc")), name
     assert "machine-made" in card
     assert "monotonic" in card
+    assert re.search(r"known to \d\.\d ms \(16 measurements\)", card)
 
 
 def test_sessions_without_video_or_driving_are_exported_too(tmp_path: Path) -> None:

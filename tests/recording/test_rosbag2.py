@@ -3,6 +3,7 @@
 import json
 from bisect import bisect_right
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
+from caris_desktop.domain import streams
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.schema import to_jsonable
@@ -26,6 +28,7 @@ from caris_desktop.domain.sensing import (
     PeopleInMap,
     RobotPose,
 )
+from caris_desktop.recording.bag_import import import_bag
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.rosbag2 import write_rosbag2
 from caris_desktop.recording.session_reader import open_session
@@ -217,6 +220,30 @@ def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
     for u_px, v_px in ((320.0, 240.0), (0.0, 100.0), (600.0, 470.0)):
         optical = [(u_px - 320.0) / 500.0, (v_px - 240.0) / 510.0, 1.0]
         np.testing.assert_allclose(rotation.apply(optical), model.ray(u_px, v_px), atol=1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class DoorOpened:
+    """Somebody opened a door, which nobody had thought of when this was written."""
+
+    stamp_ns: int
+    door: str
+
+
+def test_a_new_kind_of_event_is_exported_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = streams.StreamSpec("event/door_opened", DoorOpened, streams.Delivery.LOSSLESS)
+    monkeypatch.setitem(streams.BY_TYPE, DoorOpened, spec)
+    monkeypatch.setitem(streams.BY_NAME, spec.name, spec)
+    made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
+    opened = DoorOpened(made.plan.started_ns + 5, "kitchen")
+    rerecorded(made, [(made.plan.started_ns + 7, opened), *made.values])
+    export_session(made.folder, "rosbag2", tmp_path / "out")
+    report = import_bag(tmp_path / "out" / "ros2", tmp_path / "again")
+    assert report.values["event/door_opened"] == 1
+    session = open_session(tmp_path / "again")
+    assert list(session.arrivals("event/door_opened")) == [(made.plan.started_ns + 7, spec, opened)]
+    export_session(made.folder, "rocrate", tmp_path / "crate")
+    assert "thought of" in (tmp_path / "crate" / "schemas" / "event.door_opened.schema.json").read_text()
 
 
 def in_plane(position: Any, orientation: Any) -> tuple[float, float, float]:

@@ -18,6 +18,7 @@ from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.episodes import Written, write_dialogue, write_driving
 from caris_desktop.recording.exporters.pictures import Pace, picture_of
 from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.robot_clock import robot_clock
 from caris_desktop.recording.session_reader import Session
 
 YOLO_HZ, MOT_HZ = 2.0, 5.0
@@ -306,6 +307,12 @@ def _readme(session: Session, yolo: _Yolo, mot: _Mot, *, driving: Written, dialo
     without = f" {missing} moments with people had no picture in the video and were left out.\n" if missing else ""
     sequences = ", ".join(sequence.folder.name for sequence in mot.sequences.values()) or "none"
     clock = session.clock
+    told = robot_clock(session).summary(
+        utc_ns_at=clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
+    )
+    robot = "It is not known here."
+    if told is not None:
+        robot = f"Here it is known to {told.uncertainty_ms:.1f} ms ({told.estimates} measurements)."
     return f"""# Data card: session {session.folder.name}
 
 Recorded by CARIS Desktop {version} in a Wizard-of-Oz study: a person (the wizard) drove the robot and chose what it
@@ -316,7 +323,7 @@ people, and what was said is in the texts: handle both as the consent of the stu
 `session_s` and all `..._s` moments are seconds since the session began, on one monotonic clock; `utc` is the same
 moment in UTC by the clock of the recording computer; `stamp_ns` the same in nanoseconds of the monotonic clock, as in
 the session's `events.mcap`. `age_s` is how old a value was: since the robot measured it, by its own stamp mapped to the
-session's clock where its clock is known, else since it reached the console.
+session's clock where its clock is known, else since it reached the console. {robot}
 
 ## yolo/ ({yolo.images["train"]} + {yolo.images["val"]} pictures, {yolo.boxes} boxes)
 {_rate(yolo.most_hz).capitalize()} of each camera.{without} `labels/*/NAME.txt`: a line for each person, as

@@ -20,10 +20,11 @@ from urllib.parse import quote
 
 from caris_desktop import __version__
 from caris_desktop.domain.schema import json_schema
-from caris_desktop.domain.streams import BY_NAME, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.manifest import MANIFEST_NAME, session_files
+from caris_desktop.recording.mcap_blocks import read_index
 from caris_desktop.recording.session_reader import Session, SessionError
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
@@ -36,6 +37,7 @@ _ENCODINGS: dict[str, str] = {
 }  # fmt: skip
 # The first that fits describes a file of the session.
 _DESCRIPTIONS = (
+    ("recovered/*", "As the recording left it when it was cut off, before it was repaired."),
     ("session.json", "What heads the session: when, who (pseudonyms), scenario, software, clock, files."),
     (
         "events.mcap",
@@ -203,8 +205,9 @@ def _description(name: str) -> str:
 
 def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
     """How to read the record, for somebody who knows nothing of this program."""
-    recorded = {str(name) for name in session.header.get("counts") or ()}
-    specs = [spec for spec in BY_NAME.values() if spec.name in recorded] or list(BY_NAME.values())
+    channels = read_index(session.folder / "events.mcap").channels.values()
+    recorded = {spec.name for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
+    specs = [spec for spec in BY_NAME.values() if spec.name in recorded]
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
     (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
