@@ -41,7 +41,7 @@ class MarkerOutlet:
             _log.warning("pylsl: %s", error)
             raise OutletUnavailableError(
                 "No markers go out: Lab Streaming Layer is not installed.",
-                'Install it: pip install "caris-desktop[lsl]", then start the recording again.',
+                "Install it (pip install pylsl), then start the recording again.",
             ) from error
         try:
             info = pylsl.StreamInfo(STREAM_NAME, STREAM_TYPE, 1, pylsl.IRREGULAR_RATE, pylsl.cf_string, _SOURCE_ID)

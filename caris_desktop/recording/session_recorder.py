@@ -87,7 +87,7 @@ class SessionRecorder:
         self._told_behind = False
         self._spared_because = ""
         self._lowered: dict[str, int] = {}
-        self._told_lowered: set[str] = set()
+        self._told_lowered = False
         self._pauses: list[list[int | None]] = []
         self._clock = SessionClock(start.header.anchor, self.started_ns)
         self._latched: dict[str, _Held] = {}
@@ -462,9 +462,9 @@ class SessionRecorder:
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
         _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
         self._lowered[change.camera] = change.step
-        if change.change == "lowered" and change.camera not in self._told_lowered:
+        if change.change == "lowered" and not self._told_lowered:
             # Once a session: how it goes on is in the recorder's report, and every frame left out is counted.
-            self._told_lowered.add(change.camera)
+            self._told_lowered = True
             self.problem(
                 "warning",
                 f"This computer cannot keep up with the video of {change.camera}.",

@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,7 @@ def run(seconds: float, parent: Path | None = None) -> dict[str, Any]:
         with (folder / video["index_file"]).open() as file:
             frames[video["camera"]] += sum(1 for _ in csv.reader(file)) - 1
     settled = [count for at_s, count in usage.resident if at_s >= min(WARM_UP_S, seconds / 3)]
+    share = max(1, len(settled) // 4)
     figures = {
         "seconds": round(wall_s, 1),
         "values_sent": sum(sent.values()) - sent["frame"] - sent["audio_chunk"],
@@ -108,7 +110,8 @@ def run(seconds: float, parent: Path | None = None) -> dict[str, Any]:
         "cpu_encoding_percent": round(100 * spent[0] / wall_s, 1),
         "cpu_beyond_encoding_percent": round(100 * spent[1] / wall_s, 1),
         "resident_mb": round(settled[0] / 1e6, 1),
-        "resident_growth_mb": round((max(settled[-3:]) - settled[0]) / 1e6, 1),
+        # Frames that wait for their encoder come and go: what is there most of the time counts.
+        "resident_growth_mb": round((median(settled[-share:]) - median(settled[:share])) / 1e6, 1),
         "bytes_per_hour_mb": {
             path.name: round(path.stat().st_size / wall_s * 3600 / 1e6)
             for path in sorted(folder.iterdir())
