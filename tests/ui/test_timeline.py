@@ -15,6 +15,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.recording.annotation.agreement import NOTHING
 from caris_desktop.recording.annotation.editing import tier_of
+from caris_desktop.recording.annotation.history import EditHistory
 from caris_desktop.recording.annotation.model import (
     Annotation,
     AnnotationDocument,
@@ -727,6 +728,16 @@ def test_a_scripted_coder_codes_200_labels_in_the_real_window(
     assert timeline is not None
     qtbot.waitUntil(lambda: timeline.canvas.height() > 100 and timeline.canvas.room_px > 600)
     coder = Coder(timeline, replay)
+    coder.show(0, 60_000)
+    coder.drag(coder.point(ANA, 10_000), coder.point(ANA, 14_000))
+    coder.type("cur")
+    focused = QApplication.focusWidget()
+    assert focused is not None
+    QTest.keyClick(focused, Qt.Key.Key_Escape)  # which the window takes before any widget
+    assert coder.values(ANA) == [(*coder.values(ANA)[0][:2], "")]
+    assert coder.canvas.hasFocus()
+    coder.key(Qt.Key.Key_Delete)
+    replay.history = EditHistory(coder.document, limit=2000)
     scripts = [Script(coder, ANA, 1), Script(coder, BEN, 2)]
     for number in range(100):
         base_ms = 6500 * number

@@ -30,6 +30,7 @@ _SIDE_PX = 8
 _GROOVE_Y = 17.0
 _STEP_NS = 5_000_000_000
 _PICTURE = QSize(192, 108)
+_PROBLEMS = ("problem", "trouble", "gap", "emergency")
 
 
 class Scrubber(QWidget):
@@ -84,7 +85,9 @@ class Scrubber(QWidget):
         self._overview, self._words = overview, words
         self._problems_ms = []
         if overview is not None:
-            problems = {tier.tier_id for tier in overview.tiers.tiers if "problem" in tier.name.casefold()}
+            problems = {
+                tier.tier_id for tier in overview.tiers.tiers if any(word in tier.name.casefold() for word in _PROBLEMS)
+            }
             self._problems_ms = [item.start_ms for item in overview.tiers.annotations if item.tier_id in problems]
         self._forget_ticks()
 

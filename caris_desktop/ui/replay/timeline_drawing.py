@@ -42,9 +42,11 @@ _LABELS_KEPT = 20_000
 _EMPTY_TRACK = Track(())
 _LEFT = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
 _RECORD_ICONS = (
-    ("speech", "chat-text"), ("participant", "user"), ("said", "chat-text"), ("motion", "navigation-arrow"),
-    ("goal", "flag"), ("people", "users"), ("person", "user"), ("mark", "bookmark-simple"), ("problem", "warning"),
-    ("step", "list-numbers"), ("note", "note"), ("driv", "game-controller"),
+    ("speech", "chat-text"), ("motion", "navigation-arrow"), ("driv", "game-controller"), ("goal", "flag"),
+    ("people", "users"), ("person", "user"), ("error", "warning"), ("mark", "bookmark-simple"), ("note", "note"),
+    ("problem", "warning"), ("trouble", "wifi-slash"), ("gap", "warning"), ("emergency", "hand-palm"),
+    ("guard", "shield-check"), ("pause", "pause"), ("llm", "sparkle"), ("scenario", "map-trifold"),
+    ("layout", "layout"), ("robot", "robot"), ("participant", "user"),
 )  # fmt: skip
 
 
@@ -223,7 +225,8 @@ class TimelineDrawing:
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         ground = self._theme.color("raised")
         for at_ms in range(first, int(min(shown.scale.to_ms(shown.room_px), shown.duration_ms)) + 1, step_ms):
-            moment = (row.source, shown.started_ns + at_ms * 1_000_000)
+            middle_ms = min(at_ms + step_ms // 2, int(shown.duration_ms))
+            moment = (row.source, shown.started_ns + middle_ms * 1_000_000)
             place = QRectF(shown.scale.to_px(at_ms), top + 2, width, height)
             picture = self._thumbnails.picture(*moment)
             if picture is None:
