@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused, UtteranceChanged
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.folder_lock import is_held
 from caris_desktop.recording.marks import final_marks_of
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.utterances import spoken_of
@@ -241,7 +242,12 @@ class StudyIndex:
         known = dict(self._database.execute("SELECT name, signature FROM session").fetchall())
         gone = [name for name in known if name not in folders]
         signatures = {name: content_signature(folder) for name, folder in folders.items()}
-        changed = [name for name in folders if known.get(name) != signatures[name]]
+        changed = [
+            name
+            for name, folder in folders.items()
+            # One that is being recorded changes all the time: it is read when it is new, and when it has ended.
+            if known.get(name) != signatures[name] and not (name in known and is_held(folder))
+        ]
         with self._database:
             for name in gone:
                 self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())

@@ -16,6 +16,7 @@ from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
 from caris_desktop.recording import sessions_command
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.folder_lock import hold
 from caris_desktop.recording.study_index import (
     DATABASE_NAME,
     SessionEntry,
@@ -172,6 +173,20 @@ def test_only_what_changed_is_read_again(index: StudyIndex, study: Path) -> None
     assert names(index.sessions()) == ["d", "c", "b"]
     assert names(index.sessions(SessionQuery(text="something"))) == ["d", "b"]
     assert index.search(SessionQuery(text="kitchen kuche")) == ()
+
+
+def test_a_session_that_is_being_recorded_is_read_when_new_and_when_it_has_ended(study: Path) -> None:
+    folder = session(study / "sessions" / "now", "Before", closed=False, later_s=9000)
+    with hold(folder):
+        index = StudyIndex.of_study(study)
+        index.update()
+        assert names(index.sessions(SessionQuery(text="before"))) == ["now"]
+        longer = session(study / "longer", "Before", "After", closed=False, later_s=9000)
+        (folder / "events.mcap").write_bytes((longer / "events.mcap").read_bytes())
+        index.update()
+        assert index.sessions(SessionQuery(text="after")) == ()
+    index.update()
+    assert names(index.sessions(SessionQuery(text="after"))) == ["now"]
 
 
 def test_a_cancelled_update_keeps_what_was_read(study: Path) -> None:
