@@ -53,6 +53,12 @@ class Session:
         trial = self.header.get("trial")
         return {str(key): str(value) for key, value in trial.items()} if isinstance(trial, dict) else {}
 
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """What was ever repaired of it, in words for people."""
+        told = self.header.get("repairs")
+        return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
+
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
 

@@ -4,23 +4,25 @@ import csv
 import os
 import random
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from caris_desktop.recording.export import export_session
 from caris_desktop.recording.manifest import verify_manifest
-from caris_desktop.recording.messages import RecorderReport
+from caris_desktop.recording.messages import RecorderReport, StopRecording
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.driving import start
 from tests.recording.export_checks import check_export, formats_there
 from tests.recording.loaded_console import CAMERAS, LoadedConsole
 
+# Every fifth kill comes while the session is being closed.
 EVERY_TIME = 4
 MOMENTS = [
-    *range(1, EVERY_TIME + 1),
-    *(pytest.param(moment, marks=pytest.mark.long) for moment in range(EVERY_TIME + 1, 51)),
+    *range(2, 2 + EVERY_TIME),
+    *(pytest.param(moment, marks=pytest.mark.long) for moment in (1, *range(2 + EVERY_TIME, 51))),
 ]
 MOST_EVENTS_LOST_S, MOST_MEDIA_LOST_S = 1.0, 2.0
 
@@ -30,14 +32,19 @@ MOST_EVENTS_LOST_S, MOST_MEDIA_LOST_S = 1.0, 2.0
 def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
     tmp_path: Path, moment: int, request: pytest.FixtureRequest
 ) -> None:
-    latest_s = 2.6 if moment <= EVERY_TIME else 9.0
-    kill_after_s = random.Random(moment).uniform(0.05, latest_s)  # noqa: S311 - when to kill, no secret
+    latest_s = 2.6 if moment < 2 + EVERY_TIME else 9.0
+    chosen = random.Random(moment)  # noqa: S311 - when to kill, no secret
+    kill_after_s, closing_s = chosen.uniform(0.05, latest_s), chosen.uniform(0.0, 0.25)
+    while_closing = moment % 5 == 0
     folder = tmp_path / "session"
     console = LoadedConsole()
     try:
         console.recorder.send(start(folder))
         console.recorder.wait_for(RecorderReport, state="recording")
         console.send_for(kill_after_s)
+        if while_closing:
+            console.recorder.send(StopRecording())
+            time.sleep(closing_s)
         assert console.recorder.process.pid is not None
         os.kill(console.recorder.process.pid, signal.SIGKILL)
         console.recorder.process.join()
@@ -46,8 +53,9 @@ def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
     sent = console.account
 
     session = open_session(folder)
-    assert (session.reason, session.closed_properly) == ("recovered", False)
-    assert session.notices
+    if not while_closing:
+        assert (session.reason, session.closed_properly) == ("recovered", False)
+        assert session.notices
     assert open_session(folder).notices == ()
     assert verify_manifest(folder) == []
 
