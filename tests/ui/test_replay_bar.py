@@ -8,6 +8,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.scenario.model import PanelLeaf, Scenario
 from caris_desktop.ui.actions import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS, conflicts, normalized
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.replay.replay_bar import RATES, ReplayTimes, ReplayTitle
@@ -214,3 +215,12 @@ def test_the_bar_fits_a_narrow_window(qtbot: QtBot, theme: Theme, replay: FakeRe
     title = scene.findChild(ReplayTitle)
     assert title is not None
     assert title.text == "Replay · P07"
+
+
+def test_the_keys_stay_when_the_replay_comes_to_another_scenario(scene: ReplayScene, replay: FakeReplay) -> None:
+    scene.actions_table.rebuild(Scenario("Another", PanelLeaf("speak")))
+    QTest.keyClick(scene.timeline.canvas, Qt.Key.Key_Space)
+    QTest.keyClick(scene.timeline.canvas, Qt.Key.Key_Period)
+    assert replay.named("play") == [None]
+    assert replay.named("step") == [1]
+    assert scene.actions_table.key_text("replay_play") == "Space"

@@ -496,6 +496,21 @@ def test_a_tier_is_added_with_labels_of_the_scenario_and_changed(qtbot: QtBot, c
     assert len(coder.document.tiers) == 3
 
 
+def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbot: QtBot) -> None:
+    before = [value for _, _, value in coder.values(ANA)]
+    coder.timeline._open_tier_dialog(coder.document.tiers[0])
+    dialog = coder.timeline.findChild(TierDialog)
+    assert dialog is not None
+    labels = dialog.findChild(QPlainTextEdit)
+    assert labels is not None
+    labels.setPlainText(labels.toPlainText().replace("curious", "interested"))
+    click(qtbot, find(dialog, "tier_save"))
+    assert [value for _, _, value in coder.values(ANA)] == [
+        "interested" if value == "curious" else value for value in before
+    ]
+    assert "curious" not in [value for _, _, value in coder.values(BEN)], "Ben’s tier has the same vocabulary"
+
+
 def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: Coder) -> None:
     coder.timeline.open_tier_dialog()
     dialog = coder.timeline.findChild(TierDialog)

@@ -55,6 +55,14 @@ def text_of(vocabulary: Vocabulary) -> str:
     )
 
 
+def renamed_labels(before: Vocabulary, after: Vocabulary) -> dict[str, str]:
+    """What was called otherwise in its place: with as many lines as before, a new label stands for the old one."""
+    old, new = [entry.value for entry in before.entries], [entry.value for entry in after.entries]
+    if len(old) != len(new):
+        return {}
+    return {was: now for was, now in zip(old, new, strict=True) if was not in new and now not in old}
+
+
 def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -> AnnotationDocument:
     """The document as the dialog wants it: a new tier, or ``tier`` changed. Raises AnnotationError."""
     name = ""
@@ -64,7 +72,8 @@ def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -
         if present is None:
             document = editing.add_vocabulary(document, wish.vocabulary)
         elif present.entries != wish.vocabulary.entries:
-            document = editing.change_vocabulary(document, name, wish.vocabulary)
+            renamed = renamed_labels(present, wish.vocabulary)
+            document = editing.change_vocabulary(document, name, wish.vocabulary, renamed=renamed)
     if tier is None:
         return editing.add_tier(document, wish.name, wish.coder, name)
     document = editing.rename_tier(document, tier.tier_id, wish.name)
