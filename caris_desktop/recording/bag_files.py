@@ -12,6 +12,7 @@ import re
 import shutil
 import sqlite3
 import struct
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -155,10 +156,10 @@ def type_spelling(name: str) -> str:
 
 
 class Ros1Bag:
-    """A bag of ROS 1, format 2.0. Read without its index, so that one that was never closed is read too."""
+    """A bag of ROS 1, format 2.0. Read from front to back, so that one that was cut or never closed is read too."""
 
     kind = "ROS 1 bag"
-    _MESSAGE, _HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+    _MESSAGE, _HEADER, _CHUNK, _CONNECTION = 2, 3, 5, 7
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -172,53 +173,91 @@ class Ros1Bag:
                 at = file.tell()
                 try:
                     record = self._next(file, wanted=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
-                    if record is None:
-                        return
-                    fields, data = record
-                    content = self._unfolded(fields, data) if fields["op"][0] == self._CHUNK else b""
-                except (_CutError, _TooLargeError) as error:
+                except _CutError as error:
                     notes.add(f"The bag breaks off or is damaged at byte {at} ({error}); what comes before was read.")
                     return
-                kind = fields["op"][0]
-                if kind == self._HEADER and fields.get("index_pos", b"")[:8] == bytes(8):
-                    notes.add("The bag was never closed properly; its messages were read without its index.")
-                fraction = min(1.0, file.tell() / size_bytes)
-                if kind == self._CHUNK:
-                    try:
-                        yield from self._of_chunk(io.BytesIO(content), channels, fraction)
-                    except _CutError as error:
-                        notes.add(f"A part of the bag at byte {at} is damaged ({error}); the rest of it was left out.")
-                elif kind == self._CONNECTION:
-                    self._connect(fields, data, channels)
-                elif kind == self._MESSAGE:
-                    yield from self._message(fields, data, channels, fraction)
+                if record is None:
+                    return
+                try:
+                    yield from self._of_record(file, record, channels, notes, min(1.0, file.tell() / size_bytes))
+                except (_CutError, _TooLargeError) as error:
+                    notes.add(f"The part of the bag at byte {at} is damaged ({error}); the rest of it was left out.")
 
-    def _of_chunk(self, chunk: IO[bytes], channels: dict[int, BagChannel], fraction: float) -> Iterator[BagMessage]:
-        while (record := self._next(chunk, wanted=(self._CONNECTION, self._MESSAGE))) is not None:
-            fields, data = record
-            if fields["op"][0] == self._CONNECTION:
-                self._connect(fields, data, channels)
-            elif fields["op"][0] == self._MESSAGE:
-                yield from self._message(fields, data, channels, fraction)
+    def _of_record(
+        self,
+        file: IO[bytes],
+        record: tuple[dict[str, bytes], bytes, bool],
+        channels: dict[int, BagChannel],
+        notes: ReadNotes,
+        fraction: float,
+    ) -> Iterator[BagMessage]:
+        fields, data, is_whole = record
+        kind = fields["op"][0]
+        if kind == self._HEADER:
+            if not self._read_connections(file, fields, channels):
+                notes.add("The bag was never closed properly; it was read without its index.")
+        elif kind == self._CONNECTION:
+            self._connect(fields, data, channels)
+        elif kind == self._MESSAGE:
+            yield from self._message(fields, data, channels, fraction)
+        elif kind == self._CHUNK:
+            compressed = fields.get("compression", b"none") != b"none"
+            if not is_whole:
+                notes.add("The bag breaks off; what comes before was read.")
+                if compressed:
+                    return
+            chunk = io.BytesIO(self._unfolded(fields, data) if compressed else data)
+            while (inner := self._next(chunk, wanted=(self._CONNECTION, self._MESSAGE))) is not None:
+                if inner[0]["op"][0] == self._CONNECTION:
+                    self._connect(inner[0], inner[1], channels)
+                elif inner[0]["op"][0] == self._MESSAGE:
+                    yield from self._message(inner[0], inner[1], channels, fraction)
 
-    def _next(self, file: IO[bytes], *, wanted: tuple[int, ...]) -> tuple[dict[str, bytes], bytes] | None:
-        """The next record; the data of one that is not wanted is left out."""
+    def _read_connections(self, file: IO[bytes], header: dict[str, bytes], channels: dict[int, BagChannel]) -> bool:
+        """The topics as they are listed at the end: what first told of one may be damaged. False without that list."""
+        index_at = int.from_bytes(header.get("index_pos", b"")[:8], "little")
+        before, listed = file.tell(), False
+        if not before <= index_at < 2**62:
+            return False
+        try:
+            file.seek(index_at)
+            while (record := self._next(file, wanted=(self._CONNECTION,))) is not None:
+                if record[0]["op"][0] != self._CONNECTION:
+                    break
+                self._connect(record[0], record[1], channels)
+                listed = True
+        except _CutError:
+            _log.debug("%s has no list of topics", self._path, exc_info=True)
+            return False
+        finally:
+            file.seek(before)
+        return listed
+
+    def _next(self, file: IO[bytes], *, wanted: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
+        """The next record, and whether all of it is there; the data of one that is not wanted is left out.
+
+        Only a chunk may be cut: whole messages may lie in what is there of it.
+        """
         head = file.read(4)
         if not head:
             return None
         fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
         if len(fields.get("op", b"")) != 1:
             raise _CutError("a record without a kind")
-        length = _u32(file.read(4))
-        if fields["op"][0] in wanted:
-            return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES)
-        file.seek(length, io.SEEK_CUR)
-        return fields, b""
+        length, kind = _u32(file.read(4)), fields["op"][0]
+        if kind not in wanted:
+            file.seek(length, io.SEEK_CUR)
+            return fields, b"", True
+        if kind != self._CHUNK:
+            return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES), True
+        if length > _MAX_CHUNK_BYTES:
+            raise _CutError(f"a record of {length} bytes")
+        data = file.read(length)
+        return fields, data, len(data) == length
 
     def _unfolded(self, fields: dict[str, bytes], data: bytes) -> bytes:
-        compression = fields.get("compression", b"none").decode("ascii", "replace")
-        size_bytes = _u32(fields.get("size", b""))
-        return _unfolded(data, {"none": "", "bz2": "bz2", "lz4": "lz4"}.get(compression, compression), size_bytes)
+        compression = fields.get("compression", b"").decode("ascii", "replace")
+        return _unfolded(data, compression, _u32(fields.get("size", b"")))
 
     def _connect(self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
         told = _ros1_fields(data)
@@ -269,26 +308,29 @@ class McapBag:
         from mcap.stream_reader import StreamReader
 
         size_bytes = self._path.stat().st_size
-        schemas: dict[int, Any] = {}
-        channels: dict[int, BagChannel] = {}
+        schemas, channels = self._listed()
         with self._path.open("rb") as file:
             reader = StreamReader(file, emit_chunks=True, record_size_limit=min(size_bytes, _MAX_CHUNK_BYTES))
             records = iter(reader.records)
             while True:
+                at = file.tell()
                 try:
                     record = next(records)
-                    inner = self._of_chunk(record) if isinstance(record, Chunk) else [record]
                 except StopIteration:
                     return
                 except Exception as error:
-                    # Cut or damaged bytes raise errors of many kinds (struct, zstd, memory, mcap's own).
-                    _log.info("%s breaks off at byte %d (%r)", self._path, file.tell(), error)
-                    why = _why(error)
+                    # Cut or damaged bytes raise errors of many kinds (struct, overflow, memory, mcap's own).
+                    _log.info("%s breaks off at byte %d (%r)", self._path, at, error)
                     notes.add(
-                        f"The file breaks off or is damaged at about byte {file.tell()}{why}; what comes before was "
-                        "read."
+                        f"The file breaks off or is damaged at byte {at}{_why(error)}; what comes before was read."
                     )
                     return
+                try:
+                    inner = self._of_chunk(record) if isinstance(record, Chunk) else [record]
+                except Exception as error:
+                    _log.info("%s: the chunk at byte %d is left out (%r)", self._path, at, error)
+                    notes.add(f"The part of the file at byte {at} is damaged{_why(error)}; it was left out.")
+                    continue
                 fraction = min(1.0, file.tell() / size_bytes)
                 for item in inner:
                     if isinstance(item, Header) and item.library.startswith("caris-desktop") and not item.profile:
@@ -301,6 +343,21 @@ class McapBag:
                         channels[item.id] = self._channel(item, schemas.get(item.schema_id))
                     elif isinstance(item, Message) and item.channel_id in channels:
                         yield BagMessage(item.log_time, channels[item.channel_id], item.data, fraction)
+
+    def _listed(self) -> tuple[dict[int, Any], dict[int, BagChannel]]:
+        """The topics as the file's end lists them: what first told of one may be damaged."""
+        from mcap.reader import make_reader
+
+        try:
+            with self._path.open("rb") as file:
+                summary = make_reader(file, record_size_limit=_MAX_CHUNK_BYTES).get_summary()
+        except Exception:
+            # As above: errors of many kinds, and many files have no such list.
+            _log.debug("%s has no list of topics", self._path, exc_info=True)
+            return {}, {}
+        schemas = {} if summary is None else dict(summary.schemas)
+        listed = {} if summary is None else summary.channels
+        return schemas, {key: self._channel(item, schemas.get(item.schema_id)) for key, item in listed.items()}
 
     def _channel(self, channel: Any, schema: Any) -> BagChannel:
         encodings = {"ros1": "ros1", "cdr": "cdr", "json": "json"}
@@ -316,6 +373,8 @@ class McapBag:
         from mcap.stream_reader import breakup_chunk
 
         content = _unfolded(chunk.data, chunk.compression, chunk.uncompressed_size)
+        if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+            raise _CutError("its checksum is wrong")
         records: list[Any] = breakup_chunk(replace(chunk, compression="", data=content))
         return records
 

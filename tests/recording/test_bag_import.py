@@ -478,27 +478,33 @@ def test_what_is_no_use_is_told_and_leaves_nothing(kind: str, tmp_path: Path) ->
     nothing_remains(tmp_path, write(tmp_path), match=match)
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_a_cut_bag_gives_what_was_before_the_cut(kind: str, tmp_path: Path) -> None:
-    bag = BAGS[kind](tmp_path)
-    path = bag if bag.is_file() else next(bag.glob("*.mcap"))
-    # Writers of both put a second of this robot into one part; a longer bag has several.
-    whole = path.read_bytes()
-    longer = tmp_path / "longer" / path.name
-    longer.parent.mkdir()
-    many = (replaced(written, 1000 * turn) for turn in range(6) for written in robot_messages())
+def long_bag(folder: Path, kind: str) -> bytes:
+    """Six seconds of the robot, several parts of a file."""
+    written = (replaced(written, 1000 * turn) for turn in range(6) for written in robot_messages())
     if kind == "ros1":
-        write_ros1(longer, many)
-    else:
-        bag = write_ros2(tmp_path / "many", many, storage=MCAP, mode=CompressionMode.STORAGE)
-        longer = next(bag.glob("*.mcap"))
-    content = longer.read_bytes()
-    assert len(content) > len(whole)
-    cut = tmp_path / f"cut{path.suffix}"
-    cut.write_bytes(content[: len(content) * 2 // 3])
-    report = import_bag(cut, tmp_path / "session")
+        return write_ros1(folder / "long.bag", written).read_bytes()
+    bag = write_ros2(folder / "long", written, storage=MCAP, mode=CompressionMode.STORAGE)
+    return next(bag.glob("*.mcap")).read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_a_cut_or_damaged_bag_gives_what_is_whole(kind: str, tmp_path: Path) -> None:
+    content = long_bag(tmp_path, kind)
+    broken = tmp_path / f"broken.{'bag' if kind == 'ros1' else 'mcap'}"
+    broken.write_bytes(content[: len(content) * 2 // 3])
+    report = import_bag(broken, tmp_path / "cut")
     assert any("breaks off" in note for note in report.notes)
-    assert 5 < len(values(open_session(tmp_path / "session"), LaserScan)) < 60
+    before_the_cut = len(values(open_session(tmp_path / "cut"), LaserScan))
+    assert 5 < before_the_cut < 60
+
+    middle = len(content) // 2
+    broken.write_bytes(content[:middle] + bytes(200) + content[middle + 200 :])
+    report = import_bag(broken, tmp_path / "damaged")
+    session = open_session(tmp_path / "damaged")
+    scans = values(session, LaserScan)
+    assert any("damaged" in note for note in report.notes)
+    assert 5 < len(scans) < 60
+    assert session.clock.session_s(scans[-1].stamp_ns) > 5.8
 
 
 def replaced(written: Written, later_ms: int) -> Written:
