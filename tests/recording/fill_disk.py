@@ -31,7 +31,7 @@ def main(folder: Path, how: str) -> None:
     recorder.send(start(folder))
     recorder.wait_for(RecorderReport)
     noise = np.random.default_rng(1)
-    pictures = [noise.integers(0, 32, (480, 640, 3), dtype=np.uint8) for _ in range(5)]
+    pictures = [noise.integers(0, 96, (480, 640, 3), dtype=np.uint8) for _ in range(5)]
     number, deadline = 0, time.monotonic() + 60
     while time.monotonic() < deadline and not any(
         isinstance(message, RecorderReport) and message.state == "failed" for message in recorder.heard

@@ -74,10 +74,10 @@ def test_what_is_missing_is_silence_and_what_overlaps_is_cut(tmp_path: Path, gap
 
 @pytest.mark.parametrize("drift", [-300e-6, 300e-6])
 def test_a_clock_that_drifts_is_followed_without_a_click(tmp_path: Path, drift: float) -> None:
-    """Ten minutes, stamps that jitter by 5 ms, a sound card that is 18 ms off each minute."""
+    """Three minutes, stamps that jitter by 5 ms, a sound card that is 18 ms off each minute."""
     rng = np.random.default_rng(5)
     writer = AudioWriter(tmp_path, on_full=lambda: False)
-    sound = tone(600 * RATE_HZ)
+    sound = tone(180 * RATE_HZ)
     true_rate_hz = RATE_HZ * (1 + drift)
     errors_s = []
     for first in range(0, len(sound), 1600):
@@ -91,8 +91,7 @@ def test_a_clock_that_drifts_is_followed_without_a_click(tmp_path: Path, drift: 
     found = samples_of(tmp_path / "audio-microphone.wav")[:, 0].astype(int)
     # No step is larger than those of the hum itself.
     assert np.abs(np.diff(found)).max() <= 1.02 * np.abs(np.diff(sound[:, 0].astype(int))).max()
-    # And nearly every sample is as it was sent: those of a whole second are found in one piece, or two.
-    assert len(found) == pytest.approx(600 * RATE_HZ / (1 + drift), abs=0.004 * RATE_HZ)
+    assert len(found) == pytest.approx(180 * RATE_HZ / (1 + drift), abs=0.004 * RATE_HZ)
 
 
 def test_sound_of_another_form_begins_a_new_file(tmp_path: Path) -> None:

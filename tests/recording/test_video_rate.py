@@ -85,7 +85,7 @@ def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     the encoder is the fastest from the beginning.
     """
     write = video_file.VideoFile.write
-    left = itertools.count(50, -1)
+    left = itertools.count(36, -1)
 
     def write_slowly(self: video_file.VideoFile, image_bgr: np.ndarray, ref: FrameRef) -> None:
         if next(left) > 0:
