@@ -62,6 +62,11 @@ class Channel:
     record: bytes
     schema: bytes
 
+    @property
+    def schema_number(self) -> int:
+        """0 for a channel that needs no schema."""
+        return int.from_bytes(self.record[_HEAD.size + 2 : _HEAD.size + 4], "little")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockIndex:
@@ -207,6 +212,9 @@ def unfolded(record: bytes) -> bytes:
         import zstandard
 
         try:
+            # What the frame says of itself is believed when memory is taken.
+            if zstandard.frame_content_size(content) not in (-1, size_bytes):
+                raise DamagedBlockError("its sizes contradict one another")
             content = zstandard.ZstdDecompressor().decompress(content, max_output_size=size_bytes)
         except zstandard.ZstdError as error:
             raise DamagedBlockError(str(error)) from error

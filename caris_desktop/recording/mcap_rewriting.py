@@ -1,14 +1,17 @@
 """Writes a broken-off ``events.mcap`` anew: every whole block as it is, with the index and summary that it lacks."""
 
+import json
 import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import IO, Any
 
+from caris_desktop.domain.schema import json_schema
+from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.recording import mcap_blocks
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.mcap_blocks import MAGIC, BlockIndex, Message
+from caris_desktop.recording.mcap_blocks import MAGIC, BlockIndex, Channel, Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,11 @@ def _write_block(target: DiskFile, index: BlockIndex, content: bytes, record: by
         summary.channels[message.channel] = channel.record
         if channel.schema:
             summary.schemas[int.from_bytes(channel.schema[9:11], "little")] = channel.schema
+        elif channel.schema_number and channel.schema_number not in summary.schemas:
+            # It was in a lost block, and no reader does without one.
+            schema = _lost_schema(channel)
+            summary.schemas[channel.schema_number] = schema
+            target.write(schema)
     if not known:
         return
     if len(known) == len(messages) and mcap_blocks.is_chunk(record):
@@ -124,6 +132,15 @@ def _write_block(target: DiskFile, index: BlockIndex, content: bytes, record: by
         uncompressed_size=len(content),
     )
     _write_chunk(target, _bytes_of(chunk), content, list(mcap_blocks.messages_of(content)), summary)
+
+
+def _lost_schema(channel: Channel) -> bytes:
+    from mcap.records import Schema
+
+    spec = spec_of_topic(channel.topic)
+    data = b"{}" if spec is None else json.dumps(json_schema(spec.value_type)).encode()
+    name = "lost" if spec is None else f"caris.{spec.value_type.__name__}"
+    return _bytes_of(Schema(id=channel.schema_number, data=data, encoding="jsonschema", name=name))
 
 
 def _write_chunk(target: DiskFile, record: bytes, content: bytes, messages: list[Message], summary: _Summary) -> None:
@@ -165,13 +182,15 @@ def _write_chunk(target: DiskFile, record: bytes, content: bytes, messages: list
 
 
 def _add(target: DiskFile, index: BlockIndex, added: AddedMessage, summary: _Summary) -> None:
-    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap import records
 
     schema_number = max(summary.schemas, default=0) + 1
     number = max(index.channels, default=0) + 1
-    schema = _bytes_of(Schema(id=schema_number, data=added.schema, encoding="jsonschema", name=added.schema_name))
+    schema = _bytes_of(
+        records.Schema(id=schema_number, data=added.schema, encoding="jsonschema", name=added.schema_name)
+    )
     channel = _bytes_of(
-        Channel(id=number, topic=added.topic, message_encoding="json", metadata={}, schema_id=schema_number)
+        records.Channel(id=number, topic=added.topic, message_encoding="json", metadata={}, schema_id=schema_number)
     )
     for known, its in index.channels.items():
         if its.topic == added.topic:
@@ -179,11 +198,11 @@ def _add(target: DiskFile, index: BlockIndex, added: AddedMessage, summary: _Sum
     if schema:
         summary.schemas[int.from_bytes(schema[9:11], "little")] = schema
     summary.channels[number] = channel
-    message = Message(
+    message = records.Message(
         channel_id=number, log_time=added.log_ns, data=added.data, publish_time=added.publish_ns, sequence=1
     )
     content = schema + channel + _bytes_of(message)
-    chunk = Chunk(
+    chunk = records.Chunk(
         compression="",
         data=content,
         message_start_time=added.log_ns,

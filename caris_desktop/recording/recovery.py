@@ -239,7 +239,7 @@ class _Repair:
                 continue
             try:
                 value = from_jsonable(spec.value_type, json.loads(content[message.start : message.end]))
-            except ValueError:
+            except (ValueError, RecursionError):
                 continue
             match value:
                 case FrameRef():
