@@ -139,6 +139,8 @@ def study_statistics(
 
 def _prepare(out: Path) -> dict[str, str]:
     """The sessions that ``out`` has tables of, with their signatures."""
+    if any((folder / "session.json").exists() for folder in (out.absolute(), *out.absolute().parents)):
+        raise StatisticsError(f"{out} lies inside a recorded session. Nothing was written; choose another folder.")
     if not out.exists():
         out.mkdir(parents=True)
     elif not out.is_dir():

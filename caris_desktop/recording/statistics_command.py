@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from caris_desktop.recording.statistics import StatisticsError, StatisticsProgress, SummaryRow, study_statistics
+from caris_desktop.recording.study_index import study_dir_of
 
 _CANCELLED = 130
 
@@ -24,7 +25,8 @@ def run(args: argparse.Namespace) -> int:
     """Exit status: 0 when computed, 1 when not or when sessions were left out (stderr says which), 130 cancelled."""
     shows = sys.stderr.isatty()
     try:
-        made = study_statistics(args.study, args.out or args.study / "statistics", _show if shows else lambda _: None)
+        out = args.out or study_dir_of(args.study) / "statistics"
+        made = study_statistics(args.study, out, _show if shows else lambda _: None)
     except StatisticsError as error:
         print(error, file=sys.stderr)
         return 1

@@ -132,6 +132,11 @@ def sessions_dir_of(study: Path) -> Path:
     return study / "sessions" if (study / "sessions").is_dir() else study
 
 
+def study_dir_of(path: Path) -> Path:
+    """The study's own folder, where ``path`` is that or the folder of its sessions."""
+    return path.absolute().parent if path.absolute().name == "sessions" and sessions_dir_of(path) == path else path
+
+
 def session_folders(sessions_dir: Path) -> list[Path]:
     """The folders in ``sessions_dir`` that hold a ``session.json``, by name. Raises OSError."""
     with os.scandir(sessions_dir) as entries:
@@ -165,7 +170,7 @@ class StudyIndex:
     @classmethod
     def of_study(cls, study: Path) -> "StudyIndex":
         """The index that a study folder keeps beside its sessions."""
-        return cls(sessions_dir_of(study), study / DATABASE_NAME)
+        return cls(sessions_dir_of(study), study_dir_of(study) / DATABASE_NAME)
 
     def close(self) -> None:
         self._database.close()

@@ -163,6 +163,10 @@ def test_other_folders_are_left_alone(study: Path, tmp_path: Path) -> None:
     with pytest.raises(StatisticsError, match="choose another folder"):
         study_statistics(study, other)
     (tmp_path / "file").write_text("")
+    inside = study / "sessions" / "it's s0" / "statistics"
+    with pytest.raises(StatisticsError, match="inside a recorded session"):
+        study_statistics(study, inside)
+    assert not inside.exists()
     with pytest.raises(StatisticsError, match="is a file"):
         study_statistics(study, tmp_path / "file")
     assert sorted(path.name for path in other.iterdir()) == ["statistics.json", "thesis.docx"]
@@ -171,7 +175,7 @@ def test_other_folders_are_left_alone(study: Path, tmp_path: Path) -> None:
 def test_the_command_prints_a_table(made: StudyStatistics, study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
     statistics_command.add_arguments(parser)
-    assert statistics_command.run(parser.parse_args([str(study)])) == 0
+    assert statistics_command.run(parser.parse_args([str(study / "sessions")])) == 0
     out = capsys.readouterr().out
     assert "4 sessions, 0 of them read now" in out
     line = next(line for line in out.splitlines() if line.startswith("response_time_s"))

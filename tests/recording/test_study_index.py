@@ -71,6 +71,10 @@ def test_the_list_tells_what_heads_each_session(index: StudyIndex, study: Path) 
     assert (oldest.utterances, oldest.marks, oldest.problems) == (1, 0, 0)
     assert (study / DATABASE_NAME).exists()
     assert index.message == ""
+    same = StudyIndex.of_study(study / "sessions")
+    same.update()
+    assert same.sessions() == index.sessions()
+    assert [path.name for path in (study / "sessions").iterdir() if path.is_file()] == []
 
 
 def test_filters_compare_whole_fields_whatever_their_case(index: StudyIndex) -> None:
