@@ -53,6 +53,7 @@ _log = logging.getLogger(__name__)
 REASON = "imported"
 _FIRST_STAMP_NS = 1_000_000_000
 _LATEST_UTC_NS = 4_102_444_800_000_000_000  # the year 2100
+_NEAR_NS = 3600 * 1_000_000_000
 _SURVEY_SHARE = 0.2
 _TELL_EVERY = 100
 _FLUSH_EVERY_NS = 1_000_000_000
@@ -111,14 +112,15 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
         raise BagError(f"{folder} would lie inside the bag. Nothing was written; choose another place.")
     partial: Path | None = None
     try:
-        open_bag_first = _opened_without_unfolding(path)
+        # A file is opened before any folder is made; a folder may have to be unfolded somewhere first.
+        file = None if path.is_dir() else open_bag(path, scratch=Path())
         folder.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name[:80]}.", suffix=_SUFFIX))
         scratch = partial / ".scratch"
         scratch.mkdir()
         place = partial / folder.name
         place.mkdir()
-        bag = open_bag_first or open_bag(path, scratch=scratch)
+        bag = file or open_bag(path, scratch=scratch)
         report = _import(bag, path, folder, place, progress)
         place.rename(folder)
     except OSError as error:
@@ -130,11 +132,6 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
             shutil.rmtree(partial, ignore_errors=True)
     progress(1.0)
     return report
-
-
-def _opened_without_unfolding(path: Path) -> Bag | None:
-    """A file is opened before any folder is made; a folder may have to be unfolded somewhere first."""
-    return None if path.is_dir() else open_bag(path, scratch=Path())
 
 
 @dataclass(slots=True)
@@ -150,14 +147,14 @@ class _Survey:
 def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[[float], None]) -> ImportReport:
     notes = ReadNotes()
     survey = _surveyed(bag, path, notes, progress)
-    casting = cast_channels(survey.counts, own=survey.own is not None)
     readers: dict[BagChannel, MessageReader] = {}
-    for channel in list(casting.roles):
+    unreadable: dict[BagChannel, str] = {}
+    for channel in survey.counts:
         try:
             readers[channel] = MessageReader(channel)
         except NotUnderstoodError as error:
-            del casting.roles[channel]
-            casting.reasons[channel] = str(error)
+            unreadable[channel] = str(error)
+    casting = cast_channels(survey.counts, unreadable, own=survey.own is not None)
     if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
@@ -187,7 +184,9 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
             except MessageError as error:
                 faults.setdefault(message.channel, str(error))
         last_ns = anchor.monotonic_ns + (survey.last_ns - anchor.utc_ns)
-        ended_ns = max(last_ns, (own.ended_ns or 0) if own is not None else 0, clock.started_ns)
+        ended_ns = max(last_ns, clock.started_ns)
+        if own is not None and own.ended_ns is not None and ended_ns < own.ended_ns < ended_ns + _NEAR_NS:
+            ended_ns = own.ended_ns
         _refuse_nothing(path, casting, used, faults)
         videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
     except BaseException:
@@ -244,8 +243,8 @@ def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | N
     if own is None:
         return None
     # Of another time: what it maps would not be where the messages are.
-    far = abs(own.anchor.utc_ns_at(own.started_ns) - at_ns) > 3600 * 1_000_000_000
-    return None if far else own
+    sane = 0 <= own.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= own.started_ns < _LATEST_UTC_NS
+    return own if sane and abs(own.anchor.utc_ns_at(own.started_ns) - at_ns) < _NEAR_NS else None
 
 
 class _SessionWriter:

@@ -104,8 +104,12 @@ def own_session(data: Any) -> OwnSession | None:
         return None
 
 
-def cast_channels(counts: Mapping[BagChannel, int], *, own: bool) -> Casting:
-    """Choose for each stream the channel to take. ``counts`` are messages; ``own``: this program exported the bag."""
+def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool) -> Casting:
+    """Choose for each stream the channel to take.
+
+    ``counts`` are messages; ``unreadable`` says of channels why they cannot be read; ``own``: this program exported
+    the bag.
+    """
     casting = Casting({}, {})
     wishes: dict[Role, list[BagChannel]] = {}
     streams_as_json = {
@@ -115,6 +119,8 @@ def cast_channels(counts: Mapping[BagChannel, int], *, own: bool) -> Casting:
         wish = _own_role(channel) if own and channel.topic.startswith(VALUE_TOPICS) else _role(channel)
         if isinstance(wish, str):
             casting.reasons[channel] = wish
+        elif channel in unreadable:
+            casting.reasons[channel] = unreadable[channel]
         elif wish.kind != "value" and wish.stream in streams_as_json:
             casting.reasons[channel] = f"the same is in {VALUE_TOPICS}{wish.stream}"
         elif own and wish.kind in ("tf", "utterance") and channel.topic != "/tf_static":
