@@ -3,7 +3,7 @@
 import json
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -204,13 +204,15 @@ def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
     made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
     model = CameraModel(640, 480, 500.0, 510.0, 320.0, 240.0, 0.1, -0.05, 1.2, heading_rad=0.4, tilt_rad=0.3)
     lens = CameraLens(made.plan.started_ns, None, "front door", model)
-    rerecorded(made, [(made.plan.started_ns, lens), *made.values])
+    other = replace(lens, camera="front_door")
+    rerecorded(made, [(made.plan.started_ns, lens), (made.plan.started_ns, other), *made.values])
     export_session(made.folder, "rosbag2", tmp_path / "out")
     read: dict[str, list[Any]] = {}
     with AnyReader([tmp_path / "out" / "session.bag"]) as reader:
         for connection, _, raw in reader.messages():
             read.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
     (info,) = read["/camera/front_door/camera_info"]
+    assert len(read["/camera/front_door_2/camera_info"]) == 1
     assert (info.K[0], info.K[4], info.width) == (500.0, 510.0, 640)
     transforms = {t.child_frame_id: t for message in read["/tf_static"] for t in message.transforms}
     place = transforms[info.header.frame_id].transform

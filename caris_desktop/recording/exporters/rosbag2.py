@@ -137,6 +137,7 @@ class _Translator:
         self._poses: deque[tuple[int, Pose2D]] = deque()
         self._static: dict[str, Message] = {}
         self._speaking: set[str] = set()
+        self._names: dict[str, str] = {}
         self._by_type: dict[type[Any], Callable[[Any, int], _Out]] = {
             LaserScan: self._scan,
             Odometry: self._odometry_and_tf,
@@ -202,12 +203,12 @@ class _Translator:
             yield GOAL, messages.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
 
     def _lens(self, lens: CameraLens, at_ns: int) -> _Out:
-        model, frame = lens.model, _camera_frame(lens.camera)
+        model, frame = lens.model, _camera_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
         seen = messages.Lens(model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px)
         yield (
-            RosTopic(f"/camera/{_ros_name(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
+            RosTopic(f"/camera/{self._name_of(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
             {
                 **messages.encode_camera_info(_PLAIN, seen, stamp_ns=at_ns, frame_id=frame),
                 "d": [0.0] * 5,
@@ -227,9 +228,13 @@ class _Translator:
 
         _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         yield (
-            RosTopic(f"/camera/{_ros_name(ref.camera)}/image/compressed", "sensor_msgs/msg/CompressedImage"),
+            RosTopic(f"/camera/{self._name_of(ref.camera)}/image/compressed", "sensor_msgs/msg/CompressedImage"),
             messages.encode_compressed_image(
-                _PLAIN, jpeg.tobytes(), stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(ref.camera)
+                _PLAIN,
+                jpeg.tobytes(),
+                stamp_ns=at_ns,
+                encoding="jpeg",
+                frame_id=_camera_frame(self._name_of(ref.camera)),
             ),
         )
 
@@ -287,6 +292,15 @@ class _Translator:
             return
         self._speaking.add(utterance.utterance_id)
         yield RosTopic(f"/speech/{utterance.speaker}", "std_msgs/msg/String"), {"data": utterance.text}
+
+    def _name_of(self, camera: str) -> str:
+        """The camera's name in topics, which no other camera has."""
+        if camera not in self._names:
+            name, number = _ros_name(camera), 2
+            while name in self._names.values():
+                name, number = f"{_ros_name(camera)}_{number}", number + 1
+            self._names[camera] = name
+        return self._names[camera]
 
     def _fixed(self, frame: str, transform: Message) -> _Out:
         """A transform of /tf_static, when it is first known and when it changes."""
@@ -448,8 +462,8 @@ def _ros_name(camera: str) -> str:
     return plain if plain and not plain[0].isdigit() else f"camera_{plain}"
 
 
-def _camera_frame(camera: str) -> str:
-    return f"{_ros_name(camera)}_optical_frame"
+def _camera_frame(ros_name: str) -> str:
+    return f"{ros_name}_optical_frame"
 
 
 def _readme(
