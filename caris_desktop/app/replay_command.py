@@ -90,6 +90,7 @@ class ReplayRun:
                 read_robot=_read_robot,
                 name_of=self._name_of,
                 end_ns=session.ended_ns,
+                cameras=self._videos.cameras,
                 frame_times=functools.cache(self._videos.frame_times_ns),
                 monotonic_ns=time.monotonic_ns,
             ),

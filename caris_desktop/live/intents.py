@@ -190,7 +190,7 @@ class ReplayControls(Protocol):
 
     @property
     def thumbnail_made(self) -> SignalInstance:
-        """(camera, at_ns, image_bgr): a thumbnail that was asked for."""
+        """(camera, at_ns, image_bgr): a thumbnail that was asked for; an empty array where there is no picture."""
 
     @property
     def session(self) -> Session: ...

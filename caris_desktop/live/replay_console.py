@@ -59,6 +59,7 @@ class ReplayParts:
     read_robot: Callable[[RobotChosen], RobotProfile]
     name_of: Callable[[str], str | None]
     end_ns: int
+    cameras: tuple[str, ...]
     frame_times: Callable[[str], list[int]]
     monotonic_ns: Callable[[], int]
 
@@ -95,6 +96,7 @@ class ReplayConsole(QObject):
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._state.scenario.set(self._scenario)
         self._state.places.set(self._scenario.places)
+        self._state.cameras.set(parts.cameras)
 
     # Start and end
 

@@ -16,6 +16,7 @@ _log = logging.getLogger(__name__)
 _FRAMES_KEPT = 12
 _KEY_FRAMES_FROM_RATE = 3.0
 THUMBNAIL_WIDTH_PX = 160
+_NOTHING: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 
 
 class ReplayFrames:
@@ -113,7 +114,9 @@ class _Decoder:
 
 
 class ReplayThumbnails:
-    """Small pictures, the newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread."""
+    """Small pictures, the newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread; the picture
+    is empty where there is none.
+    """
 
     def __init__(self, session: Session, made: Callable[[str, int, NDArray[np.uint8]], None]) -> None:
         self._session = session
@@ -155,8 +158,7 @@ class ReplayThumbnails:
                     image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX)
                 except Exception:
                     _log.exception("a thumbnail of %s cannot be made", camera)
-                    continue
-                if image_bgr is not None:
-                    self._made(camera, at_ns, image_bgr)
+                    image_bgr = None
+                self._made(camera, at_ns, _NOTHING if image_bgr is None else image_bgr)
         finally:
             reader.close()

@@ -30,6 +30,10 @@ from caris_desktop.recording.study_index import SessionQuery, StudyIndex
 _log = logging.getLogger(__name__)
 
 
+class _SomethingElseIsWantedError(Exception):
+    """Reading sessions for the index stops: the window closes, or looks for something else."""
+
+
 class LiveSessionLibrary(QObject):
     """Implements SessionLibrary. ``found`` holds a LibraryStatus, ``export`` an ExportStatus."""
 
@@ -78,7 +82,6 @@ class LiveSessionLibrary(QObject):
 
     def _search(self) -> None:  # the index thread
         index = StudyIndex.of_study(self._study)
-        up_to_date = False
         try:
             while True:
                 with self._changed:
@@ -90,16 +93,21 @@ class LiveSessionLibrary(QObject):
                 assert query is not None  # noqa: S101 - waited for above
                 try:
                     # What is known already is shown at once; then what has changed since.
-                    if up_to_date:
-                        self._looked.emit(_look(index, query, updating=True))
-                    index.update()
-                    up_to_date = True
+                    self._looked.emit(_look(index, query, updating=True))
+                    index.update(self._go_on)
                     self._looked.emit(_look(index, query, updating=False))
+                except _SomethingElseIsWantedError:
+                    continue
                 except Exception as error:
                     _log.exception("looking for sessions in %s", self._study)
                     self._looked.emit(LibraryStatus(query, detail=f"The sessions could not be looked through: {error}"))
         finally:
             index.close()
+
+    def _go_on(self, _fraction: float) -> None:
+        """What was read so far is kept."""
+        if self._ended or self._wanted is not None:
+            raise _SomethingElseIsWantedError
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """A program of its own: it may be slow or fail without the running session."""
@@ -184,5 +192,8 @@ def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryS
     hits = index.search(query) if query.text.strip() else ()
     total = len(index.sessions())
     unreadable = index.unreadable()
-    detail = f"{len(unreadable)} folders cannot be read; the log names them." if unreadable else ""
-    return LibraryStatus(query, sessions, hits, total, updating, detail)
+    details = [index.message] if index.message else []
+    if unreadable:
+        names = ", ".join(session.folder.name for session in unreadable[:3])
+        details.append(f"Cannot be read: {names}{' and others' if len(unreadable) > 3 else ''}.")
+    return LibraryStatus(query, sessions, hits, total, updating, " ".join(details))

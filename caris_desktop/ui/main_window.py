@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QEvent, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QScrollArea, QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged, Problem
@@ -85,6 +85,7 @@ LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
 _PANELS_AND_TIMELINE_PX = (540, 300)
+_LEAST_PANELS_PX = 240
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
 
@@ -260,6 +261,14 @@ class MainWindow(QWidget):
         self._top_bar.show_replay()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
         bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
+        # On a low screen the panels scroll: they show what was, and nothing in them needs to be at hand.
+        panels = QScrollArea()
+        panels.setObjectName("replay_panels")
+        panels.setWidgetResizable(True)
+        panels.setFrameShape(QScrollArea.Shape.NoFrame)
+        panels.setMinimumHeight(_LEAST_PANELS_PX)
+        panels.setWidget(self.dock_host)
+        self._middle.insertWidget(0, panels)
         self._middle.addWidget(timeline)
         self._middle.setStretchFactor(0, 1)
         self._middle.setStretchFactor(1, 0)

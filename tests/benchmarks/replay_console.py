@@ -82,6 +82,7 @@ def _measured(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
             read_robot=not_read,
             name_of=lambda _person: None,
             end_ns=session.ended_ns,
+            cameras=videos.cameras[:1],
             frame_times=functools.cache(videos.frame_times_ns),
             monotonic_ns=time.monotonic_ns,
         ),

@@ -70,6 +70,7 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
             read_robot=read_robot,
             name_of={"p-01": "Ada"}.get,
             end_ns=session.ended_ns,
+            cameras=videos.cameras,
             frame_times=functools.cache(videos.frame_times_ns),
             monotonic_ns=monotonic_ns,
         )

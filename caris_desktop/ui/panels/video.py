@@ -133,6 +133,7 @@ class VideoPanel(Panel):
             self._photo.setObjectName("photo_button")
             self._photo.bind(self.table, "photo")
         self._cameras = DropDown(self.theme, "video_camera", "Which camera is shown")
+        self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
         self._photo_until_s = 0.0
