@@ -24,7 +24,7 @@ ERROR_KINDS = (
 
 WIDTH_PX = 720
 _SHOWN_MS = 6000
-_TAKEN_BACK_MS = 2500
+_SAID_MS = 2500
 _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 
@@ -172,17 +172,22 @@ class MarkCard(QWidget):
 
     def show_taken_back(self, mark: Marked) -> None:
         """The mark is gone."""
+        if not self.writes_note:
+            title = "Note taken back" if mark.kind == "note" else "Mark taken back"
+            self.say(title, f"{mark.label} does not count." if mark.label else "It does not count.")
+
+    def say(self, title: str, line: str) -> None:
+        """Show a sentence for a moment, with nothing to press."""
         self._mark = None
         self._earlier_s = 0.0
         self._asks = False
-        if self.writes_note:
-            return
-        self._title.setText("Note taken back" if mark.kind == "note" else "Mark taken back")
-        self._line.setText(f"{mark.label} does not count." if mark.label else "It does not count.")
+        self._title.setText(title)
+        self._line.setText(line)
+        self.setAccessibleName(self.text)
         for part in (self._labels, self._kinds, self._correct, self._note_row):
             part.hide()
         self._second.stop()
-        self._open(_TAKEN_BACK_MS)
+        self._open(_SAID_MS)
 
     def stop_asking(self) -> None:
         """The next key is no longer an answer."""

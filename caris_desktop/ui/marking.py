@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.status import RecordingStatus
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.mark_card import ERROR_KINDS, MarkCard
@@ -48,6 +49,7 @@ class Marking(QObject):
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
         self._error_id = ""
+        console.state.recording.changed.connect(self._on_recording_changed)
         hold.mark_pressed.connect(self._on_key_pressed)
         hold.mark_released.connect(self._on_key_released)
         hold.escape_pressed.connect(self._on_escape)
@@ -170,11 +172,20 @@ class Marking(QObject):
 
     def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
         """``mark_id`` is empty for a note of its own, ``ago_s`` how long ago its moment was."""
+        if self._console.state.recording.value.state != "recording":
+            self.card.say("The note was not kept", "Nothing is being recorded now.")
+            return
         if mark_id:
             self._console.change_mark(mark_id, note=text)
         else:
             mark_id = self._console.mark("", "note", earlier_s=ago_s, note=text)
         self.card.show_mark(mark_id)
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state != "recording" and not self.card.writes_note:
+            # What the card offers would no longer be recorded.
+            self._no_question()
+            self.card.close_card()
 
     def _on_escape(self) -> None:
         self._no_question()

@@ -477,12 +477,10 @@ class SessionsWindow(QWidget):
             self.model.show_entries(status.sessions)
             self._select(chosen)
         self.hits.show_hits(status)
-        self._hits_part.setVisible(bool(status.query.text))
-        if status.hits:
-            found = f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”"
-        else:
-            found = "Searching…" if status.updating else f"“{status.query.text}” was found nowhere"
-        self._found.setText(found)
+        searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
+        self._hits_part.setVisible(bool(status.hits) or searching)
+        found = f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”"
+        self._found.setText(found if status.hits else "Searching…")
         self._learn(status)
         self._say(status)
         self._show_buttons()

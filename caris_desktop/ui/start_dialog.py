@@ -115,7 +115,7 @@ class StartDialog(QDialog):
         self._again.toggled.connect(self._on_again)
         self._practice = CheckBox(theme, "Practice run (counts as wizard training, not as data)")
         self._practice.setObjectName("start_practice")
-        self._practice.setChecked(prefilled.purpose == PRACTICE)
+        # Never ticked beforehand: data that is taken for practice is lost to the study.
         last = self._offer.last
         if last is not None:
             self._again.setText(again_words(last))

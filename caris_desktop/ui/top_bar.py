@@ -24,12 +24,13 @@ _RECORD_TIPS = {
 
 
 def trial_words(details: TrialDetails | None) -> str:
-    """P07 · condition B · trial 2 of 4."""
+    """P07 · condition B · trial 2 of 4 · practice."""
     if details is None:
         return ""
     parts = [details.participant]
     parts.append(f"condition {details.condition}" if details.condition else "")
     parts.append(f"trial {details.trial}" if details.trial else "")
+    parts.append(details.purpose)
     return " · ".join(part for part in parts if part)
 
 

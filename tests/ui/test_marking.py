@@ -38,7 +38,7 @@ def window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: 
     return window
 
 
-@pytest.fixture(params=["speak_field", "video_view", "typing and driving", "the number pad drives"])
+@pytest.fixture(params=["video_view", "typing and driving", "the number pad drives"])
 def focused(request: pytest.FixtureRequest, window: MainWindow, console: FakeConsole) -> QWidget:
     """Typing, driving, and typing while a drive key is held."""
     widget = find(window, "video_view" if request.param == "video_view" else "speak_field")
@@ -262,6 +262,23 @@ def test_a_stretch_ends_when_another_program_gets_the_release(
     window.hold._on_application_state_changed(Qt.ApplicationState.ApplicationInactive)
     assert not console.state.marks.value.open
     assert [mark.state for mark in present(console)] == ["done"]
+
+
+def test_the_end_of_the_recording_ends_what_the_card_offers(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClick(field, Qt.Key.Key_M, CTRL)
+    console.stop_session()
+    assert not window.marking.card.isVisible()
+    console.state.recording.set(dataclasses.replace(console.state.recording.value, state="recording"))
+    QTest.keyClick(field, Qt.Key.Key_N, CTRL)
+    console.stop_session()
+    note = find(window, "note_field")
+    QTest.keyClicks(note, "too late")
+    console.calls.clear()
+    QTest.keyClick(note, Qt.Key.Key_Return)
+    assert console.calls == []
+    assert window.marking.card.text == "The note was not kept. Nothing is being recorded now."
 
 
 def test_nothing_is_marked_while_paused(window: MainWindow, console: FakeConsole) -> None:

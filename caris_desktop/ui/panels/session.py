@@ -253,7 +253,6 @@ class SessionPanel(Panel):
         show_part(self._sessions, self._has_library and at_rest)
         show_part(self._pause, in_session)
         show_part(self._note, status.state == "recording" and not replay)
-        self._fit()
         paused = status.state == "paused"
         self._pause.set_label(
             "Go on" if paused else "Pause", icon="record" if paused else "pause", look="primary" if paused else "plain"
@@ -290,6 +289,7 @@ class SessionPanel(Panel):
         palette = self._what.palette()
         palette.setColor(self._what.foregroundRole(), self.theme.color(role))
         self._what.setPalette(palette)
+        self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -305,7 +305,8 @@ class SessionPanel(Panel):
         marking = marking and room_px >= labels_px
         show_part(self._labels, marking)
         room_px -= labels_px if marking else 0
-        show_part(self._what, room_px >= self._what.heightForWidth(width) + 8)
+        nothing_is_recorded = self.state.recording.value.state in ("failed", "paused")
+        show_part(self._what, nothing_is_recorded or room_px >= self._what.heightForWidth(width) + 8)
 
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
         """What there is so far and how long the disk lasts, with the colour of it."""
