@@ -7,9 +7,9 @@ from tests.support.recorded_session import MadeSession, make_session
 
 @pytest.fixture(scope="session")
 def whole_session(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
-    """A session of 30 s with everything in it, and what was recorded. To be looked at only."""
+    """A session of 16 s with everything in it, and what was recorded. To be looked at only."""
     folder = tmp_path_factory.mktemp("whole") / "session"
-    return make_session(folder, seconds=30.0, fps=15.0, keep=True)
+    return make_session(folder, seconds=16.0, fps=12.0, keep=True)
 
 
 @pytest.fixture(scope="session")

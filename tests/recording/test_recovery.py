@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording import mcap_blocks
 from caris_desktop.recording.folder_lock import hold
 from caris_desktop.recording.frame_times import read_frame_times
 from caris_desktop.recording.manifest import MANIFEST_NAME, verify_manifest
@@ -124,7 +125,7 @@ def test_a_session_that_is_being_recorded_is_left_alone(folder: Path) -> None:
 def test_a_kill_in_the_middle_of_the_repair_does_no_harm(
     killed_session: MadeSession, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    step = 1 if request.config.getoption("--long") else 3
+    step = 1 if request.config.getoption("--long") else 5
     arguments = [str(killed_session.folder), str(tmp_path), "1", str(step)]
     told = subprocess.run(
         [sys.executable, "-m", "tests.recording.repair_and_die", *arguments],
@@ -242,8 +243,9 @@ def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: MadeS
     shutil.copytree(whole_session.folder, folder)
     head = json.loads((folder / "session.json").read_text())
     (folder / "session.json").write_text(json.dumps({**head, "reason": "disk_full"}))
-    content = (folder / "events.mcap").read_bytes()
-    (folder / "events.mcap").write_bytes(content[: len(content) * 9 // 10])
+    index = mcap_blocks.read_index(folder / "events.mcap")
+    cut_at = int(index.offsets[index.count * 4 // 5]) + 50
+    (folder / "events.mcap").write_bytes((folder / "events.mcap").read_bytes()[:cut_at])
     session = open_session(folder)
     assert (session.reason, session.closed_properly) == ("disk_full", True)
     assert session.ended_ns == head["ended_ns"]
