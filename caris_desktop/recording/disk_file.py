@@ -144,6 +144,13 @@ class DiskFile:
         self._written += 1
         self.seek(size_bytes)
 
+    def cut_to(self, size_bytes: int) -> None:
+        """Take back what was written last; then write from there."""
+        os.ftruncate(self._descriptor, size_bytes)
+        self._size = size_bytes
+        self._written += 1
+        self.seek(size_bytes)
+
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence]
         self._position = base + offset

@@ -6,8 +6,10 @@ Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the v
 import logging
 import re
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +36,8 @@ def video_file_name(camera: str, taken: set[str]) -> str:
 class VideoFile:
     """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``.
 
-    A line of the index is written when its frame is in the mp4, so that after a kill every line has its frame;
-    ``frames`` counts these, and ``last_stamp_ns`` is the stamp of the last.
+    The lines of the index are written just before their frames, so that after a kill every frame has its line; the
+    last lines may lack theirs. ``frames`` counts those on disk, and ``last_stamp_ns`` is the stamp of the last.
     """
 
     def __init__(
@@ -117,10 +119,9 @@ class VideoFile:
         try:
             self._mux(self._stream.encode(None))
             self.file.hold_back()
-            self._container.close()
-            self.file.commit()
-            self._write_index(self._muxed)
-            self._muxed.clear()
+            with self._lines_first():
+                self._container.close()
+                self.file.commit()
             self.file.sync()
             self.index.sync()
         finally:
@@ -144,21 +145,31 @@ class VideoFile:
     def written_bytes(self) -> int:
         return self.file.written_bytes + self.index.written_bytes
 
-    def _mux(self, packets: list[object]) -> None:
+    def _mux(self, packets: list[Any]) -> None:
         for packet in packets:
-            size_before = self.file.size_bytes
-            self._container.mux(packet)
+            if packet.is_keyframe:
+                # It sends out the fragment that the muxer holds.
+                with self._lines_first():
+                    self._container.mux(packet)
+            else:
+                self._container.mux(packet)
             self._muxed.append(self._encoding.popleft())
-            if self.file.size_bytes > size_before:
-                # A fragment went out: all up to the key frame that begins the next one.
-                self._write_index(self._muxed[:-1])
-                del self._muxed[:-1]
 
-    def _write_index(self, frames: list[tuple[int, str]]) -> None:
-        if frames:
-            self.index.write("".join(f"{self.frames + at},{line}" for at, (_, line) in enumerate(frames)).encode())
-            self.frames += len(frames)
-            self.last_stamp_ns = frames[-1][0]
+    @contextmanager
+    def _lines_first(self) -> Iterator[None]:
+        """The lines of what the muxer holds go to the index, then inside of this the frames to the video."""
+        size_before, frames_before, last_before_ns = self.index.size_bytes, self.frames, self.last_stamp_ns
+        held, self._muxed = self._muxed, []
+        try:
+            if held:
+                self.index.write("".join(f"{self.frames + at},{line}" for at, (_, line) in enumerate(held)).encode())
+                self.frames += len(held)
+                self.last_stamp_ns = held[-1][0]
+            yield
+        except Exception:
+            self.index.cut_to(size_before)
+            self.frames, self.last_stamp_ns = frames_before, last_before_ns
+            raise
 
     def _close_files(self) -> None:
         self.file.close()

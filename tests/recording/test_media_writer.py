@@ -12,6 +12,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRings
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.disk_watch import DiskLimits
 from caris_desktop.recording.media_writer import MediaFailed, MediaWriter
 from caris_desktop.recording.session_clock import SessionClock
@@ -67,6 +68,26 @@ def test_an_encoder_that_fails_midway_costs_a_moment_and_not_the_video(
     (failure,) = failures
     assert failure.kind == "encoder"
     assert first.frames + failure.lost + second.frames == 30
+    assert len((tmp_path / first.index_file).read_text().splitlines()) == 1 + first.frames
+
+
+def test_a_disk_that_takes_no_more_pictures_has_no_lines_for_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = DiskFile.write
+
+    def fill(self: DiskFile, data: bytes) -> int:
+        if self.path.suffix == ".mp4" and self.size_bytes > 5000:
+            raise OSError(28, "No space left on device")
+        return write(self, data)
+
+    monkeypatch.setattr(DiskFile, "write", fill)
+    writer, failures = record(tmp_path, ("front",), 40)
+    (info,) = writer.infos()
+    assert failures[0].disk_full
+    assert 0 < info.frames == len(video_times_s(tmp_path / info.file_name)[0])
+    assert len((tmp_path / info.index_file).read_text().splitlines()) == 1 + info.frames
+    assert info.frames + sum(failure.lost for failure in failures) == 40
 
 
 def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor(

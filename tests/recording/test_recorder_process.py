@@ -321,8 +321,8 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     times_s, _ = video_times_s(tmp_path / "s" / "video-front.mp4")
     with (tmp_path / "s" / "video-front.frames.csv").open(newline="") as file:
         shown_s = [float(row["video_s"]) for row in csv.DictReader(file)]
-    assert shown_s == pytest.approx(times_s[: len(shown_s)], abs=1e-4)
-    assert len(times_s) - len(shown_s) <= 15
+    assert shown_s[: len(times_s)] == pytest.approx(times_s, abs=1e-4)
+    assert 0 <= len(shown_s) - len(times_s) <= 15
     with wave.open(str(tmp_path / "s" / "audio-microphone.wav")) as sound:
         assert (sent_ns - first_ns) / 1e9 - sound.getnframes() / 16_000 < 1.0
 
