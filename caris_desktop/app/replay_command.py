@@ -23,6 +23,7 @@ from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
+from caris_desktop.recording.bag_import import BagError, import_bag, looks_like_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
@@ -135,15 +136,13 @@ def _session_folder(path: Path) -> Path:
     """The session at ``path``; a bag becomes one first, in the user's cache. Raises SessionError."""
     if not path.exists():
         raise SessionError(f"There is no {path}.")
-    if (path / "session.json").exists() or (path.is_dir() and not (path / "metadata.yaml").exists()):
+    if (path / "session.json").exists() or not looks_like_bag(path):
         return path
     return _imported(path)
 
 
 def _imported(bag: Path) -> Path:
     """The session that the bag was made into, once: told apart by place, size and time. Raises SessionError."""
-    from caris_desktop.recording.bag_import import BagError, import_bag
-
     folder = composition.imports_dir() / _import_name(bag)
     if (folder / "session.json").exists():
         return folder

@@ -1,8 +1,8 @@
 """JSON form of the domain dataclasses, and the JSON Schema that describes it.
 
 Arrays of numbers become lists, and grids (arrays of whole numbers) an object with their deflated bytes: a map of a
-building would be tens of megabytes of digits. Values that JSON cannot hold (``inf``, ``nan``) become null, which for
-scans reads "nothing returned". Reading null back into a float array gives ``inf``.
+building would be tens of megabytes of digits. Values that JSON cannot hold become null, which in arrays stands for
+``inf`` (for scans: nothing returned); ``nan`` in an array (for scans: invalid) is the text "nan".
 """
 
 import base64
@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import numpy as np
 
 T = TypeVar("T")
+_NAN = "nan"
 
 
 def to_jsonable(value: Any) -> Any:
@@ -33,7 +34,7 @@ def to_jsonable(value: Any) -> Any:
             value = _in_few_digits(value)
         if value.dtype.kind != "f" or bool(np.isfinite(value).all()):
             return value.tolist()
-        flat = [item if math.isfinite(item) else None for item in value.ravel().tolist()]
+        flat = [item if math.isfinite(item) else _NAN if math.isnan(item) else None for item in value.ravel().tolist()]
         return flat if value.ndim == 1 else np.array(flat, dtype=object).reshape(value.shape).tolist()
     if isinstance(value, (list, tuple)):
         return [to_jsonable(item) for item in value]
@@ -127,7 +128,9 @@ def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
     if isinstance(data, dict):
         return _inflated(data, dtype)
     if dtype.kind == "f":
-        return np.array([math.inf if item is None else item for item in data] if None in data else data, dtype=dtype)
+        if None in data or _NAN in data:
+            data = [math.inf if item is None else math.nan if item == _NAN else item for item in data]
+        return np.array(data, dtype=dtype)
     return np.array(data, dtype=dtype)
 
 
@@ -211,7 +214,11 @@ def _schema(kind: Any) -> dict[str, Any]:
         return {"type": "object", "additionalProperties": _schema(get_args(kind)[1])}
     if origin is np.ndarray:
         dtype = np.dtype(get_args(get_args(kind)[1])[0])
-        return {"type": "array", "items": {"type": ["number", "null"]}} if dtype.kind == "f" else _GRID_SCHEMA
+        return (
+            {"type": "array", "items": {"anyOf": [{"type": ["number", "null"]}, {"const": _NAN}]}}
+            if dtype.kind == "f"
+            else _GRID_SCHEMA
+        )
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         fields = dataclasses.fields(kind)

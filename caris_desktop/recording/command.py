@@ -13,6 +13,7 @@ from caris_desktop.recording.export import (
     ExportProgress,
     ExportRequest,
     export_all,
+    export_folders,
     sessions_in,
 )
 from caris_desktop.recording.manifest import verify_manifest
@@ -67,7 +68,9 @@ def run(args: argparse.Namespace) -> int:
     if one and finished.written:
         print(f"Exported {args.session} to {args.out}")
     elif not one:
-        print(f"Exported {len(finished.written)} of {len(sessions)} sessions to {args.out}")
+        whole = len(set(finished.written) & set(export_folders(request)))
+        together = "".join(f" and {path.name} of all" for path in finished.written if path.name in BY_FORMAT)
+        print(f"Exported {whole} of {len(sessions)} sessions{together} to {args.out}")
     return 1 if damaged or finished.problems else 0
 
 

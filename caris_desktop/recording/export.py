@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -47,25 +47,37 @@ class ExportContext:
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
 """Fills an existing, empty folder from a session and gives the paths written. Raises OSError, SessionError."""
+StudyExporter = Callable[[Sequence[Session], Path, ExportContext], list[Path]]
+"""The same from several sessions at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """One format. ``module`` and ``function`` name its Exporter, which is imported when it is used."""
+    """One format. ``module`` and ``function`` name its Exporter, which is imported when it is used.
+
+    ``of_study`` names a function of the module that takes all sessions in place of one: of several sessions the format
+    is then written once, for all of them.
+    """
 
     name: str
     title: str
     description: str
     module: str
     function: str
+    of_study: str = ""
+
+    def study_exporter(self) -> StudyExporter:
+        exporter: StudyExporter = getattr(importlib.import_module(self.module), self.of_study)
+        return exporter
 
     def exporter(self) -> Exporter:
         exporter: Exporter = getattr(importlib.import_module(self.module), self.function)
         return exporter
 
 
-def _format(name: str, title: str, description: str) -> ExportFormat:
-    return ExportFormat(name, title, description, f"caris_desktop.recording.exporters.{name}", f"write_{name}")
+def _format(name: str, title: str, description: str, *, of_study: str = "") -> ExportFormat:
+    module = f"caris_desktop.recording.exporters.{name}"
+    return ExportFormat(name, title, description, module, f"write_{name}", of_study)
 
 
 FORMATS: tuple[ExportFormat, ...] = (
@@ -78,7 +90,12 @@ FORMATS: tuple[ExportFormat, ...] = (
     _format("frames", "Learning data", "Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
     _format("rocrate", "Archive (RO-Crate)", "The whole session with metadata and licence, for a repository."),
     _format("html", "Report", "One page for people: time line, trajectory, talk time, transcript, problems."),
-    _format("methods", "Methods sheet", "What a paper has to report of a Wizard-of-Oz study, filled from the log."),
+    _format(
+        "methods",
+        "Methods sheet",
+        "What a paper has to report of a Wizard-of-Oz study, filled from the log. One sheet for all sessions.",
+        of_study="write_methods_of_study",
+    ),
 )
 BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
 
@@ -168,6 +185,9 @@ def export_all(
     written: list[Path] = []
     problems: list[str] = []
     notices: list[str] = []
+    sessions: list[Session] = []
+    together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(request.sessions) > 1)
+    apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
@@ -177,9 +197,11 @@ def export_all(
         try:
             session = _opened(folder)
             notices += [f"{folder.name}: {notice}" for notice in session.notices]
-            problems += _export_formats(session, request, target, tell)
-            written.append(target)
-            on_written(target)
+            sessions.append(session)
+            if apart.formats:
+                problems += _export_formats(session, apart, target, tell)
+                written.append(target)
+                on_written(target)
         except _DiskFullError as error:
             problems.append(f"{folder.name}: {error}")
             left = len(request.sessions) - number - 1
@@ -189,6 +211,14 @@ def export_all(
         except ExportError as error:
             problems.append(f"{folder.name}: {error}")
         done_weight += weight
+    for name in together if sessions else ():
+        told(ExportProgress(1.0, f"{BY_FORMAT[name].title} of all sessions"), now=True)
+        try:
+            target = _export_together(name, sessions, request)
+            written.append(target)
+            on_written(target)
+        except ExportError as error:
+            problems.append(f"{BY_FORMAT[name].title}: {error}")
     told(ExportProgress(1.0, "done"), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
@@ -308,6 +338,20 @@ def _export_formats(
     return tuple(problems)
 
 
+def _export_together(name: str, sessions: Sequence[Session], request: ExportRequest) -> Path:
+    """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
+    target = request.out.absolute() / name
+    with _whole_folder(target, sessions[0].folder) as partial:
+        context = ExportContext(licence=request.licence)
+        _told(
+            lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
+            f"{len(sessions)} sessions",
+            name,
+            partial,
+        )
+    return target
+
+
 def _opened(folder: Path) -> Session:
     try:
         return open_session(folder)
@@ -316,19 +360,23 @@ def _opened(folder: Path) -> Session:
 
 
 def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
+    return _told(lambda: BY_FORMAT[fmt].exporter()(session, out, context), str(session.folder), fmt, out)
+
+
+def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
     """Raises ExportError, whatever went wrong: the next format or session may fare better."""
     try:
-        return BY_FORMAT[fmt].exporter()(session, out, context)
+        return write()
     except (SessionError, ExportError) as error:
         raise ExportError(str(error)) from error
     except (BrokenPipeError, EOFError):
         # Nobody listens to the progress any more.
         raise
     except OSError as error:
-        _log.info("export of %s as %s", session.folder, fmt, exc_info=True)
+        _log.info("export of %s as %s", what, fmt, exc_info=True)
         raise _failure(out, error) from error
     except Exception as error:
-        _log.exception("export of %s as %s", session.folder, fmt)
+        _log.exception("export of %s as %s", what, fmt)
         raise ExportError(
             f"It could not be written as {fmt} ({type(error).__name__}: {error}). Nothing was kept of that; "
             "the session itself is unharmed."

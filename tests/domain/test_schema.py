@@ -10,7 +10,7 @@ import pytest
 from caris_desktop.domain.events import Gap
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
-from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
 
 
 def grid(cells: Any) -> OccupancyGrid:
@@ -52,3 +52,11 @@ def test_a_grid_that_is_not_what_it_says_is_refused(broken: dict[str, Any]) -> N
 def test_a_whole_number_is_nothing_else(stamp: object) -> None:
     with pytest.raises(ValueError, match="integer"):
         from_jsonable(Gap, {"stamp_ns": stamp, "stream": "scan", "count": 1, "reason": ""})
+
+
+def test_nothing_returned_and_invalid_stay_apart() -> None:
+    ranges_m = np.array([1.5, np.inf, np.nan, 0.25], np.float32)
+    scan = LaserScan(1, None, "laser", 0.0, 0.1, 0.1, 9.0, ranges_m, Pose2D(0.0, 0.0, 0.0))
+    data = json.loads(json.dumps(to_jsonable(scan), allow_nan=False))
+    jsonschema.validate(data, json_schema(LaserScan))
+    np.testing.assert_array_equal(from_jsonable(LaserScan, data).ranges_m, ranges_m)

@@ -90,6 +90,13 @@ def test_each_session_of_a_study_gets_a_folder(study: Path, tmp_path: Path, caps
     assert said.err == "", "no progress where nobody watches"
 
 
+def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(study, "--to", "methods,vtt", tmp_path / "out") == 0
+    assert names(tmp_path / "out") == ["methods", "one", "three", "two"]
+    assert names(tmp_path / "out" / "methods") == ["methods.html", "methods.md"]
+    assert "Exported 3 of 3 sessions and methods of all" in capsys.readouterr().out
+
+
 def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
