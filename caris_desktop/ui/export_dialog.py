@@ -1,5 +1,6 @@
 """Writes sessions in the formats that researchers use: which, where to, under which licence, and how far it is."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -97,7 +98,7 @@ class ExportDialog(QWidget):
         self._start.clicked.connect(self._on_start)
         self._lay_out()
         self._mine = library.export.value.state == "running"
-        library.export.changed.connect(self._show_state)
+        library.export.changed.connect(self._on_export_changed)
         theme.changed.connect(self._style)
         self._style()
         self.show_sessions(sessions)
@@ -111,7 +112,7 @@ class ExportDialog(QWidget):
         if self._library.export.value.state != "running":
             self._sessions = tuple(sessions)
             self._mine = False
-            self._folder.setText(str(self._library.default_export_folder(self._sessions)))
+            self._propose_folder()
         count = len(self._sessions)
         title = "Export 1 session" if count == 1 else f"Export {count} sessions"
         self._heading.setText(title)
@@ -120,6 +121,9 @@ class ExportDialog(QWidget):
         self._which.setText(", ".join(names[:3]) + (f" and {count - 3} more" if count > 3 else ""))
         self._which.setToolTip("\n".join(names[:40]))
         self._show_state()
+
+    def _propose_folder(self) -> None:
+        self._folder.setText(str(_not_yet_there(self._library.default_export_folder(self._sessions))))
 
     @property
     def formats(self) -> tuple[str, ...]:
@@ -232,6 +236,11 @@ class ExportDialog(QWidget):
         if folder is not None:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
+    def _on_export_changed(self, status: ExportStatus) -> None:
+        if status.state == "done" and self._mine:
+            self._propose_folder()  # for the next one
+        self._show_state()
+
     def _show_state(self, _value: object = None) -> None:
         status: ExportStatus = self._library.export.value
         running = status.state == "running"
@@ -300,6 +309,12 @@ class ExportDialog(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self._theme.color("panel"))
+
+
+def _not_yet_there(folder: Path) -> Path:
+    """The folder, or one beside it with a number where it is there: what was exported is never overwritten."""
+    numbered = (folder.with_name(f"{folder.name} ({number})") for number in itertools.count(2))
+    return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 
 
 class _Description(QLabel):

@@ -395,6 +395,7 @@ class SessionsWindow(QWidget):
         theme.changed.connect(self._style)
         self._style()
         self._on_found(library.found.value)
+        self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 
     def sizeHint(self) -> QSize:
         return QSize(1180, 720)

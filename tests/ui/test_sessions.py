@@ -387,6 +387,18 @@ def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialo
     assert find(dialog, "export_what").property("text") == "The disk is full. What was finished stays (1 export)."
 
 
+def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:
+    library.default_export_folder = lambda _sessions: tmp_path / "s1"  # type: ignore[method-assign]
+    dialog.show_sessions([SESSIONS[0].folder])
+    folder = find(dialog, "export_folder")
+    assert folder.property("text") == str(tmp_path / "s1")
+    QTest.mouseClick(find(dialog, "export_start"), Qt.MouseButton.LeftButton)
+    (tmp_path / "s1").mkdir()
+    library.export.set(ExportStatus("done", 1.0, "", (tmp_path / "s1",)))
+    assert folder.property("text") == str(tmp_path / "s1 (2)")
+    assert find(dialog, "export_what").property("text") == f"Done: 1 export in {tmp_path / 's1'}."
+
+
 def test_the_window_opens_sessions_and_exports(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, library: FakeLibrary
 ) -> None:
