@@ -210,14 +210,27 @@ class ExportDialog(QWidget):
 
     def _choose_folder(self) -> None:
         # Our own and not modal: a system's file dialog would take the keys that stop the robot.
-        dialog = QFileDialog(self, "Where to export to", self._folder.text())
+        wanted = Path(self._folder.text().strip()).expanduser()
+        there = next((path for path in (wanted, *wanted.parents) if path.is_dir()), Path.home())
+        dialog = QFileDialog(self, "Where to export to", str(there))
         dialog.setObjectName("export_folder_dialog")
         dialog.setFileMode(QFileDialog.FileMode.Directory)
         dialog.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.ShowDirsOnly)
         dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         dialog.setModal(False)
-        dialog.fileSelected.connect(self._folder.setText)
+        dialog.fileSelected.connect(self._on_folder_chosen)
         dialog.show()
+
+    def _on_folder_chosen(self, text: str) -> None:
+        """A folder that holds something already gets one of our own inside: nothing is ever mixed or overwritten."""
+        folder = Path(text)
+        try:
+            filled = any(folder.iterdir())
+        except OSError:
+            filled = False  # the export itself tells why it cannot be used
+        if filled:
+            folder = _not_yet_there(folder / self._library.default_export_folder(self._sessions).name)
+        self._folder.setText(str(folder))
 
     def _on_start(self) -> None:
         out = Path(self._folder.text().strip()).expanduser()

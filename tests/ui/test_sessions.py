@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QProgressBar, QWidget
+from PySide6.QtWidgets import QApplication, QComboBox, QFileDialog, QLabel, QLineEdit, QProgressBar, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -397,6 +397,20 @@ def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: Fak
     library.export.set(ExportStatus("done", 1.0, "", (tmp_path / "s1",)))
     assert folder.property("text") == str(tmp_path / "s1 (2)")
     assert find(dialog, "export_what").property("text") == f"Done: 1 export in {tmp_path / 's1'}."
+
+
+def test_a_folder_is_chosen_without_a_system_dialog(qtbot: QtBot, dialog: ExportDialog, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    click(qtbot, find(dialog, "export_choose"))
+    files = dialog.findChild(QFileDialog)
+    assert files is not None
+    assert files.testOption(QFileDialog.Option.DontUseNativeDialog)
+    assert not files.isModal()
+    files.fileSelected.emit(str(tmp_path))
+    assert find(dialog, "export_folder").property("text") == str(tmp_path / "several")
+    files.fileSelected.emit(str(tmp_path / "other"))
+    assert find(dialog, "export_folder").property("text") == str(tmp_path / "other")
+    files.close()
 
 
 def test_the_window_opens_sessions_and_exports(
