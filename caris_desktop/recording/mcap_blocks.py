@@ -30,6 +30,7 @@ _TAIL_BYTES = _HEAD.size + _FOOTER_BODY.size + len(MAGIC)
 _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 _MAX_BLOCK_BYTES = 1 << 30
 _RUN_BYTES = 1 << 20
+_LARGEST_NS = 2**63 - 1
 # Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", _HEAD.size + _CHUNK_HEAD.size - 4
 
@@ -143,7 +144,7 @@ class _Gathered:
 def read_index(path: Path) -> BlockIndex:
     """The index of the file, or what one look at all of it gives where that is missing or damaged. Raises OSError."""
     with path.open("rb") as file:
-        return _by_summary(file) or scan(file)
+        return _by_summary(file) or scan(file, thorough=False)
 
 
 def has_summary(path: Path) -> bool:
@@ -274,8 +275,11 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
         return None
 
 
-def scan(file: IO[bytes]) -> BlockIndex:
-    """Look at the whole file: every block that is whole, also behind damage. Raises OSError."""
+def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
+    """Look at the whole file: every block that is whole, also behind damage. Raises OSError.
+
+    Unless ``thorough``, what the file tells of a block is believed; :func:`read_block` will find out.
+    """
     end = file.seek(0, 2)
     file.seek(0)
     gathered = _Gathered()
@@ -308,7 +312,10 @@ def scan(file: IO[bytes]) -> BlockIndex:
             run.append(head + file.read(length))
         elif opcode == _CHUNK:
             end_run()
-            if not _add_chunk(gathered, head + file.read(length), at):
+            listed = not thorough and _add_listed_chunk(gathered, file, at, record_bytes)
+            if not listed:
+                file.seek(at + _HEAD.size)
+            if not listed and not _add_chunk(gathered, head + file.read(length), at):
                 found = _next_chunk(file, at + 1, end)
                 gathered.damaged_bytes += found - at
                 at = found
@@ -321,6 +328,30 @@ def scan(file: IO[bytes]) -> BlockIndex:
         at += record_bytes
     end_run()
     return gathered.index(has_summary=False)
+
+
+def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_bytes: int) -> bool:
+    """Take the word of the message indexes behind a chunk for what is in it; False where they do not tell all."""
+    head = file.read(_CHUNK_HEAD.size)
+    if len(head) < _CHUNK_HEAD.size:
+        return False
+    first_ns, last_ns, _, _, _ = _CHUNK_HEAD.unpack(head)
+    place, numbers = at + record_bytes, []
+    while True:
+        file.seek(place)
+        entry = file.read(_HEAD.size + 2)
+        if len(entry) < _HEAD.size + 2:
+            return False
+        opcode, length = _HEAD.unpack_from(entry)
+        if opcode != _MESSAGE_INDEX or length > _MAX_BLOCK_BYTES:
+            break
+        numbers.append(int.from_bytes(entry[_HEAD.size :], "little"))
+        place += _HEAD.size + length
+    # A chunk that declares a channel has to be unfolded, and so has the last one, which may lack some of its indexes.
+    if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
+        return False
+    gathered.add_block((at, record_bytes, first_ns, last_ns), np.array(sorted(numbers), np.int64))
+    return True
 
 
 def _add_chunk(gathered: _Gathered, record: bytes, at: int) -> bool:
@@ -352,8 +383,7 @@ def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) ->
             numbers.add(number)
         at = body + length
     if numbers:
-        largest = np.iinfo(np.int64).max
-        block = (*place, min(first_ns, largest), min(last_ns, largest))
+        block = (*place, min(first_ns, _LARGEST_NS), min(last_ns, _LARGEST_NS))
         gathered.add_block(block, np.array(sorted(numbers), np.int64))
 
 
