@@ -150,6 +150,19 @@ def test_a_jump_in_time_rebuilds_the_log(window: MainWindow, console: FakeConsol
     assert panel.log_lines() == ["Marked: Laughs, 7.0 s", "Robot: “Hello”"]
 
 
+def test_a_replay_records_and_marks_nothing(window: MainWindow, console: FakeConsole) -> None:
+    panel = session_panel(window)
+    window.actions_table.keep_only(("Window",))
+    window.actions_table.rebuild(console.scenario)
+    change(console, written_bytes=1_000_000)
+    for name in ("session_toggle", "session_pause", "session_note", "session_label_1"):
+        assert not [each for each in panel.findChildren(QWidget, name) if each.isVisible()]
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
+    assert console.calls == []
+    console.state.take(StopRequested(clock.now_ns()))
+    assert panel.log_lines() == ["Stop"]
+
+
 def test_labels_mark_from_the_panel(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     scenario = dataclasses.replace(
         samples.TOUR, layout=PanelLeaf("session"), recording=RecordingSettings(("Interested", "Confused"))

@@ -246,7 +246,7 @@ class SessionPanel(Panel):
         at_rest = status.state in ("idle", "failed")
         # A replay shows what was recorded; nothing in it records, marks or starts anything.
         replay = self.table.spec("mark") is None
-        show_part(self._toggle, not replay)
+        show_part(self._buttons, not replay)
         in_session, at_rest = in_session and not replay, at_rest and not replay
         show_part(self._folder, status.folder is not None and at_rest)
         show_part(self._export, status.folder is not None and at_rest)
@@ -310,7 +310,9 @@ class SessionPanel(Panel):
 
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
         """What there is so far and how long the disk lasts, with the colour of it."""
-        parts = [f"{words.size(status.written_bytes)} so far: {self._kept()}", words.all_missing(status.dropped)]
+        # What a replay's session kept is on show; which microphone there is now says nothing about it.
+        kept = f": {self._kept()}" if self.table.spec("mark") is not None else ""
+        parts = [f"{words.size(status.written_bytes)} so far{kept}", words.all_missing(status.dropped)]
         low = status.room_s is not None and status.room_s < ROOM_LOW_S
         if low and status.room_s is not None:
             parts.insert(0, f"Room for {words.long_duration(status.room_s)} only")
