@@ -34,17 +34,7 @@ def main() -> None:
     parser.add_argument("--session", type=Path, help="made here if it is not there, and kept")
     args = parser.parse_args()
     width_px, height_px = map(int, args.size.split("x"))
-    plan = SessionPlan(
-        seconds=args.seconds,
-        fps=30.0,
-        size_px=(width_px, height_px),
-        scans_hz=20.0,
-        beams=720,
-        people=10,
-        people_hz=10.0,
-        odometry_hz=20.0,
-        map_cells=(1000, 1600),
-    )
+    plan = plan_of(args.seconds, (width_px, height_px))
     temporary = None if args.session else Path(tempfile.mkdtemp())
     folder = args.session or temporary / "session"
     try:
@@ -57,6 +47,21 @@ def main() -> None:
     finally:
         if temporary is not None:
             shutil.rmtree(temporary)
+
+
+def plan_of(seconds: float, size_px: tuple[int, int]) -> SessionPlan:
+    """A session as full as they come."""
+    return SessionPlan(
+        seconds=seconds,
+        fps=30.0,
+        size_px=size_px,
+        scans_hz=20.0,
+        beams=720,
+        people=10,
+        people_hz=10.0,
+        odometry_hz=20.0,
+        map_cells=(1000, 1600),
+    )
 
 
 def measured(folder: Path, plan: SessionPlan, seeks: int) -> dict[str, Any]:
