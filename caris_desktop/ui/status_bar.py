@@ -13,7 +13,8 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 HEIGHT_PX = 32
-# What gives way first where the window is too narrow for all.
+_SIDE_PX, _GAP_PX = 16, 20
+# What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
 _MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
@@ -37,6 +38,7 @@ class StatusItem(QWidget):
         self.setObjectName(name)
         self._theme = theme
         self._text, self._role, self._icon = "", "dim", ""
+        self._left_out = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.hide()
         theme.changed.connect(self.update)
@@ -45,16 +47,26 @@ class StatusItem(QWidget):
     def text(self) -> str:
         return self._text
 
+    @property
+    def role(self) -> str:
+        return self._role
+
     def say(self, text: str, role: str = "dim", *, icon: str = "", tip: str = "") -> None:
         """Empty text hides the item."""
         if (text, role, icon) != (self._text, self._role, self._icon):
             self._text, self._role, self._icon = text, role, icon
             metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
             self.setFixedWidth(round(metrics.horizontalAdvance(text) + (20 if icon else 0) + 2))
-            self.setVisible(bool(text))
+            self.setVisible(bool(text) and not self._left_out)
             self.setAccessibleName(text)
             self.update()
         self.setToolTip(tip)
+
+    def leave_out(self, left_out: bool) -> None:
+        """There is no room for it now."""
+        if left_out != self._left_out:
+            self._left_out = left_out
+            self.setVisible(bool(self._text) and not left_out)
 
     def mousePressEvent(self, _event: QMouseEvent) -> None:
         self.clicked.emit()
@@ -84,6 +96,7 @@ class StatusBar(QWidget):
         self.setFixedHeight(HEIGHT_PX)
         self._theme = theme
         self._console = console
+        self._first = first
         self.items = {
             name: StatusItem(theme, f"status_{name}")
             for name in (
@@ -102,8 +115,8 @@ class StatusBar(QWidget):
             )
         }
         row = QHBoxLayout(self)
-        row.setContentsMargins(16, 0, 16, 0)
-        row.setSpacing(20)
+        row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
+        row.setSpacing(_GAP_PX)
         for widget in first:
             row.addWidget(widget)
         for name, item in self.items.items():
@@ -167,16 +180,15 @@ class StatusBar(QWidget):
 
     def _fit(self) -> None:
         """Leave out what is least missed, as far as the width does not do for all."""
-        row = self.layout()
-        if row is None:
-            return
-        for item in self.items.values():
-            item.setVisible(bool(item.text))
+        told = {name: item for name, item in self.items.items() if item.text}
+        widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
+        widths += [item.minimumWidth() for item in told.values()]
+        missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
         for name in _MAY_GO:
-            row.invalidate()
-            if row.minimumSize().width() <= self.width():
-                return
-            self.items[name].hide()
+            left_out = name in told and told[name].role == "dim" and missing_px > 0
+            if left_out:
+                missing_px -= told[name].minimumWidth() + _GAP_PX
+            self.items[name].leave_out(left_out)
 
     def _say_battery(self) -> None:
         stream = self._console.state.battery

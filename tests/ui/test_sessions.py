@@ -95,7 +95,7 @@ def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: Fake
         (3 * 60.0, "disk almost full: room for 3 min", "red"),
     ):
         change(console, room_s=room_s, bytes_per_s=333_000.0)
-        assert (items["disk"].text, items["disk"]._role) == (text, role)
+        assert (items["disk"].text, items["disk"].role) == (text, role)
     assert "1.2 GB per hour" in items["disk"].toolTip()
     assert items["dropped"].text == ""
     change(console, dropped={"frame": 3})
@@ -112,6 +112,9 @@ def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindo
     assert window.width() == 1366
     assert window.status_bar.items["disk"].isVisible()
     assert window.status_bar.items["dropped"].isVisible()
+    assert not window.status_bar.items["models"].isVisible()
+    change(console, room_s=None, dropped={})
+    assert window.status_bar.items["models"].isVisible()
     assert find(window, "stretch_button").width() >= find(window, "stretch_button").sizeHint().width()
 
 
