@@ -129,7 +129,6 @@ def parts(
         connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
         suggested_details=lambda: following(load_last_details(study)),
         new_session=functools.partial(_new_session, study),
-        export_session=export_session,
         expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
         free_bytes=functools.partial(free_bytes, study),
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", run_microphone), lambda: None, _forget),

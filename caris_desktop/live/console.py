@@ -78,7 +78,7 @@ _EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
 class Parts:
     """The concrete adapters of a run, chosen in ``app``. A ``None`` part is not there in this run.
 
-    ``load_scenario``, ``save_places``, ``connect_to``, ``new_session`` and ``export_session`` raise ToldFailure.
+    ``load_scenario``, ``save_places``, ``connect_to`` and ``new_session`` raise ToldFailure.
     """
 
     inference: ProcessBody | None
@@ -97,7 +97,6 @@ class Parts:
     connect_to: Callable[[str], RobotConnection]
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
-    export_session: Callable[[Path], Path]
     expected_bytes_per_hour: Callable[[Scenario], float | None]
     free_bytes: Callable[[], int | None]
     microphone: MicrophoneParts
@@ -106,7 +105,6 @@ class Parts:
 class Console(QObject):
     """Implements WizardIntents. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
 
-    session_exported = Signal(object)
     _woken = Signal()
     _child_spoke = Signal(object)
     _child_ended = Signal(object)
@@ -138,13 +136,10 @@ class Console(QObject):
         self._asyncio = AsyncioThread()
         self._recording = RecordingDirector(
             self._state,
-            self._asyncio,
             new_recorder=self._new_recorder,
-            export_session=parts.export_session,
             problem=self.problem,
             parent=self,
         )
-        self._recording.session_exported.connect(self.session_exported)
         self._robot = RobotDirector(
             self._state,
             self._media_ring,
@@ -271,7 +266,6 @@ class Console(QObject):
             if not self._perception_thread.wait(5000):
                 _log.error("the perception thread did not end")
         self._microphone.shutdown()
-        self._recording.cancel_exports()
         self._asyncio.stop()
         self._recording.shutdown()
         self._frames.close()
@@ -711,9 +705,6 @@ class Console(QObject):
 
     def withdraw_mark(self, mark_id: str) -> None:
         self._marks.withdraw(mark_id)
-
-    def export_session(self) -> None:
-        self._recording.export()
 
     # Scenario
 

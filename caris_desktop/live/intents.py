@@ -165,9 +165,6 @@ class WizardIntents(Protocol):
     def keep_layout(self, layout: LayoutNode) -> None:
         """The wizard arranged the panels: for the record."""
 
-    def export_session(self) -> None:
-        """Write the last session as tables beside its files; an info ``Problem`` says where."""
-
     def open_scenario(self, path: Path) -> bool:
         """Switch the scenario; the link and a running recording stay. False when the file was refused."""
 

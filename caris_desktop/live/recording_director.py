@@ -1,20 +1,17 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
-import asyncio
 import logging
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Event, LinkChanged, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
-from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.state import LiveState
@@ -37,30 +34,23 @@ ACTIVE = ("starting", "recording", "paused")
 class RecordingDirector(QObject):
     """Starts and ends sessions, hands everything to the recorder, and keeps ``state.recording``."""
 
-    session_exported = Signal(object)
-
     def __init__(
         self,
         state: LiveState,
-        asyncio_thread: AsyncioThread,
         *,
         new_recorder: Callable[[], ChildProcess],
-        export_session: Callable[[Path], Path],
         problem: Callable[[Severity, str, str, str], None],
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
         self._state = state
-        self._asyncio = asyncio_thread
         self._new_recorder = new_recorder
-        self._export_session = export_session
         self._problem = problem
         self._recorder = new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
         self._video = self._audio = False
         self._restarts = 0
-        self._exports: list[Future[None]] = []
 
     @property
     def recorder(self) -> ChildProcess:
@@ -212,43 +202,7 @@ class RecordingDirector(QObject):
         )
         return True
 
-    # Export
-
-    def export(self) -> None:
-        """Export the last session as tables beside its files; an info ``Problem`` says where."""
-        folder = self._folder
-        if folder is None or not self.idle:
-            self._problem(
-                "warning", "There is nothing to export yet.", "A session is exported as a whole.", "Stop it first."
-            )
-            return
-        self._exports = [export for export in self._exports if not export.done()]
-        self._exports.append(self._asyncio.submit(self._export(folder)))
-
-    async def _export(self, folder: Path) -> None:
-        try:
-            out = await asyncio.to_thread(self._export_session, folder)
-        except ToldFailure as refusal:
-            self._problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return
-        except Exception:
-            # Nobody waits for this task, so nobody else would hear of it.
-            _log.exception("the export of %s failed", folder)
-            self._problem(
-                "error",
-                "The session was not exported.",
-                "Its recorded files are as they were.",
-                "The program's log tells why; export it again.",
-            )
-            return
-        self.session_exported.emit(out)
-        self._problem("info", "The session was exported.", f"The tables are in {out}.", "Open the folder to see them.")
-
     # End
-
-    def cancel_exports(self) -> None:
-        for export in self._exports:
-            export.cancel()
 
     def shutdown(self) -> None:
         """Write out what is queued and end the recorder; blocks a few seconds at most."""

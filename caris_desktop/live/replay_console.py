@@ -67,7 +67,6 @@ class ReplayParts:
 class ReplayConsole(QObject):
     """Implements WizardIntents, refusing, and ReplayControls."""
 
-    session_exported = Signal(object)
     thumbnail_made = Signal(str, object, object)
 
     def __init__(self, parts: ReplayParts, session: Session, parent: QObject | None = None) -> None:
@@ -374,9 +373,6 @@ class ReplayConsole(QObject):
 
     def keep_layout(self, layout: LayoutNode) -> None:
         """The record keeps its own."""
-
-    def export_session(self) -> None:
-        self._refuse()
 
     def open_scenario(self, path: Path) -> bool:
         self._refuse()

@@ -751,10 +751,8 @@ class MainWindow(QWidget):
 
     def export_last_session(self) -> None:
         folder = self._console.state.recording.value.folder
-        if self._library is not None and folder is not None:
+        if folder is not None:
             self.open_export([folder])
-        else:
-            self._console.export_session()
 
     def _session_entries(self) -> list[Entry]:
         status = self._console.state.recording.value

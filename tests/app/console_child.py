@@ -39,9 +39,7 @@ class Driver(QObject):
         self._problems: list[str] = []
         self._pad: VirtualGamepad | None = None
         self._drive_ended: list[str] = []
-        self._exports: list[str] = []
         run.console.state.event_happened.connect(self._on_event)
-        run.console.session_exported.connect(lambda folder: self._exports.append(str(folder)))
         self.line_read.connect(self._on_line)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._report)
@@ -74,7 +72,9 @@ class Driver(QObject):
         elif word == "photo":
             self._run.console.take_photo()
         elif word == "export":
-            self._run.console.export_session()
+            folder = self._run.console.session_folder
+            if folder is not None:
+                self._run.library.start_export([folder], ["csv"], folder / "export-csv")
         elif word == "go":
             x_m, y_m = map(float, rest.split())
             self._run.console.go_to(Pose2D(x_m, y_m, 0.0))
@@ -129,7 +129,7 @@ class Driver(QObject):
             "assistant": state.assistant.value.state,
             "drive_ended": list(self._drive_ended),
             "problems": list(self._problems),
-            "exports": list(self._exports),
+            "exports": [str(folder) for folder in self._run.library.export.value.written],
         }
         if shown != self._shown:
             self._shown = shown

@@ -69,23 +69,3 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         assert console.state.scenario.value == console.scenario == scenario
     finally:
         console.shutdown()
-
-
-def test_an_export_that_fails_in_an_unforeseen_way_is_told(qtbot: QtBot, tmp_path: Path) -> None:
-    def fail(_folder: Path) -> Path:
-        raise ZeroDivisionError
-
-    scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, export_session=fail), scenario)
-    try:
-        told: list[str] = []
-        console.state.event_happened.connect(
-            lambda event: told.append(event.what) if isinstance(event, Problem) else None
-        )
-        console.start_session(TrialDetails(participant="P3"))
-        console.state.recording.set(replace(console.state.recording.value, state="idle"))
-        console.export_session()
-        qtbot.waitUntil(lambda: "The session was not exported." in told)
-    finally:
-        console.shutdown()

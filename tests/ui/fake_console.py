@@ -279,9 +279,6 @@ class FakeConsole:
     def keep_layout(self, layout: LayoutNode) -> None:
         self.calls.append(("keep_layout", layout))
 
-    def export_session(self) -> None:
-        self.calls.append(("export_session", None))
-
     def start_session(self, details: TrialDetails) -> None:
         self.calls.append(("start_session", details))
         self.suggested = details

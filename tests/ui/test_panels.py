@@ -35,7 +35,7 @@ from caris_desktop.ui.panels.video import (
 )
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
-from tests.ui.fake_console import FakeConsole
+from tests.ui.fake_console import FakeConsole, FakeLibrary
 
 
 def pixel(view: FrameView, x: float, y: float) -> QColor:
@@ -511,8 +511,11 @@ def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, cons
     console.start_session(TrialDetails("P07"))
     assert not any(button.isVisible() for button in window.findChildren(QWidget, "session_export"))
     console.stop_session()
+    window.use_library(FakeLibrary())
     click(qtbot, find(window, "session_export"))
-    assert console.calls[-1] == ("export_session", None)
+    dialog = window.findChild(QWidget, "export_dialog")
+    assert dialog is not None and dialog.isVisible()
+    dialog.close()
 
 
 def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) -> None:
