@@ -5,7 +5,6 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -31,10 +30,7 @@ MOST_EVENTS_LOST_S, MOST_MEDIA_LOST_S = 1.0, 2.0
 @pytest.mark.alone
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
-    tmp_path: Path,
-    moment: int,
-    request: pytest.FixtureRequest,
-    record_property: Callable[[str, object], None],
+    tmp_path: Path, moment: int, request: pytest.FixtureRequest
 ) -> None:
     latest_s = 2.6 if moment < 2 + EVERY_TIME else 9.0
     chosen = random.Random(moment)  # noqa: S311 - when to kill, no secret
@@ -67,7 +63,8 @@ def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
     assert [value.label for value in marks] == [str(number) for number in range(len(marks))], "no event is left out"
     assert [value.stamp_ns for value in marks] == sent.marks_ns[: len(marks)]
     last_ns = marks[-1].stamp_ns if marks else session.started_ns
-    record_property("events_lost_s", (sent.marks_ns[-1] - last_ns) / 1e9)
+    lost = request.node.user_properties
+    lost.append(("events_lost_s", (sent.marks_ns[-1] - last_ns) / 1e9))
     assert (sent.marks_ns[-1] - last_ns) / 1e9 <= MOST_EVENTS_LOST_S
     assert (sent.marks_ns[-1] - session.ended_ns) / 1e9 <= MOST_EVENTS_LOST_S
 
@@ -76,7 +73,7 @@ def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
             times_ns = videos.frame_times_ns(camera)
             assert set(times_ns) <= set(sent.frames_ns[camera]), "every frame is shown at the moment it was taken"
             last_ns = times_ns[-1] if times_ns else sent.frames_ns[camera][0]
-            record_property(f"video_lost_s of {camera}", (sent.frames_ns[camera][-1] - last_ns) / 1e9)
+            lost.append((f"video_lost_s of {camera}", (sent.frames_ns[camera][-1] - last_ns) / 1e9))
             assert (sent.frames_ns[camera][-1] - last_ns) / 1e9 <= MOST_MEDIA_LOST_S
             assert not times_ns or videos.frame(camera, len(times_ns) - 1) is not None, "the last frame decodes"
         assert videos.problems == []
