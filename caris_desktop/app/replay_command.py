@@ -1,6 +1,7 @@
 """``caris-desktop replay``: a recorded session, or somebody else's bag, in the console's window."""
 
 import argparse
+import asyncio
 import functools
 import hashlib
 import json
@@ -13,17 +14,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
+from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.recording.bag_import import BagError, import_bag, looks_like_bag
+from caris_desktop.recording.recovery import needs_repair
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
@@ -35,6 +38,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
+_LOOK_EVERY_S = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +84,7 @@ class ReplayRun:
         self.application.setApplicationName("CARIS Desktop")
         self.application.setApplicationVersion(__version__)
         self.settings = QSettings("caris-desktop", "console") if settings is None else settings
-        session = open_session(_session_folder(arguments.session))
+        session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
         self._register = _register_of(session)
         self.console = ReplayConsole(
@@ -130,6 +134,32 @@ class ReplayRun:
             _log.warning("the name of a person cannot be read", exc_info=True)
             return None
         return None if person is None else person.name
+
+
+def _opened(folder: Path) -> Session:
+    """Open it; repairing a long one takes a while, which a small window tells. Raises SessionError."""
+    if not needs_repair(folder):
+        return open_session(folder)
+    told = QProgressDialog()
+    told.setWindowTitle("CARIS Desktop")
+    told.setLabelText(
+        "This session was cut off while it was recorded.\n"
+        "It is being repaired; nothing of what was found is thrown away."
+    )
+    told.setRange(0, 0)
+    told.setCancelButton(None)
+    told.setMinimumDuration(500)
+    told.setValue(0)
+    background = AsyncioThread()
+    try:
+        opened = background.submit(asyncio.to_thread(open_session, folder))
+        while not opened.done():
+            QApplication.processEvents()
+            time.sleep(_LOOK_EVERY_S)
+        return opened.result()
+    finally:
+        background.stop()
+        told.close()
 
 
 def _session_folder(path: Path) -> Path:

@@ -103,6 +103,13 @@ class ReplayConsole(QObject):
         self._player.start()
         self._thumbnails.start()
         self._coding.start()
+        if self._session.notices:
+            self._tell(
+                "warning",
+                "This session was cut off while it was recorded.",
+                " ".join(self._session.notices),
+                "What was found is kept in its folder 'recovered'.",
+            )
 
     def shutdown(self) -> None:
         """Save annotations and end the threads; blocks a few seconds at most."""

@@ -22,7 +22,7 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
     sentences = []
     if not session.closed_properly:
         sentences.append("The recording was cut off: what happened after the last saved moment is not in it.")
-    sentences += session.notices
+    sentences += session.repairs
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
     if measures.pauses:

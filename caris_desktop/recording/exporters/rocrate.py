@@ -445,7 +445,7 @@ def _about(session: Session, files: list[_Packed]) -> str:
         "Files that changed since the session was closed say so."
         if any(file.unlike_manifest for file in files)
         else "",
-        *session.notices,
+        *session.repairs,
     ]
     return " ".join(part for part in parts if part)
 
