@@ -695,6 +695,9 @@ class Console(QObject):
     def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
         return self._marks.begin(label, kind, earlier_s=earlier_s)
 
+    def stretch_mark(self, mark_id: str) -> None:
+        self._marks.stretch(mark_id)
+
     def end_mark(self, mark_id: str) -> None:
         self._marks.end(mark_id)
 

@@ -127,6 +127,9 @@ class WizardIntents(Protocol):
     def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
         """Mark a stretch that begins now, or ``earlier_s`` ago, and goes on until ``end_mark``."""
 
+    def stretch_mark(self, mark_id: str) -> None:
+        """The moment that was marked becomes a stretch, which goes on until ``end_mark``."""
+
     def end_mark(self, mark_id: str) -> None: ...
 
     def change_mark(

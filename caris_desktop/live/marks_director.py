@@ -38,6 +38,13 @@ class MarksDirector(QObject):
         start_ns = now_ns - round(max(0.0, earlier_s) * _NANOSECONDS)
         return self._keep(Marked(now_ns, label, kind, _new_id(), start_ns, state="open"))
 
+    def stretch(self, mark_id: str) -> None:
+        """The moment becomes a stretch that goes on."""
+        mark = self._marks.get(mark_id)
+        if mark is not None and mark.state == "done" and mark.end_ns is None:
+            start_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
+            self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, state="open"))
+
     def end(self, mark_id: str) -> None:
         mark = self._marks.get(mark_id)
         if mark is not None and mark.state == "open":

@@ -339,6 +339,9 @@ class ReplayConsole(QObject):
         self._refuse()
         return ""
 
+    def stretch_mark(self, mark_id: str) -> None:
+        """None was made."""
+
     def end_mark(self, mark_id: str) -> None:
         """None was begun."""
 

@@ -75,8 +75,7 @@ class Marking(QObject):
         if held is None or held.stretched:
             return
         held.stretched = True
-        self._console.withdraw_mark(held.mark_id)
-        held.mark_id = self._console.begin_mark(held.label, earlier_s=time.monotonic() - held.pressed_s)
+        self._console.stretch_mark(held.mark_id)
         self.card.show_mark(held.mark_id, held=True)
 
     def _on_key_released(self, action_id: str) -> None:

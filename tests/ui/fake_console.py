@@ -217,6 +217,11 @@ class FakeConsole:
         mark_id = f"m{len(self.marks) + 1}"
         return self._keep_mark(Marked(now_ns, label, kind, mark_id, now_ns - round(earlier_s * 1e9), state="open"))
 
+    def stretch_mark(self, mark_id: str) -> None:
+        self.calls.append(("stretch_mark", mark_id))
+        mark = self.marks[mark_id]
+        self._keep_mark(dataclasses.replace(mark, start_ns=mark.start_ns or mark.stamp_ns, state="open"))
+
     def end_mark(self, mark_id: str) -> None:
         self.calls.append(("end_mark", mark_id))
         now_ns = clock.now_ns()

@@ -130,11 +130,11 @@ def test_driving_and_typing_do_not_get_into_each_other(desktop: Desktop) -> None
 
 def test_marks_by_real_keys_while_driving_and_typing(desktop: Desktop) -> None:
     def counted() -> dict[str, int]:
-        return {name: len(desktop.intents(name)) for name in ("mark", "withdraw_mark", "begin_mark", "end_mark")}
+        return {name: len(desktop.intents(name)) for name in ("mark", "stretch_mark", "end_mark")}
 
     desktop.do("keydown", "w", "keydown", "m", "sleep", "1.2", "keyup", "m")
-    desktop.expect(FORWARD, "mark ('', 'mark')", "withdraw_mark", "begin_mark", "end_mark")
-    assert counted() == {"mark": 1, "withdraw_mark": 1, "begin_mark": 1, "end_mark": 1}, "a held key repeats nothing"
+    desktop.expect(FORWARD, "mark ('', 'mark')", "stretch_mark", "end_mark")
+    assert counted() == {"mark": 1, "stretch_mark": 1, "end_mark": 1}, "a held key repeats nothing"
     assert not desktop.intents("release_drive")
     desktop.do("keyup", "w", "key", "Return")
     desktop.expect("release_drive", "KEYS typing")

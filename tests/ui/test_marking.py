@@ -66,7 +66,7 @@ def hold(qtbot: QtBot, widget: QWidget, key: Qt.Key, modifiers: Qt.KeyboardModif
     for _ in range(3):
         repeat = QKeyEvent(QEvent.Type.KeyPress, key, modifiers, "", True)
         QApplication.sendEvent(widget, repeat)
-    qtbot.waitUntil(lambda: bool(console.named("begin_mark")), timeout=2000)
+    qtbot.waitUntil(lambda: bool(console.named("stretch_mark")), timeout=2000)
     QTest.keyRelease(widget, key, modifiers)
 
 
@@ -85,7 +85,7 @@ def test_a_tap_marks_the_moment_at_once(focused: QWidget, window: MainWindow, co
 
 def test_a_held_key_is_a_stretch(qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     hold(qtbot, focused, Qt.Key.Key_F1, SHIFT | alt_of(console, window), console)
-    assert [name for name, _ in console.calls] == ["mark", "withdraw_mark", "begin_mark", "end_mark"]
+    assert [name for name, _ in console.calls] == ["mark", "stretch_mark", "end_mark"]
     (stretch,) = present(console)
     assert (stretch.label, stretch.state) == ("Interested", "done")
     assert stretch.start_ns is not None
@@ -258,7 +258,7 @@ def test_a_stretch_ends_when_another_program_gets_the_release(
     field = find(window, "speak_field")
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_F1, SHIFT)
-    qtbot.waitUntil(lambda: bool(console.named("begin_mark")), timeout=2000)
+    qtbot.waitUntil(lambda: bool(console.named("stretch_mark")), timeout=2000)
     window.hold._on_application_state_changed(Qt.ApplicationState.ApplicationInactive)
     assert not console.state.marks.value.open
     assert [mark.state for mark in present(console)] == ["done"]
