@@ -58,7 +58,7 @@ from caris_desktop.live.recording_director import RecordingDirector
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
 from caris_desktop.live.speech_director import SpeechDirector
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, PerceptionStatus
+from caris_desktop.live.status import AssistantStatus, LinkStatus, PerceptionStatus, RecordingStatus
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
@@ -157,7 +157,7 @@ class Console(QObject):
         self._marks = MarksDirector(self._state, self.publish, self)
         self._status_tap = StatusTap(self._state, self._recording.put, self)
         self._microphone = MicrophoneDirector(
-            self._state, parts.microphone, start_child=self._new_microphone, parent=self
+            self._state, parts.microphone, start_child=self._new_microphone, problem=self.problem, parent=self
         )
         self._layout: LayoutChanged | None = None
         self._speech = SpeechDirector(
@@ -167,6 +167,7 @@ class Console(QObject):
         self._perception_thread = QThread(self)
         self._perception: PerceptionWorker | None = None
         self._state.robot.changed.connect(self._on_robot_changed)
+        self._state.recording.changed.connect(self._on_recording_changed)
         self._apply_scenario()
 
     # What panels read
@@ -203,7 +204,7 @@ class Console(QObject):
         """Start what the window does not need to be usable: all child processes and the perception thread."""
         if self._shut_down:
             return
-        self._recording.start()
+        self._recording.start(self._scenario)
         self._gamepads.start()
         if self._parts.camera is not None and self._camera_ring is not None:
             body = self._parts.camera
@@ -245,6 +246,7 @@ class Console(QObject):
         if self._shut_down:
             return
         self._drive.release("Another robot is connected")
+        self._recording.forget_robot()
         self._robot.connect_robot(connection)
 
     def shutdown(self) -> None:
@@ -375,6 +377,12 @@ class Console(QObject):
             self.publish(_robot_event(connection))
         if self._perception is not None:
             self._perception.use_cameras(_camera_models(robot))
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state in ("idle", "failed") and self._state.microphone.value.state != "off":
+            # It ended by itself, as on a full disk.
+            self._microphone.close()
+            self._marks.forget()
 
     def _on_perception_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)
@@ -641,21 +649,37 @@ class Console(QObject):
         return self._parts.suggested_details()
 
     def start_session(self, details: TrialDetails) -> None:
+        if not self._recording.idle:
+            return
+        # What was said with one participant is neither told to the model about the next nor in the next one's record.
+        self._conversation.clear()
+        self._marks.forget()
+        self._assistant.forget()
         connection = self._robot.connection
-        opened: list[Event] = [self._scenario_event()]
-        if connection is not None:
-            opened.append(_robot_event(connection))
-        if self._layout is not None:
-            opened.append(replace(self._layout, stamp_ns=clock.now_ns()))
         started = self._recording.start_session(
-            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, opened
+            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, self._standing()
         )
-        if started:
-            # What was said with one participant is not told to the model about the next.
-            self._conversation.clear()
-            self._marks.forget()
-            if self._scenario.permissions.audio_recording:
-                self._microphone.open()
+        if started and self._scenario.permissions.audio_recording:
+            self._microphone.open()
+
+    def _standing(self) -> list[Event]:
+        """What happened once and holds until it happens again, as it stands now."""
+        now_ns = clock.now_ns()
+        link: LinkStatus = self._state.link.value
+        standing: list[Event] = [
+            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
+            self._scenario_event(),
+        ]
+        connection = self._robot.connection
+        if connection is not None:
+            standing.append(_robot_event(connection))
+        if self._layout is not None:
+            standing.append(replace(self._layout, stamp_ns=now_ns))
+        if self._state.drive.value.emergency_stop:
+            standing.append(EmergencyStopChanged(now_ns, True, "wizard"))
+        if self._state.goal.value is not None:
+            standing.append(replace(self._state.goal.value, stamp_ns=now_ns))
+        return standing
 
     def stop_session(self) -> None:
         self._marks.end_all()
@@ -663,7 +687,15 @@ class Console(QObject):
         self._recording.stop_session("console_closed" if self._shut_down else "wizard")
 
     def pause_session(self, *, paused: bool) -> None:
-        self._recording.pause_session(paused=paused)
+        if paused:
+            self._marks.end_all()
+            self._microphone.close()
+        else:
+            # What was asked and answered meanwhile stays out of the record.
+            self._assistant.forget()
+            if self._scenario.permissions.audio_recording:
+                self._microphone.open()
+        self._recording.pause_session(self._standing(), paused=paused)
 
     def expected_bytes_per_hour(self) -> float | None:
         return self._parts.expected_bytes_per_hour(self._scenario)
@@ -718,6 +750,7 @@ class Console(QObject):
             self.problem("error", refusal.what, refusal.meaning, refusal.advice)
             return False
         self._scenario = scenario
+        self._layout = None
         self._recording.use_scenario(scenario)
         if not scenario.permissions.audio_recording:
             self._microphone.close()

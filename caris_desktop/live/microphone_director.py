@@ -14,7 +14,7 @@ from caris_desktop.conversation.microphone import (
     MicrophoneOpened,
     OpenMicrophone,
 )
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Problem, Severity
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus
@@ -41,15 +41,18 @@ class MicrophoneDirector(QObject):
         parts: MicrophoneParts,
         *,
         start_child: Callable[[ProcessBody], ChildProcess],
+        problem: Callable[[Severity, str, str, str], None],
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
         self._state = state
         self._parts = parts
         self._start_child = start_child
+        self._problem = problem
         self._child: ChildProcess | None = None
         self._names: tuple[str, ...] = ()
         self._chosen = parts.chosen()
+        self._listens_to: str | None = None
         self._open = False
         self._restarts = 0
 
@@ -75,13 +78,19 @@ class MicrophoneDirector(QObject):
 
     def open(self) -> None:
         """Listen from now on, if a microphone is chosen."""
+        status: MicrophoneStatus = self._state.microphone.value
+        if self._open and self._listens_to == self._chosen and status.state in ("starting", "on"):
+            return
         self._open = True
+        self._listens_to = self._chosen
         if self._chosen is None:
             self._tell_closed()
             return
         self.get_ready()
         self._state.microphone.set(MicrophoneStatus("starting", self._chosen))
-        if self._child is not None:
+        if self._child is None:
+            self._state.microphone.set(MicrophoneStatus("failed", self._chosen, detail="It failed too often."))
+        else:
             self._child.send(OpenMicrophone(self._chosen))
 
     def close(self) -> None:
@@ -116,6 +125,16 @@ class MicrophoneDirector(QObject):
         self._child = None
         self._restarts += 1
         if self._open:
+            again = self._restarts <= _RESTARTS_AT_MOST
+            self._problem(
+                "warning",
+                "Listening to the microphone stopped unexpectedly.",
+                "Its sound is missing from the recording from now on."
+                if not again
+                else "A moment of its sound is missing from the recording.",
+                "It is being started again." if again else "It failed too often: restart the program.",
+            )
+            self._open = False
             self.open()
         return True
 

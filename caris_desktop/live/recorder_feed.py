@@ -4,10 +4,12 @@ import logging
 import pickle
 import threading
 from collections import deque
+from collections.abc import Iterable
 from typing import Any
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap
+from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.streams import BY_TYPE, Delivery
 from caris_desktop.live.child_process import ChildProcess
 
@@ -51,7 +53,8 @@ class RecorderFeed:
             if not self._recording or self._paused:
                 return
             if spec.delivery is not Delivery.LOSSLESS and self._queued_bytes + len(raw) > self._max_bytes:
-                self._dropped[spec.name] = self._dropped.get(spec.name, 0) + 1
+                name = "audio" if isinstance(value, AudioChunk) else spec.name
+                self._dropped[name] = self._dropped.get(name, 0) + 1
                 return
             self._append(raw)
 
@@ -61,20 +64,29 @@ class RecorderFeed:
             self._recording, self._paused = True, False
             self._append_all(message, *events)
 
-    def pause(self, message: Any, *, paused: bool) -> None:
-        """Hold back everything from now on, or go on, beginning with the latched values as they stand then."""
+    def pause(self, message: Any, *events: Any, paused: bool) -> None:
+        """Hold back everything from now on, or go on: with ``message``, what stands, and ``events``."""
         with self._changed:
             if not self._recording or self._paused == paused:
                 return
             self._paused = paused
             if paused:
+                self._append_gaps()
                 self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
             else:
-                self._append_all(message)
+                self._append_all(message, *events)
+
+    def forget_streams(self, names: Iterable[str]) -> None:
+        """What stood on these streams stands no longer: the link or the robot that told it is gone."""
+        with self._changed:
+            for name in names:
+                self._latched.pop(f"/{name}", None)
 
     def stop(self, message: Any) -> None:
         """End: whatever was put before is still written, then ``message``."""
         with self._changed:
+            if self._recording and not self._paused:
+                self._append_gaps()
             self._recording = False
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
 
@@ -95,8 +107,8 @@ class RecorderFeed:
         with self._changed:
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
 
-    def close(self, *, timeout_s: float = 5.0) -> None:
-        """Write out what is queued and end the thread."""
+    def close(self, *, timeout_s: float = 30.0) -> None:
+        """Write out what is queued, which may have piled up before a slow disk, and end the thread."""
         with self._changed:
             self._ended = True
             self._recording = False
@@ -109,6 +121,12 @@ class RecorderFeed:
             self._append(raw)
         for event in events:
             self._append(pickle.dumps(event, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def _append_gaps(self) -> None:
+        for stream, count in self._dropped.items():
+            gap = Gap(clock.now_ns(), stream, count, "the recorder could not keep up")
+            self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
+        self._dropped.clear()
 
     def _append(self, raw: bytes) -> None:
         raw = ARRIVED + clock.now_ns().to_bytes(8, "little", signed=True) + raw
@@ -126,11 +144,8 @@ class RecorderFeed:
                 recorder = self._recorder
                 raw = self._queue.popleft()
                 self._queued_bytes -= len(raw)
-                if self._dropped and self._queued_bytes < self._max_bytes // 2:
-                    for stream, count in self._dropped.items():
-                        gap = Gap(clock.now_ns(), stream, count, "the recorder could not keep up")
-                        self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
-                    self._dropped.clear()
+                if self._queued_bytes < self._max_bytes // 2:
+                    self._append_gaps()
             if not recorder.send_raw_waiting(raw):
                 with self._changed:
                     if recorder is self._recorder:

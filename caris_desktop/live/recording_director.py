@@ -9,13 +9,14 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Event, LinkChanged, Severity
+from caris_desktop.domain.events import Event, LinkChanged, Problem, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.state import STREAMS_OF_LINK, LiveState
 from caris_desktop.recording.messages import (
+    OfferMarkers,
     PauseRecording,
     RecorderReport,
     SessionHeader,
@@ -28,6 +29,8 @@ from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
 RESTARTS_AT_MOST = 3
+# The recorder allows itself a minute for the checksums, and tells the log when it gives up.
+_CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")
 
 
@@ -50,6 +53,7 @@ class RecordingDirector(QObject):
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
         self._video = self._audio = False
+        self._offers_markers = False
         self._restarts = 0
 
     @property
@@ -65,8 +69,9 @@ class RecordingDirector(QObject):
     def idle(self) -> bool:
         return self._state.recording.value.state not in (*ACTIVE, "stopping")
 
-    def start(self) -> None:
+    def start(self, scenario: Scenario) -> None:
         self._recorder.start()
+        self._offer_markers(scenario)
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """Record a domain value; ``raw`` is the value pickled, where the caller has it. Any thread."""
@@ -74,7 +79,16 @@ class RecordingDirector(QObject):
             return
         if isinstance(value, AudioChunk) and not self._audio:
             return
+        if isinstance(value, LinkChanged) and value.state != "connected":
+            self._feed.forget_streams(STREAMS_OF_LINK.get(value.link, ()))
+        if isinstance(value, Problem):
+            value, raw = _without_home(value), None
         self._feed.put(value, raw)
+
+    def forget_robot(self) -> None:
+        """Another robot: what the former one told does not head what is recorded from now on."""
+        for names in STREAMS_OF_LINK.values():
+            self._feed.forget_streams(names)
 
     # Sessions
 
@@ -96,11 +110,9 @@ class RecordingDirector(QObject):
         self._folder = folder
         permissions = scenario.permissions
         self._video, self._audio = permissions.video_recording, permissions.audio_recording
-        now_ns = clock.now_ns()
         self._state.recording.set(
-            replace(self._state.recording.value, state="starting", folder=folder, started_ns=now_ns, detail="")
+            replace(self._state.recording.value, state="starting", folder=folder, started_ns=clock.now_ns(), detail="")
         )
-        link = self._state.link.value
         self._feed.start(
             StartRecording(
                 folder,
@@ -110,7 +122,6 @@ class RecordingDirector(QObject):
                 audio=permissions.audio_recording,
                 lsl=scenario.recording.lsl,
             ),
-            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
             *opened,
         )
         return True
@@ -122,12 +133,14 @@ class RecordingDirector(QObject):
         self._state.recording.set(replace(self._state.recording.value, state="stopping"))
         self._feed.stop(StopRecording(reason))
 
-    def pause_session(self, *, paused: bool) -> None:
+    def pause_session(self, opened: Sequence[Event], *, paused: bool) -> None:
+        """``opened``: how things stand, for the record, which knows nothing of what changed during a pause."""
         if self._state.recording.value.state in ("recording", "paused"):
-            self._feed.pause(PauseRecording(paused), paused=paused)
+            self._feed.pause(PauseRecording(paused), *(() if paused else opened), paused=paused)
 
     def use_scenario(self, scenario: Scenario) -> None:
         """What it permits holds from now on, in a running session too."""
+        self._offer_markers(scenario)
         recording = self._state.recording.value.state in ACTIVE
         permissions = scenario.permissions
         self._video = recording and permissions.video_recording
@@ -140,6 +153,12 @@ class RecordingDirector(QObject):
                     audio=permissions.audio_recording,
                 )
             )
+
+    def _offer_markers(self, scenario: Scenario) -> None:
+        """Recorders of physiology look for the outlet before the recording begins."""
+        if scenario.recording.lsl != self._offers_markers:
+            self._offers_markers = scenario.recording.lsl
+            self._feed.request(OfferMarkers(scenario.recording.lsl))
 
     def take_photo(self) -> None:
         ref = self._state.frame.value
@@ -156,6 +175,8 @@ class RecordingDirector(QObject):
     # What the recorder says
 
     def on_report(self, report: RecorderReport) -> None:
+        if self._state.recording.value.state == "stopping" and report.state not in ("idle", "failed"):
+            return  # it was on its way when the end was asked for
         self._state.recording.set(
             replace(
                 self._state.recording.value,
@@ -205,6 +226,19 @@ class RecordingDirector(QObject):
     # End
 
     def shutdown(self) -> None:
-        """Write out what is queued and end the recorder; blocks a few seconds at most."""
+        """Write out what is queued and end the recorder, which first makes its checksums: of hours of video that takes
+        a minute.
+        """
         self._feed.close()
-        self._recorder.stop(grace_s=5.0)
+        self._recorder.stop(grace_s=_CLOSE_WITHIN_S)
+
+
+def _without_home(problem: Problem) -> Problem:
+    """What is told to the wizard may name folders; whose they are is nobody's business who reads the record."""
+    home = str(Path.home())
+    return replace(
+        problem,
+        what=problem.what.replace(home, "~"),
+        meaning=problem.meaning.replace(home, "~"),
+        advice=problem.advice.replace(home, "~"),
+    )

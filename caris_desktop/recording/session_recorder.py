@@ -6,7 +6,7 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,7 @@ class SessionRecorder:
         self._limits = limits
         self._video_permitted, self._photos_permitted = start.video, start.photos
         self._audio_permitted = start.audio
+        self._sound_from_ns = self.started_ns
         self._video_ended = self._audio_ended = False
         self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
         self._behind_ns = 0
@@ -187,6 +188,8 @@ class SessionRecorder:
             self._media.end_videos()
         if self._audio_permitted and not audio:
             self._put_blocks(self._audio.finish_blocks())
+        if audio and not self._audio_permitted:
+            self._sound_from_ns = clock.now_ns()
         self._video_permitted, self._photos_permitted, self._audio_permitted = video, photos, audio
 
     # Pauses
@@ -208,7 +211,7 @@ class SessionRecorder:
             self._guarded(self._log.flush)
             self._log_sync.ask()
         else:
-            self._pauses[-1][1] = at_ns
+            self._pauses[-1][1] = self._sound_from_ns = at_ns
             # Latched values that the console sends again are new in the record, however recently they were put.
             self._latched.clear()
             self._record(RecordingPaused(at_ns, False))
@@ -331,6 +334,9 @@ class SessionRecorder:
 
     def _write_sound(self, chunk: AudioChunk) -> None:
         if not self._audio_permitted or self._audio_ended:
+            return
+        chunk = _since(chunk, self._sound_from_ns)
+        if not len(chunk.samples):
             return
         try:
             blocks = self._audio.write(chunk)
@@ -691,3 +697,13 @@ def _megabytes(count: int) -> str:
 
 def _minutes(room_s: float) -> str:
     return f"{room_s / 60:.0f} minutes" if room_s >= 120 else f"{room_s:.0f} s"
+
+
+def _since(chunk: AudioChunk, from_ns: int) -> AudioChunk:
+    """What of it was heard from then on: sound comes in blocks, and some began before it was permitted."""
+    missing_ns = from_ns - chunk.stamp_ns
+    if missing_ns <= 0:
+        return chunk
+    first = -(-missing_ns * chunk.sample_rate_hz // 1_000_000_000)
+    stamp_ns = chunk.stamp_ns + first * 1_000_000_000 // chunk.sample_rate_hz
+    return replace(chunk, stamp_ns=stamp_ns, samples=chunk.samples[first:])

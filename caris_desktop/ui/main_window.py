@@ -901,7 +901,11 @@ class MainWindow(QWidget):
 
     def _on_reset_layout(self) -> None:
         # After the menu has closed: its own actions belong to the docks that go away.
-        QTimer.singleShot(0, self, lambda: self.show_scenario(self._console.scenario))
+        QTimer.singleShot(0, self, self._put_panels_back)
+
+    def _put_panels_back(self) -> None:
+        self.show_scenario(self._console.scenario)
+        self._console.keep_layout(self._console.scenario.layout)
 
     def set_theme_choice(self, choice: ThemeChoice) -> None:
         self.theme.set_choice(choice)

@@ -1,6 +1,5 @@
 """Marks by hand: a tap is a moment, a held key a stretch; wizard errors, notes, and the card that shows them."""
 
-import time
 from dataclasses import dataclass
 
 from PySide6.QtCore import QObject, QTimer
@@ -23,7 +22,6 @@ ANSWER_WITHIN_S = 5.0
 class _Held:
     mark_id: str
     label: str
-    pressed_s: float
     timer: QTimer
     stretched: bool = False
 
@@ -66,7 +64,7 @@ class Marking(QObject):
         label = "" if spec.argument is None else self._label(spec.argument)
         timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
         timer.timeout.connect(lambda: self._on_held(action_id))
-        self._held[action_id] = _Held(self._mark(label), label, time.monotonic(), timer)
+        self._held[action_id] = _Held(self._mark(label), label, timer)
         timer.start()
 
     def _on_held(self, action_id: str) -> None:

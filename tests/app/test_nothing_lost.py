@@ -4,8 +4,9 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
-from caris_desktop.domain.events import Gap, Marked, RecordingPaused
+from caris_desktop.domain.events import Gap, Marked, RecordingPaused, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.recording.session_reader import open_session
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
@@ -22,6 +23,14 @@ def _sent(log: Path) -> dict[str, list[int]]:
         if message["stamp_ns"] is not None:
             stamps[message["topic"]].append(message["stamp_ns"])
     return stamps
+
+
+def _other_scenario(folder: Path) -> Path:
+    """The tour under another title, opened while nothing is recorded."""
+    path = folder / "second.yaml"
+    text = (layouts_dir() / "tour-guide.yaml").read_text("utf-8")
+    path.write_text(text.replace("title: Tour guide", "title: Second tour"), "utf-8")
+    return path
 
 
 def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> None:
@@ -41,6 +50,8 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
             console.wait_until_shown(recording="paused")
             before = len(_sent(log)["/odom"])
             console.say("mark private")
+            console.say(f"open {_other_scenario(tmp_path)}")
+            console.wait_until_shown(scenario="Second tour")
             wait_for(lambda: len(_sent(log)["/odom"]) > before + 20, "the robot goes on while nothing is recorded")
             console.say("go_on")
             console.wait_until_shown(recording="recording")
@@ -57,6 +68,8 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
     assert labels == [*map(str, range(_MARKS)), "public"]
     pauses = [value for value in values if isinstance(value, RecordingPaused)]
     assert [pause.paused for pause in pauses] == [True, False]
+    titles = [(value.title, value.stamp_ns) for value in values if isinstance(value, ScenarioOpened)]
+    assert [title for title, _ in titles] == ["Tour guide", "Second tour"], "what changed meanwhile is known afterwards"
     paused_ns, resumed_ns = (pause.stamp_ns for pause in pauses)
     sent = _sent(log)
     for kind, topic in ((LaserScan, "/scan"), (Odometry, "/odom")):

@@ -101,3 +101,36 @@ def test_events_are_never_dropped_and_states_are_counted() -> None:
     batteries = [message for message in pipe.messages if isinstance(message, BatteryState)]
     (gap,) = [message for message in pipe.messages if type(message).__name__ == "Gap"]
     assert (gap.stream, gap.count) == ("battery", 50 - len(batteries)) and gap.count > 0
+
+
+def test_what_happened_once_is_told_again_after_a_pause() -> None:
+    feed, pipe = _fed()
+    feed.start("begin", "scenario A")
+    feed.pause("pause", paused=True)
+    feed.pause("go on", "scenario B", paused=False)
+    feed.close()
+    assert pipe.messages == ["begin", "scenario A", "pause", "go on", "scenario B"]
+
+
+def test_what_a_lost_robot_told_does_not_head_the_next_recording() -> None:
+    feed, pipe = _fed()
+    feed.put(BatteryState(2, 0.5))
+    feed.put(StatusShown(1, "drive", 1))
+    feed.forget_streams(("battery", "map"))
+    feed.start("begin")
+    feed.close()
+    assert pipe.messages == ["begin", StatusShown(1, "drive", 1)]
+
+
+def test_what_was_dropped_is_told_before_the_end() -> None:
+    feed, pipe = _fed(max_bytes=600)
+    feed.start("begin")
+    wait_for(lambda: pipe.raw, "the beginning is written")
+    pipe.open.clear()
+    for number in range(50):
+        feed.put(BatteryState(number, 0.5))
+    feed.stop("end")
+    pipe.open.set()
+    feed.close()
+    kinds = [type(message).__name__ for message in pipe.messages]
+    assert kinds.index("Gap") < pipe.messages.index("end") and kinds[-1] == "str"

@@ -234,3 +234,25 @@ def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(t
     assert gap["reason"] == "front: left out, as the disk is nearly full"
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 5
     assert len(messages(tmp_path / "s", "/event/marked")) == 1
+
+
+def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    recorder = RecorderUnderTest(in_thread=True)
+    recorder.send(StartRecording(folder, header()))
+    recorder.wait_for(RecorderReport, state="recording")
+    recorder.send(PauseRecording(True))
+    recorder.wait_for(RecorderReport, state="paused")
+    private_ns = clock.now_ns()
+    recorder.send(PauseRecording(False))
+    resumed: RecordingPaused = recorder.wait_for(RecordingPaused, paused=False)
+    # One block that began in the pause and ends well after it.
+    recorder.send(sound(RATE_HZ, 7000, stamp_ns=private_ns))
+    recorder.stop_session()
+    recorder.close()
+    (path,) = folder.glob("audio-*.wav")
+    with wave.open(str(path)) as file:
+        kept = np.frombuffer(file.readframes(file.getnframes()), np.int16)
+    private = round((resumed.stamp_ns - private_ns) * RATE_HZ / 1e9)
+    assert int((kept == 7000).sum()) == pytest.approx(RATE_HZ - private, abs=2)
+    assert private > 0
