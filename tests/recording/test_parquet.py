@@ -144,4 +144,4 @@ def test_what_fits_no_column_is_left_out_and_the_rest_kept(tmp_path: Path) -> No
         ],
     )
     export_session(tmp_path / "s", "parquet", tmp_path / "out")
-    assert [row["sequence"] for row in rows(tmp_path / "out" / "event_command_sent.parquet")] == [1, None, None]
+    assert [row["sequence"] for row in rows(tmp_path / "out" / "event_command_sent.parquet")] == [1, None]
