@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication
@@ -46,7 +47,7 @@ class ConsoleRun:
         settings: QSettings | None = None,
         robot: Callable[[Console], DemoRobot] | None = None,
     ) -> None:
-        self.settings = settings or QSettings("CARIS", "CARIS Desktop")
+        self.settings = settings or own_settings()
         self._arguments = arguments
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
@@ -91,13 +92,15 @@ class ConsoleRun:
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:
-        self.window.close()
-        self.library.shutdown()
-        self.console.shutdown()
-        if self._garbage is not None:
-            self._garbage.stop()
-        if self.demo_robot is not None:
-            self.demo_robot.stop()
+        """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
+        with ExitStack() as rest:  # what is entered first ends last
+            if self.demo_robot is not None:
+                rest.callback(self.demo_robot.stop)
+            if self._garbage is not None:
+                rest.callback(self._garbage.stop)
+            rest.callback(self.library.shutdown)
+            rest.callback(self.console.shutdown)
+            rest.callback(self.window.close)
 
     def _start_rest(self) -> None:
         # What exists now stays for the whole run: a full collection need not walk it again, which stalls the GUI.
@@ -187,6 +190,11 @@ def run(arguments: argparse.Namespace) -> int:
         return console_run.application.exec()
     finally:
         console_run.close()
+
+
+def own_settings() -> QSettings:
+    """What this user's windows keep, of the console and of a replay alike."""
+    return QSettings("CARIS", "CARIS Desktop")
 
 
 def check_screen() -> None:

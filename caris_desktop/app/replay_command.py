@@ -6,19 +6,23 @@ import functools
 import hashlib
 import json
 import logging
+import shutil
 import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
-from caris_desktop.app.console_command import check_screen
+from caris_desktop.app.console_command import check_screen, own_settings
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
@@ -31,14 +35,19 @@ from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import Session, SessionError, open_session
 from caris_desktop.robot.profile import RobotProfile, parse_profile
-from caris_desktop.scenario.file import parse_scenario
+from caris_desktop.scenario.file import ScenarioError, parse_scenario
 from caris_desktop.scenario.layout import checked_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
+T = TypeVar("T")
 _LOOK_EVERY_S = 0.02
+_IMPORT_PREFIX = ".import-"
+_UNFINISHED_AFTER_S = 24 * 3600.0
+# Each jump asks for these again, and reading one takes longer than the window may stand still.
+_READ_TEXTS_KEPT = 64
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,24 +92,11 @@ class ReplayRun:
         self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
         self.application.setApplicationName("CARIS Desktop")
         self.application.setApplicationVersion(__version__)
-        self.settings = QSettings("caris-desktop", "console") if settings is None else settings
+        self.settings = own_settings() if settings is None else settings
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
         self._register = _register_of(session)
-        self.console = ReplayConsole(
-            ReplayParts(
-                start_scenario=_first_scenario(session),
-                read_scenario=_read_scenario,
-                read_layout=_read_layout,
-                read_robot=_read_robot,
-                name_of=self._name_of,
-                end_ns=session.ended_ns,
-                cameras=self._videos.cameras,
-                frame_times=functools.cache(self._videos.frame_times_ns),
-                monotonic_ns=time.monotonic_ns,
-            ),
-            session,
-        )
+        self.console = ReplayConsole(parts_of(session, self._videos, self._name_of), session)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=lambda: ())
         self.window.use_replay(self.console)
@@ -111,11 +107,14 @@ class ReplayRun:
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:
-        self.window.close()
-        self.console.shutdown()
-        self._videos.close()
-        if self._garbage is not None:
-            self._garbage.stop()
+        with ExitStack() as rest:  # what is entered first ends last, whatever else fails
+            if self._garbage is not None:
+                rest.callback(self._garbage.stop)
+            if self._register is not None:
+                rest.callback(self._register.close)
+            rest.callback(self._videos.close)
+            rest.callback(self.console.shutdown)
+            rest.callback(self.window.close)
 
     def _start_rest(self) -> None:
         self._garbage = GarbageCollector(self.console)
@@ -134,6 +133,21 @@ class ReplayRun:
             _log.warning("the name of a person cannot be read", exc_info=True)
             return None
         return None if person is None else person.name
+
+
+def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str | None]) -> ReplayParts:
+    """What the replay of this session is made with. Raises SessionError."""
+    return ReplayParts(
+        start_scenario=_first_scenario(session),
+        read_scenario=_read_scenario,
+        read_layout=_read_layout,
+        read_robot=_read_robot,
+        name_of=name_of,
+        end_ns=session.ended_ns,
+        cameras=videos.cameras,
+        frame_times=functools.cache(videos.frame_times_ns),
+        monotonic_ns=time.monotonic_ns,
+    )
 
 
 def _opened(folder: Path) -> Session:
@@ -173,22 +187,41 @@ def _session_folder(path: Path) -> Path:
 
 def _imported(bag: Path) -> Path:
     """The session that the bag was made into, once: told apart by place, size and time. Raises SessionError."""
-    folder = composition.imports_dir() / _import_name(bag)
-    if (folder / "session.json").exists():
-        return folder
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    print(f"Reading {bag.name} …", file=sys.stderr)
-    # A folder of another name until it is whole.
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".import-") as workplace:
-        partial = Path(workplace) / folder.name
-        try:
+    folder = composition.imports_dir()
+    try:
+        folder /= _import_name(bag)
+        if (folder / "session.json").exists():
+            return folder
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        _remove_unfinished_imports(folder.parent)
+        print(f"Reading {bag.name} …", file=sys.stderr)
+        # A folder of another name until it is whole.
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=_IMPORT_PREFIX) as workplace:
+            partial = Path(workplace) / folder.name
             report = import_bag(bag, partial)
-        except BagError as error:
-            raise SessionError(str(error)) from error
-        partial.replace(folder)
+            partial.replace(folder)
+    except BagError as error:
+        raise SessionError(str(error)) from error
+    except OSError as error:
+        if (folder / "session.json").exists():
+            return folder  # another replay of this bag was quicker
+        _log.warning("importing %s into %s", bag, folder, exc_info=True)
+        raise SessionError(
+            f"{bag} cannot be opened: it has to be kept as a session in {folder.parent}, which failed"
+            f" ({error.strerror or error}). Make room there, and make sure that you may write to it."
+        ) from error
     for topic in report.not_understood:
         print(f"Not understood: {topic.topic} ({topic.type}): {topic.reason}", file=sys.stderr)
     return folder
+
+
+def _remove_unfinished_imports(folder: Path) -> None:
+    """What was left behind by programs that were killed; younger ones may still be written. Raises OSError."""
+    for path in folder.iterdir():
+        unfinished = path.name.startswith(_IMPORT_PREFIX) or (path.name[:1] == "." and path.suffix == ".importing")
+        if unfinished and not path.is_symlink() and time.time() - path.stat().st_mtime > _UNFINISHED_AFTER_S:
+            _log.info("removing %s, which an import left behind", path)
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _import_name(bag: Path) -> str:
@@ -213,16 +246,47 @@ def _first_scenario(session: Session) -> Scenario:
 def _read_scenario(opened: ScenarioOpened) -> Scenario:
     if not opened.content:
         raise ValueError("the recording does not hold the scenario")
-    return parse_scenario(opened.content, path=Path(opened.file_name or "scenario.yaml"))
+    return _or_raise(_scenario_in(opened.content, opened.file_name or "scenario.yaml"))
 
 
 def _read_layout(changed: LayoutChanged) -> LayoutNode:
     """Checked by the schema of scenario files, as whatever comes from a file."""
-    return checked_layout(json.loads(changed.layout))
+    return _or_raise(_layout_in(changed.layout))
 
 
 def _read_robot(chosen: RobotChosen) -> RobotProfile:
-    return parse_profile(chosen.profile, file_name=f"{chosen.name}.yaml", name=chosen.name)
+    return _or_raise(_robot_in(chosen.profile, chosen.name))
+
+
+def _or_raise(read: T | ValueError) -> T:
+    """What cannot be read is kept too, as each jump asks for it again."""
+    if isinstance(read, ValueError):
+        raise read.with_traceback(None)
+    return read
+
+
+@functools.lru_cache(_READ_TEXTS_KEPT)
+def _scenario_in(text: str, file_name: str) -> Scenario | ValueError:
+    try:
+        return parse_scenario(text, path=Path(file_name))
+    except (ScenarioError, ValueError, RecursionError) as error:
+        return ValueError(str(error))
+
+
+@functools.lru_cache(_READ_TEXTS_KEPT)
+def _layout_in(text: str) -> LayoutNode | ValueError:
+    try:
+        return checked_layout(json.loads(text))
+    except (ValueError, RecursionError) as error:
+        return ValueError(str(error))
+
+
+@functools.lru_cache(_READ_TEXTS_KEPT)
+def _robot_in(text: str, name: str) -> RobotProfile | ValueError:
+    try:
+        return parse_profile(text, file_name=f"{name}.yaml", name=name)
+    except (ValueError, RecursionError) as error:
+        return ValueError(str(error))
 
 
 def _register_of(session: Session) -> PeopleRegister | None:

@@ -74,7 +74,10 @@ class ReplayConsole(QObject):
         self._parts = parts
         self._session = session
         self._scenario = parts.start_scenario
+        # As its file has it, without what the wizard arranged.
+        self._opened = parts.start_scenario
         self._layout: LayoutNode | None = None
+        self._unreadable: set[Any] = set()
         self._refused_ns = 0
         self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
         anchor: ClockAnchor = session.clock.anchor
@@ -91,6 +94,7 @@ class ReplayConsole(QObject):
             parent=self,
         )
         self._player.standing_changed.connect(self._on_standing_changed)
+        self._player.standing_jumped.connect(self._on_standing_jumped)
         self._coding = CodingDesk(session, self._asyncio, self._told, self)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._state.scenario.set(self._scenario)
@@ -207,19 +211,33 @@ class ReplayConsole(QObject):
     # What the record says of scenario, robot and panels
 
     def _on_standing_changed(self, event: Any) -> None:
+        self._hold(event)
+        self._show_scenario()
+
+    def _on_standing_jumped(self, events: Sequence[Any]) -> None:
+        self._opened, self._layout = self._parts.start_scenario, None
+        for event in events:
+            self._hold(event)
+        self._show_scenario()
+
+    def _hold(self, event: Any) -> None:
         try:
             if isinstance(event, ScenarioOpened):
-                self._show_scenario(replace(self._parts.read_scenario(event), sha256=event.sha256))
+                opened = replace(self._parts.read_scenario(event), sha256=event.sha256)
+                if not _same_but_for_places(opened, self._opened):
+                    self._layout = None
+                self._opened = opened
             elif isinstance(event, LayoutChanged):
                 self._layout = self._parts.read_layout(event)
-                self._show_scenario(self._scenario)
             elif isinstance(event, RobotChosen):
                 self._state.robot.set(self._parts.read_robot(event))
         except ValueError as error:
-            _log.warning("%s of the session is not shown: %s", type(event).__name__, error)
+            if event not in self._unreadable:
+                self._unreadable.add(event)
+                _log.warning("%s of the session is not shown: %s", type(event).__name__, error)
 
-    def _show_scenario(self, scenario: Scenario) -> None:
-        shown = scenario if self._layout is None else replace(scenario, layout=self._layout)
+    def _show_scenario(self) -> None:
+        shown = self._opened if self._layout is None else replace(self._opened, layout=self._layout)
         if shown != self._scenario:
             self._scenario = shown
             self._state.scenario.set(shown)
@@ -387,3 +405,8 @@ class ReplayConsole(QObject):
     def open_scenario(self, path: Path) -> bool:
         self._refuse()
         return False
+
+
+def _same_but_for_places(one: Scenario, other: Scenario) -> bool:
+    """A place that is saved makes another file, and leaves the panels as they were arranged."""
+    return replace(one, places=other.places, path=other.path, sha256=other.sha256) == other

@@ -28,17 +28,19 @@ _MAX_WAITING = 20_000
 _FRAMES_WITHIN_NS = 1_000_000_000
 _EVENTS_SHOWN = 40
 _LINK_CHANGES = 20
-# What happened once and holds until it happens again.
+# An arrangement of the panels holds until another scenario is opened, and saving a place tells of one too.
+_SCENARIOS = 20
 # Of no use in a list of what happened, and so frequent that they would hide the rest.
 _UNLISTED = (CommandSent, LinkQuality, TrafficMeasured)
-_STANDING = (ScenarioOpened, LayoutChanged, RobotChosen, LinkQuality)
+# What happened once and holds until it happens again, and how many of the newest it takes to know what holds.
+_STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQuality: 1}
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
     """How everything stood at one moment: state values, what holds, the newest frame of each camera, and what had
-    happened, oldest first. ``generation`` counts the jumps. ``lost_ns`` says when each link was last not connected:
-    what came over it before was no longer on show.
+    happened, oldest first. ``standing`` is in the order of arrival. ``generation`` counts the jumps. ``lost_ns`` says
+    when each link was last not connected: what came over it before was no longer on show.
     """
 
     generation: int
@@ -160,7 +162,10 @@ def _listed() -> list[type[Any]]:
 
 def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situation:
     newest = {frame.camera: frame for _, frame in timeline.between(at_ns - _FRAMES_WITHIN_NS, at_ns, types=(FrameRef,))}
-    standing = [event for kind in _STANDING for _, event in timeline.events_before(at_ns, 1, types=(kind,))]
+    standing = [
+        arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(at_ns, most, types=(kind,))
+    ]
+    standing.sort(key=lambda arrived: arrived[0])
     lost_ns = {
         event.link: event.stamp_ns
         for _, event in timeline.events_before(at_ns, _LINK_CHANGES, types=(LinkChanged,))
@@ -170,7 +175,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situat
         generation,
         at_ns,
         tuple(timeline.state_at(at_ns)),
-        tuple(standing),
+        tuple(event for _, event in standing),
         tuple(sorted(newest.values(), key=lambda frame: frame.stamp_ns)),
         tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),
         lost_ns,

@@ -27,10 +27,12 @@ _TELL_EVERY_TICKS = 8
 class ReplayPlayer(QObject):
     """Play, pause, rate, seek and step; ``playback`` holds a PlaybackStatus.
 
-    ``standing_changed(event)`` brings the scenario, layout or robot that holds from now on, also after a jump.
+    ``standing_changed(event)`` brings the scenario, layout or robot that holds from now on; ``standing_jumped(events)``
+    brings, after a jump, those by which what holds can be told, in order.
     """
 
     standing_changed = Signal(object)
+    standing_jumped = Signal(object)
     _situation_ready = Signal(object)
     _frame_ready = Signal(int, object)
     _failed = Signal(str)
@@ -191,6 +193,9 @@ class ReplayPlayer(QObject):
 
     def _put_status_back(self, shown: StatusShown) -> None:
         if shown.name == "recording":
+            if not isinstance(shown.content, dict):
+                _log.warning("a recorded status recording is not shown: it is a %s", type(shown.content).__name__)
+                return
             shown = replace(shown, content={**shown.content, "folder": None})
         show_status(self._state, shown, name_of=self._name_of)
         if shown.name == "recording":
@@ -202,8 +207,11 @@ class ReplayPlayer(QObject):
         for event in situation.standing:
             if isinstance(event, LinkQuality):
                 self._state.take(event)
-            else:
-                self.standing_changed.emit(event)
+        self.standing_jumped.emit(
+            tuple(
+                event for event in situation.standing if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged))
+            )
+        )
         values = [value for value in situation.values if not _was_lost(value, situation.lost_ns)]
         present = {BY_TYPE[type(value)].name for value in values}
         for spec in STATE_STREAMS:
