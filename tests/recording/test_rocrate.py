@@ -12,14 +12,17 @@ import pytest
 from mcap.reader import make_reader
 from rocrate.rocrate import ROCrate
 
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.event_log import EventLog
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.exporters.rocrate import licence_of
-from caris_desktop.recording.manifest import verify_manifest
+from caris_desktop.recording.manifest import verify_manifest, write_manifest
 from caris_desktop.recording.session_reader import open_session
+from tests.recording.told_session import at, tell
 from tests.support.recorded_session import MadeSession, make_session
 
 EVIL = '<script>alert("x")</script>'
@@ -110,11 +113,56 @@ def test_the_session_inside_is_the_session(made: MadeSession, out: Path) -> None
     inside = out / made.folder.name
     assert verify_manifest(inside) == ["speech.txt was changed after the session closed."]
     session = open_session(inside)
-    assert session.trial == open_session(made.folder).trial
+    assert {**session.trial, "wizard": "Wilma Wizard"} == open_session(made.folder).trial
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
-    # What never changes again takes no room twice, where the disk can do that; annotations go on changing.
-    (inside / "annotations" / "anna.json").write_text('{"changed": true}')
-    assert (made.folder / "annotations" / "anna.json").read_text() == "{}"
+
+
+def test_whoever_edits_the_crate_does_not_edit_the_recording(made: MadeSession, out: Path) -> None:
+    for copy in (out / made.folder.name).rglob("*"):
+        if copy.is_file():
+            original = made.folder / copy.relative_to(out / made.folder.name)
+            assert not copy.samefile(original), copy
+
+
+def test_who_the_wizard_was_is_nowhere_in_the_crate(made: MadeSession, out: Path) -> None:
+    for path in out.rglob("*"):
+        if path.is_file():
+            assert b"Wilma" not in path.read_bytes(), path
+    values = [to_jsonable(value) for _, value in open_session(out / made.folder.name).values()]
+    told = json.dumps(values)
+    assert "Wilma" not in told
+    assert str(made.folder.parent) not in told
+    original, copy = (
+        json.loads((folder / "session.json").read_text()) for folder in (made.folder, out / made.folder.name)
+    )
+    assert original["trial"].pop("wizard") == "Wilma Wizard"
+    assert copy == original
+    entities = described(ROCrate(out))
+    assert "left out" in entities["./"]["description"]
+    assert "left out" in next(
+        entity["description"] for entity in entities.values() if str(entity.get("name")).endswith("/session.json")
+    )
+
+
+def test_what_headed_the_session_before_a_repair_names_nobody_either(made: MadeSession, tmp_path: Path) -> None:
+    folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
+    (folder / "recovered").mkdir()
+    shutil.copy(folder / "session.json", folder / "recovered" / "session.json.original")
+    (folder / "recovered" / "session.json.5.tmp").write_text('{"trial": {"wizard": "Wilma Wiz')
+    write_manifest(folder)
+    export_session(folder, "rocrate", tmp_path / "out")
+    inside = tmp_path / "out" / "s"
+    assert verify_manifest(inside) == []
+    assert [path.name for path in (inside / "recovered").iterdir()] == ["session.json.original"]
+    assert "Wilma" not in (inside / "recovered" / "session.json.original").read_text()
+
+
+def test_a_record_that_names_folders_of_the_computer_is_told(tmp_path: Path) -> None:
+    problem = Problem(at(1.0), "info", "The layout was saved.", "It is in /home/anna/.config/layout.yaml.", "")
+    folder = tell(tmp_path / "s", [problem], lasts_s=2.0)
+    warnings: list[str] = []
+    export_session(folder, "rocrate", tmp_path / "out", ExportContext(warn=warnings.append))
+    assert "1 message(s) in events.mcap name folders" in warnings[0]
 
 
 def test_the_record_can_be_read_by_what_lies_beside_it(made: MadeSession, out: Path) -> None:

@@ -1,7 +1,6 @@
 """A session as material for learning: pictures with boxes (YOLO, MOT), episodes of driving, turns of dialogue."""
 
 import csv
-import os
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -87,12 +86,9 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
                 continue
             boxes = _boxes(people, picture.image_bgr)
             _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-            written: Path | None = None
             for one in wanted:
                 one.pace.take(people.camera, people.stamp_ns)
-                path = one.add(people, boxes, picture.image_bgr)
-                _put(path, jpeg.tobytes(), written)
-                written = path
+                one.add(people, boxes, picture.image_bgr).write_bytes(jpeg.tobytes())
     return missing
 
 
@@ -111,18 +107,6 @@ def _boxes(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
         if right > left and bottom > top:
             found.append(_Box(left, top, right - left, bottom - top, person))
     return found
-
-
-def _put(path: Path, content: bytes, same: Path | None) -> None:
-    """One file under two names where the disk can do that."""
-    if same is not None:
-        try:
-            os.link(same, path)
-        except OSError:
-            pass
-        else:
-            return
-    path.write_bytes(content)
 
 
 class _Yolo:

@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,7 +18,7 @@ from typing import Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
-from caris_desktop.domain.schema import json_schema
+from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
@@ -54,8 +53,10 @@ _DESCRIPTIONS = (
     ("annotations/*", "Annotations of one coder."),
     (MANIFEST_NAME, "SHA-256 of each file when the session was closed, as sha256sum reads it."),
 )
-# What may change after it was recorded is copied; all else is never written again.
-_CHANGING = ("annotations/*",)
+# What heads the session, and what it was before a repair.
+_HEADS = re.compile(r"session\.json|recovered/[^/]*session\.json[^/]*")
+_WITHOUT_WIZARD = "Who the wizard was is left out of this copy."
+_COPIED_AT_ONCE_BYTES = 1 << 24
 _LICENCE_PAGES = {
     "CC0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
     "CC-BY-4.0": "https://creativecommons.org/licenses/by/4.0/",
@@ -91,11 +92,12 @@ class _Packed:
 
 
 def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out``. Files are linked where the disk can do that, else copied.
+    """Fill the folder ``out`` with copies, and what tells of them; who the wizard was stays out of it.
 
     Raises OSError; SessionError if the session holds names of people.
     """
     _refuse_names(session)
+    _warn_of_paths(session, context.warn)
     folder = out / _folder_name(session)
     folder.mkdir()
     packed = list(_packed_session(session, folder, context.progress))
@@ -145,6 +147,31 @@ def _refuse_names(session: Session) -> None:
                 )
 
 
+_PATHS = re.compile(r"/(?:home|Users|root)/|[A-Za-z]:\\Users\\")
+
+
+def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
+    """The record is not rewritten; whoever publishes it should know what it tells of a computer."""
+    own = (str(Path.home()), str(session.folder.absolute().parent))
+    told = 0
+    for _, value in session.values("event/problem", "status"):
+        text = "\n".join(_texts(to_jsonable(value)))
+        told += bool(_PATHS.search(text)) or any(path in text for path in own)
+    if told:
+        warn(
+            f"{told} message(s) in events.mcap name folders of the recording computer, which may tell who used it. "
+            "They are in the archive as they were recorded."
+        )
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, (list, dict)):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
+
+
 # Files
 
 
@@ -159,35 +186,92 @@ def _packed_session(session: Session, folder: Path, progress: Callable[[float], 
     )
     sizes = {name: (session.folder / name).stat().st_size for name in names}
     whole, done = max(1, sum(sizes.values())), 0
+    told_anew: dict[str, tuple[str, str]] = {}
+
+    def copied(count: int) -> None:
+        nonlocal done
+        done += count
+        progress(min(1.0, done / whole))
+
     for name in names:
         source, target = session.folder / name, folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        _place(source, target, linked=not any(fnmatch(name, pattern) for pattern in _CHANGING))
-        digest = hashlib.sha256()
-        with target.open("rb") as file:
-            while block := file.read(_BLOCK_BYTES):
-                digest.update(block)
-                done += len(block)
-                progress(min(1.0, done / whole))
-        sha256 = digest.hexdigest()
+        description, original = _description(name), ""
+        if _HEADS.fullmatch(name):
+            content = source.read_bytes()
+            without = _without_wizard(content)
+            if without is None:
+                # What was cut off in the middle may name the wizard anywhere.
+                told_anew[name] = hashlib.sha256(content).hexdigest(), ""
+                continue
+            target.write_bytes(without)
+            if without != content:
+                original = hashlib.sha256(content).hexdigest()
+                description += f" {_WITHOUT_WIZARD}"
+        elif name == MANIFEST_NAME and told_anew:
+            target.write_bytes(_manifest_told_anew(source.read_bytes(), told_anew))
+            description += " Of the head of the session it has the checksum of this copy."
+        else:
+            _copy(source, target)
+        sha256 = _sha256(target, copied)
+        if original:
+            told_anew[name] = original, sha256
         yield _Packed(
             name=f"{folder.name}/{name}",
             size_bytes=target.stat().st_size,
             sha256=sha256,
-            description=_description(name),
-            unlike_manifest=manifest.get(name, sha256) != sha256,
+            description=description,
+            unlike_manifest=manifest.get(name, original or sha256) != (original or sha256),
         )
 
 
-def _place(source: Path, target: Path, *, linked: bool) -> None:
-    if linked:
-        try:
-            os.link(source, target)
-        except OSError:
-            pass  # another disk, or one that knows no links
-        else:
-            return
-    shutil.copyfile(source, target)
+def _copy(source: Path, target: Path) -> None:
+    """A file of its own, whose blocks the disk may share until one of the two is changed."""
+    with source.open("rb") as original, target.open("wb") as copy:
+        if hasattr(os, "copy_file_range"):
+            try:
+                while os.copy_file_range(original.fileno(), copy.fileno(), _COPIED_AT_ONCE_BYTES):
+                    pass
+            except OSError:
+                # Not between these two disks; what is there already is written once more.
+                original.seek(0)
+                copy.seek(0)
+                copy.truncate()
+        # Nothing is left of it where the disk has done it all.
+        while block := original.read(_BLOCK_BYTES):
+            copy.write(block)
+
+
+def _sha256(path: Path, progress: Callable[[int], None]) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
+            digest.update(block)
+            progress(len(block))
+    return digest.hexdigest()
+
+
+def _without_wizard(content: bytes) -> bytes | None:
+    """A session's head that does not say who the wizard was; None where it cannot be read."""
+    try:
+        header = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    trial = header.get("trial") if isinstance(header, dict) else None
+    if not isinstance(trial, dict) or "wizard" not in trial:
+        return content
+    del trial["wizard"]
+    return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+
+
+def _manifest_told_anew(content: bytes, told_anew: dict[str, tuple[str, str]]) -> bytes:
+    """With the checksums of the copies in place of those of the originals; what was changed before stays told."""
+    lines = content.decode("utf-8", "surrogateescape").splitlines(keepends=True)
+    for name, (original, copy) in told_anew.items():
+        line = re.compile(rf"{original} [ *]{re.escape(name)}\n?")
+        told = f"{copy}  {name}\n" if copy else ""
+        lines = [told if line.fullmatch(one) else one for one in lines]
+    return "".join(lines).encode("utf-8", "surrogateescape")
 
 
 def _manifest(path: Path) -> dict[str, str]:
@@ -444,6 +528,9 @@ def _about(session: Session, files: list[_Packed]) -> str:
         "The recording was cut off; what was saved is here." if not session.closed_properly else "",
         "Files that changed since the session was closed say so."
         if any(file.unlike_manifest for file in files)
+        else "",
+        "Who the wizard was is left out of session.json; all else is as it was recorded."
+        if any(file.description.endswith(_WITHOUT_WIZARD) for file in files)
         else "",
         *session.repairs,
     ]
