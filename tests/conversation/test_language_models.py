@@ -14,6 +14,8 @@ from caris_desktop.conversation.language_models import (
     ChatTimeouts,
     LanguageModelError,
     ModelEndpoint,
+    Provider,
+    model_version,
     resolve_endpoint,
     stream_chat,
 )
@@ -44,9 +46,10 @@ async def serving(answer: Answer) -> AsyncIterator[Served]:
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         head = (await reader.readuntil(b"\r\n\r\n")).decode()
-        length = next(int(line.split(":")[1]) for line in head.splitlines() if line.lower().startswith("content-len"))
+        lengths = [int(line.split(":")[1]) for line in head.splitlines() if line.lower().startswith("content-len")]
         served.heads.append(head)
-        served.bodies.append(json.loads(await reader.readexactly(length)))
+        if lengths:
+            served.bodies.append(json.loads(await reader.readexactly(lengths[0])))
         speaking = asyncio.ensure_future(answer(writer))
         reading = asyncio.ensure_future(reader.read())
         await asyncio.wait([speaking, reading], return_when=asyncio.FIRST_COMPLETED)
@@ -142,6 +145,97 @@ def test_ollama_answer_arrives_piece_by_piece() -> None:
     assert pieces == ["Straight ", "on."]
     assert served.heads[0].startswith("POST /api/chat HTTP/1.1")
     assert served.bodies[0]["options"] == {"num_predict": 20, "temperature": 0.5}
+
+
+def told_versions(*told: dict[str, object], key_env: str | None = None) -> list[str]:
+    choice = {"index": 0, "delta": {"content": "Yes."}, "finish_reason": None}
+    messages = [b"data: " + json.dumps({"choices": [choice], **one}).encode() + b"\n\n" for one in told]
+
+    async def run() -> list[str]:
+        versions: list[str] = []
+        async with serving(sends(SSE_HEAD, *messages, b"data: [DONE]\n\n")) as served:
+            endpoint = ModelEndpoint("openai", served.url, "some-model", key_env)
+            stream = stream_chat(endpoint, QUESTION, max_tokens=9, temperature=0.0, told_version=versions.append)
+            assert [piece async for piece in stream] == ["Yes."] * len(told)
+            return versions
+
+    return asyncio.run(run())
+
+
+def test_the_model_and_its_fingerprint_are_told_as_the_server_tells_them() -> None:
+    full: dict[str, object] = {"model": "some-model-2026-08-06", "system_fingerprint": "fp_1"}
+    assert told_versions(full, full) == ["some-model-2026-08-06 fp_1"]
+    assert told_versions({"model": "org/some-model", "system_fingerprint": None}) == ["org/some-model"]
+    assert told_versions({}) == []
+    assert told_versions({"model": 7, "system_fingerprint": ["fp"]}) == []
+
+
+def test_a_version_holds_no_key_no_address_and_no_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEST_MODEL_KEY", "sk-very-secret")
+    told = told_versions({"model": "m sk-very-secret", "system_fingerprint": "fp"}, key_env="TEST_MODEL_KEY")
+    assert told == ["m [key] fp"]
+    assert told_versions({"model": "http://lab-pc/models/m"}) == []
+    assert told_versions({"model": "/home/somebody/models/small.gguf"}) == ["small.gguf"]
+    assert told_versions({"model": "C:\\Users\\Somebody\\small.gguf"}) == ["small.gguf"]
+
+
+def test_a_server_that_goes_by_its_address_tells_no_version() -> None:
+    async def answer(writer: asyncio.StreamWriter) -> None:
+        host, port = writer.get_extra_info("sockname")
+        writer.write(json_reply({"data": [{"id": f"small at {host}:{port}"}]}))
+
+    async def run() -> str:
+        async with serving(answer) as served:
+            return await model_version(ModelEndpoint("embedded", served.url, "embedded"))
+
+    assert asyncio.run(run()) == ""
+
+
+DIGEST = "BAF6A787FDFF" + "0" * 52
+TAGS = {"models": [{"name": "other:1b", "digest": "1" * 64}, {"name": "small:latest", "digest": DIGEST.lower()}]}
+
+
+def listed_version(reply: bytes, *, model: str = "small", provider: Provider = "ollama") -> tuple[str, list[str]]:
+    async def run() -> tuple[str, list[str]]:
+        async with serving(sends(reply)) as served:
+            return await model_version(ModelEndpoint(provider, served.url, model)), served.heads
+
+    return asyncio.run(run())
+
+
+def json_reply(message: object, status: str = "200 OK") -> bytes:
+    return f"HTTP/1.1 {status}\r\nConnection: close\r\n\r\n{json.dumps(message)}".encode()
+
+
+def test_ollama_tells_the_digest_of_a_model_in_its_list() -> None:
+    version, heads = listed_version(json_reply(TAGS))
+    assert version == "sha256:baf6a787fdff"
+    assert heads[0].startswith("GET /api/tags HTTP/1.1")
+    assert listed_version(json_reply(TAGS), model="small:latest")[0] == version
+    assert listed_version(json_reply(TAGS), model="other:1b")[0] == "sha256:111111111111"
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        json_reply({"models": []}),
+        json_reply({"models": [None, {"name": "small", "digest": "http://lab-pc/x"}, {"name": "small"}]}),
+        json_reply(["small"]),
+        json_reply(TAGS, "404 Not Found"),
+        b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n<html>",
+        b"SSH-2.0\r\n",
+    ],
+)
+def test_a_server_that_tells_no_version_leaves_it_empty(reply: bytes) -> None:
+    assert listed_version(reply)[0] == ""
+
+
+def test_nobody_is_asked_for_a_version_that_comes_with_the_answer() -> None:
+    assert listed_version(json_reply(TAGS), provider="openai") == ("", [])
+
+
+def test_a_server_that_is_not_there_tells_no_version() -> None:
+    assert asyncio.run(model_version(ModelEndpoint("ollama", "http://127.0.0.1:9", "m"))) == ""
 
 
 def test_bytes_may_be_cut_anywhere() -> None:
