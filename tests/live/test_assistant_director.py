@@ -1,0 +1,229 @@
+"""What is recorded of each question to the model, and that nothing of it reaches the next session."""
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
+from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
+from caris_desktop.live.assistant_director import AssistantDirector
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus
+
+PROMPT = (ChatMessage("system", "You guide tours."), ChatMessage("user", "Where is the café?"))
+MODEL = ModelEndpoint("ollama", "http://127.0.0.1:11434", "small")
+
+
+class Desk:
+    """The director with a model that says ``pieces`` and then ends, fails, or waits to be cancelled."""
+
+    def __init__(self, asyncio_thread: AsyncioThread) -> None:
+        self.asyncio = asyncio_thread
+        self.pieces = ["Straight ", "on."]
+        self.waits = False
+        self.failure: LanguageModelError | None = None
+        self.tells = ""
+        self.looks_up: Callable[[], str] = lambda: ""
+        self.published: list[Any] = []
+        self.closed = threading.Event()
+        self.state = LiveState()
+        self.director = AssistantDirector(
+            self.state, asyncio_thread, self._stream_chat, self._publish, ask_version=self._ask_version
+        )
+        self.director.use_endpoint(MODEL, shown_as="Small")
+
+    def _publish(self, value: Any) -> None:
+        self.published.append(value)
+
+    async def _stream_chat(
+        self,
+        _endpoint: ModelEndpoint,
+        _messages: object,
+        *,
+        told_version: Callable[[str], None],
+        **_limits: float,
+    ) -> AsyncIterator[str]:
+        try:
+            if self.tells:
+                told_version(self.tells)
+            for piece in self.pieces:
+                yield piece
+            if self.failure is not None:
+                raise self.failure
+            if self.waits:
+                await asyncio.Event().wait()
+        finally:
+            self.closed.set()
+
+    async def _ask_version(self, _endpoint: ModelEndpoint) -> str:
+        return await asyncio.to_thread(self.looks_up)
+
+    def ask(self) -> None:
+        assert self.director.ask("Where?", PROMPT, max_tokens=20, temperature=0.5)
+
+    @property
+    def shown(self) -> AssistantStatus:
+        status: AssistantStatus = self.state.assistant.value
+        return status
+
+    @property
+    def exchanges(self) -> list[LlmExchange]:
+        return [value for value in self.published if isinstance(value, LlmExchange)]
+
+    @property
+    def uses(self) -> list[tuple[str, str, str]]:
+        """Exchange, use and text."""
+        return [(use.exchange_id, use.use, use.text) for use in self.published if isinstance(use, AnswerUsed)]
+
+    @property
+    def outline(self) -> list[str]:
+        """In the order of publishing."""
+        return [value.outcome if isinstance(value, LlmExchange) else value.use for value in self.published]
+
+    def has_run(self) -> None:
+        """All that can run without waiting has run on the asyncio thread; the GUI thread was told nothing yet."""
+        for _ in range(3):
+            self.asyncio.submit(asyncio.sleep(0)).result(10.0)
+
+
+@pytest.fixture
+def desk(qtbot: QtBot) -> Iterator[Desk]:
+    thread = AsyncioThread()
+    yield Desk(thread)
+    thread.stop()
+
+
+def _answered(desk: Desk, qtbot: QtBot) -> LlmExchange:
+    count = len(desk.exchanges)
+    desk.ask()
+    qtbot.waitUntil(lambda: len(desk.exchanges) == count + 1)
+    return desk.exchanges[-1]
+
+
+def test_an_exchange_is_recorded_with_all_that_led_to_it(desk: Desk, qtbot: QtBot) -> None:
+    desk.tells = "small-2026 fp_1"
+    exchange = _answered(desk, qtbot)
+    assert (exchange.provider, exchange.model, exchange.model_version) == ("ollama", "Small", "small-2026 fp_1")
+    assert exchange.messages == PROMPT
+    assert exchange.parameters == {"max_tokens": 20, "temperature": 0.5}
+    assert (exchange.answer, exchange.outcome) == ("Straight on.", "answered")
+    assert exchange.first_token_ns is not None
+    assert 0 < exchange.asked_ns <= exchange.first_token_ns <= exchange.stamp_ns
+    assert (desk.shown.state, desk.shown.answer) == ("ready", "Straight on.")
+
+
+def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up(desk: Desk, qtbot: QtBot) -> None:
+    asked: list[None] = []
+    told = threading.Event()
+
+    def look_up() -> str:
+        asked.append(None)
+        assert told.wait(10.0)
+        return "sha256:0123456789ab"
+
+    desk.has_run()
+    desk.looks_up = look_up
+    desk.director.use_endpoint(MODEL, shown_as="Small")
+    assert _answered(desk, qtbot).model_version == ""
+    told.set()
+    qtbot.waitUntil(lambda: _answered(desk, qtbot).model_version == "sha256:0123456789ab")
+    assert len(asked) == 1
+
+
+def test_a_version_that_was_not_to_be_had_is_asked_for_with_the_next_question(desk: Desk, qtbot: QtBot) -> None:
+    desk.has_run()
+    desk.looks_up = lambda: "sha256:0123456789ab"
+    qtbot.waitUntil(lambda: _answered(desk, qtbot).model_version == "sha256:0123456789ab")
+
+
+def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) -> None:
+    first = _answered(desk, qtbot)
+    assert desk.uses == []
+    second = _answered(desk, qtbot)
+    assert desk.uses == [(first.exchange_id, "dismissed", "Straight on.")]
+    assert desk.outline == ["answered", "dismissed", "answered"]
+    desk.director.show_status(AssistantStatus(state="off"))
+    desk.director.use_endpoint(MODEL, shown_as="Small")
+    desk.director.forget()
+    desk.director.forget()
+    assert desk.uses[1:] == [(second.exchange_id, "dismissed", "Straight on.")]
+
+
+@pytest.mark.parametrize(
+    ("answer", "text", "use"),
+    [
+        ("Straight on.", "Straight on.", "said"),
+        ("Straight on,\n\nthen left.", "Straight on, then left.", "said"),
+        ("Straight on.", "Straight on!", "edited"),
+    ],
+)
+def test_an_answer_that_was_used_is_not_dismissed(desk: Desk, qtbot: QtBot, answer: str, text: str, use: str) -> None:
+    desk.pieces = [answer]
+    exchange = _answered(desk, qtbot)
+    desk.director.note_use(text)
+    desk.director.forget()
+    assert desk.uses == [(exchange.exchange_id, use, text)]
+
+
+def test_what_failed_or_was_cancelled_is_not_dismissed(desk: Desk, qtbot: QtBot) -> None:
+    desk.failure = LanguageModelError("It broke.", "No answer.", "Ask again.")
+    assert _answered(desk, qtbot).outcome == "failed"
+    desk.failure, desk.waits = None, True
+    desk.ask()
+    qtbot.waitUntil(lambda: desk.shown.answer != "")
+    desk.director.cancel()
+    desk.director.forget()
+    assert desk.outline == ["failed", "cancelled"]
+
+
+def test_forgetting_publishes_the_question_under_way_at_once_and_nothing_afterwards(desk: Desk, qtbot: QtBot) -> None:
+    desk.waits = True
+    desk.ask()
+    qtbot.waitUntil(lambda: desk.shown.answer != "")
+    desk.director.forget()
+    assert desk.outline == ["cancelled"], "before the next session can begin"
+    assert desk.exchanges[0].answer == "Straight on." and desk.exchanges[0].messages == PROMPT
+    assert desk.shown == AssistantStatus(state="ready", model="Small")
+    assert desk.closed.wait(10.0), "the model was told to stop"
+    desk.has_run()
+    qtbot.wait(1)
+    desk.director.note_use("Straight on.")
+    assert desk.outline == ["cancelled"]
+    assert desk.shown == AssistantStatus(state="ready", model="Small")
+
+
+def test_an_answer_that_came_as_all_was_forgotten_is_recorded_as_answered_and_dismissed(
+    desk: Desk, qtbot: QtBot
+) -> None:
+    desk.ask()
+    desk.has_run()
+    desk.director.forget()
+    assert desk.outline == ["answered", "dismissed"]
+    qtbot.wait(1)
+    assert desk.outline == ["answered", "dismissed"]
+    assert desk.shown.answer == "" and desk.shown.question == ""
+
+
+def test_another_model_ends_the_question_to_the_last_one(desk: Desk, qtbot: QtBot) -> None:
+    desk.waits = True
+    desk.ask()
+    desk.director.use_endpoint(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), shown_as="Other")
+    assert [(exchange.model, exchange.outcome) for exchange in desk.exchanges] == [("Small", "cancelled")]
+    assert desk.shown == AssistantStatus(state="ready", model="Other")
+
+
+def test_forgetting_keeps_why_there_is_no_model(desk: Desk, qtbot: QtBot) -> None:
+    _answered(desk, qtbot)
+    desk.director.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
+    desk.director.forget()
+    assert desk.shown == AssistantStatus(state="failed", detail="The language model stopped.")
+
+
+def test_a_model_that_is_ready_after_the_console_has_closed_harms_nobody(desk: Desk) -> None:
+    desk.asyncio.stop()
+    desk.director.use_endpoint(MODEL, shown_as="Small")
