@@ -251,7 +251,10 @@ def _read_scenario(opened: ScenarioOpened) -> Scenario:
 
 def _read_layout(changed: LayoutChanged) -> LayoutNode:
     """Checked by the schema of scenario files, as whatever comes from a file."""
-    return _or_raise(_layout_in(changed.layout))
+    layout = _layout_in(changed.layout)
+    if isinstance(layout, ValueError):
+        raise layout.with_traceback(None)
+    return layout
 
 
 def _read_robot(chosen: RobotChosen) -> RobotProfile:

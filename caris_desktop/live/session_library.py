@@ -4,15 +4,18 @@ GUI thread, except where a method says otherwise.
 """
 
 import logging
+import os
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import Severity
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -28,25 +31,46 @@ from caris_desktop.recording.export import (
 from caris_desktop.recording.study_index import SessionQuery, StudyIndex
 
 _log = logging.getLogger(__name__)
+_THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")
+_END_WITHIN_S = 5.0
+_LOOK_AFTER_REPLAYS_MS = 300
+_LAST_WORDS_BYTES = 4096
+_LAST_LINE_CHARACTERS = 400
 
 
 class _SomethingElseIsWantedError(Exception):
     """Reading sessions for the index stops: the window closes, or looks for something else."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Replay:
+    """A replay in a program of its own, and what it writes for a terminal."""
+
+    folder: Path
+    process: subprocess.Popen[bytes]
+    words: IO[bytes]
+
+
 class LiveSessionLibrary(QObject):
     """Implements SessionLibrary. ``found`` holds a LibraryStatus, ``export`` an ExportStatus."""
 
     _looked = Signal(object)
-    _exporter_spoke = Signal(object)
+    _exporter_spoke = Signal(object, object)
     _exporter_ended = Signal(object)
 
     def __init__(
-        self, study: Path, problem: Callable[[Severity, str, str, str], None], parent: QObject | None = None
+        self,
+        study: Path,
+        problem: Callable[[Severity, str, str, str], None],
+        parent: QObject | None = None,
+        *,
+        program: Sequence[str] = _THIS_PROGRAM,
     ) -> None:
+        """``program`` is what a replay is started with."""
         super().__init__(parent)
         self._study = study
         self._problem = problem
+        self._program = program
         self.found = LiveValue(LibraryStatus(), self)
         self.export = LiveValue(ExportStatus(), self)
         self._looked.connect(self.found.set, Qt.ConnectionType.QueuedConnection)
@@ -58,16 +82,26 @@ class LiveSessionLibrary(QObject):
         self._searcher: threading.Thread | None = None
         self._exporter: ChildProcess | None = None
         self._out = Path()
-        self._replays: list[subprocess.Popen[bytes]] = []
+        self._tidying: list[threading.Thread] = []
+        self._replays: list[_Replay] = []
+        self._replay_watch = QTimer(self)
+        self._replay_watch.setInterval(_LOOK_AFTER_REPLAYS_MS)
+        self._replay_watch.timeout.connect(self._look_after_replays)
 
     def shutdown(self) -> None:
-        """End the search and a running export; replays stay open."""
+        """End the search and a running export; replays stay open. Blocks a few seconds at most."""
+        until_s = time.monotonic() + _END_WITHIN_S
+        self._replay_watch.stop()
+        for replay in self._replays:
+            replay.words.close()
+        self._replays.clear()
         self.cancel_export()
         with self._changed:
             self._ended = True
             self._changed.notify()
-        if self._searcher is not None:
-            self._searcher.join(5.0)
+        for thread in (self._searcher, *self._tidying):
+            if thread is not None:
+                thread.join(max(0.0, until_s - time.monotonic()))
 
     # Finding
 
@@ -81,7 +115,7 @@ class LiveSessionLibrary(QObject):
             self._searcher.start()
 
     def _search(self) -> None:  # the index thread
-        index = StudyIndex.of_study(self._study)
+        index: StudyIndex | None = None
         try:
             while True:
                 with self._changed:
@@ -92,6 +126,7 @@ class LiveSessionLibrary(QObject):
                     query, self._wanted = self._wanted, None
                 assert query is not None  # noqa: S101 - waited for above
                 try:
+                    index = index or StudyIndex.of_study(self._study)
                     # What is known already is shown at once; then what has changed since.
                     self._looked.emit(_look(index, query, updating=True))
                     index.update(self._go_on)
@@ -102,7 +137,8 @@ class LiveSessionLibrary(QObject):
                     _log.exception("looking for sessions in %s", self._study)
                     self._looked.emit(LibraryStatus(query, detail=f"The sessions could not be looked through: {error}"))
         finally:
-            index.close()
+            if index is not None:
+                index.close()
 
     def _go_on(self, _fraction: float) -> None:
         """What was read so far is kept."""
@@ -111,15 +147,40 @@ class LiveSessionLibrary(QObject):
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """A program of its own: it may be slow or fail without the running session."""
-        words = [sys.executable, "-m", "caris_desktop", "replay", str(folder)]
+        command = [*self._program, "replay", str(folder)]
         if at_ns is not None:
-            words.append(f"--at-ns={at_ns}")
-        self._replays = [replay for replay in self._replays if replay.poll() is None]
+            command.append(f"--at-ns={at_ns}")
         try:
-            self._replays.append(subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True))
+            words = tempfile.TemporaryFile()  # noqa: SIM115 - open for as long as the replay
+            try:
+                process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=words, start_new_session=True)
+            except OSError:
+                words.close()
+                raise
         except OSError as error:
             _log.exception("the replay of %s", folder)
             self._problem("error", "The replay did not open.", f"{error.strerror}.", "Try again, or from a terminal.")
+            return
+        self._replays.append(_Replay(folder, process, words))
+        self._replay_watch.start()
+
+    def _look_after_replays(self) -> None:
+        ended = [replay for replay in self._replays if replay.process.poll() is not None]
+        self._replays = [replay for replay in self._replays if replay not in ended]
+        if not self._replays:
+            self._replay_watch.stop()
+        for replay in ended:
+            with replay.words:
+                if replay.process.returncode == 0:
+                    continue
+                last_words = _last_words(replay.words)
+            _log.error("the replay of %s ended with %s: %s", replay.folder, replay.process.returncode, last_words)
+            self._problem(
+                "error",
+                f"The replay of {replay.folder.name} has ended.",
+                last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else "It did not say why; the log may tell.",
+                "The session that runs here is not touched by it.",
+            )
 
     # Exporting
 
@@ -140,7 +201,7 @@ class LiveSessionLibrary(QObject):
         )
         exporter = ChildProcess(
             ProcessBody("export", run_exports, (request,)),
-            on_message=lambda message, _raw: self._exporter_spoke.emit(message),
+            on_message=lambda message, _raw: self._exporter_spoke.emit(exporter, message),
             on_exit=lambda _code: self._exporter_ended.emit(exporter),
         )
         self._exporter = exporter
@@ -151,12 +212,11 @@ class LiveSessionLibrary(QObject):
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return
-        exporter.stop(grace_s=0.0)
-        self._tidy()
         self.export.set(replace(self.export.value, state="cancelled", detail="What was finished before is kept."))
+        self._end(exporter)
 
-    def _on_exporter_message(self, message: Any) -> None:
-        if self._exporter is None:
+    def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:
+        if exporter is not self._exporter:
             return
         if isinstance(message, ExportProgress):
             self.export.set(ExportStatus("running", message.fraction, message.what))
@@ -170,21 +230,37 @@ class LiveSessionLibrary(QObject):
                     "\n".join((*message.problems, *message.notices)),
                 )
             )
-            self._exporter.ask_to_end()
+            exporter.ask_to_end()
             self._exporter = None
 
     def _on_exporter_ended(self, exporter: ChildProcess) -> None:
         if exporter is not self._exporter:
             return
         self._exporter = None
-        self._tidy()
+        self._end(exporter)
         self.export.set(ExportStatus("failed", detail="The export ended unexpectedly. The sessions are unharmed."))
 
-    def _tidy(self) -> None:
-        try:
-            remove_partial_exports(self._out)
-        except OSError:
-            _log.warning("what the export left behind in %s stays", self._out, exc_info=True)
+    def _end(self, exporter: ChildProcess) -> None:
+        """In a thread of its own: what has to be removed may be many gigabytes."""
+        tidying = threading.Thread(target=_end_and_tidy, args=(exporter, self._out), name="export-end", daemon=True)
+        self._tidying = [*(thread for thread in self._tidying if thread.is_alive()), tidying]
+        tidying.start()
+
+
+def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
+    exporter.stop(grace_s=0.0)
+    try:
+        remove_partial_exports(out)
+    except OSError:
+        _log.warning("what the export left behind in %s stays", out, exc_info=True)
+
+
+def _last_words(words: IO[bytes]) -> list[str]:
+    """The last lines of what a program wrote for a terminal; empty where it wrote nothing."""
+    words.seek(0, os.SEEK_END)
+    words.seek(max(0, words.tell() - _LAST_WORDS_BYTES))
+    lines = words.read(_LAST_WORDS_BYTES).decode("utf-8", "replace").splitlines()
+    return [line.strip() for line in lines if line.strip()]
 
 
 def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:

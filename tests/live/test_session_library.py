@@ -1,0 +1,113 @@
+"""The sessions of a study: what goes wrong beside the running session is told, and the window never waits for it."""
+
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.live import session_library
+from caris_desktop.live.session_library import LiveSessionLibrary
+from caris_desktop.recording.study_index import SessionQuery, StudyIndex
+from tests.live import bodies
+
+Told = list[tuple[str, str, str, str]]
+Library = Callable[..., LiveSessionLibrary]
+
+
+@pytest.fixture
+def told() -> Told:
+    return []
+
+
+@pytest.fixture
+def make_library(tmp_path: Path, told: Told, qtbot: QtBot) -> Iterator[Library]:
+    made: list[LiveSessionLibrary] = []
+
+    def make(**given: Any) -> LiveSessionLibrary:
+        made.append(LiveSessionLibrary(tmp_path, lambda *words: told.append(words), **given))
+        return made[-1]
+
+    yield make
+    for library in made:
+        library.shutdown()
+
+
+def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
+    script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged.')"
+    library = make_library(program=(sys.executable, "-c", script))
+    library.open_replay(Path("/study/one"))
+    qtbot.waitUntil(lambda: bool(told), timeout=10_000)
+    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", "/study/one is damaged."]
+    assert not library._replay_watch.isActive()
+
+
+def test_a_replay_that_is_closed_is_no_news(make_library: Library, told: Told, qtbot: QtBot) -> None:
+    script = "import sys; print('a warning', file=sys.stderr)"
+    library = make_library(program=(sys.executable, "-c", script))
+    library.open_replay(Path("/study/one"), at_ns=5)
+    qtbot.waitUntil(lambda: not library._replay_watch.isActive(), timeout=10_000)
+    assert told == []
+
+
+def test_a_cancelled_export_is_ended_behind_the_window(
+    make_library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    may_remove, removed_in = threading.Event(), list[str]()
+
+    def remove(out: Path) -> None:
+        assert may_remove.wait(10.0)
+        removed_in.append(threading.current_thread().name)
+        shutil.rmtree(out)
+
+    out = tmp_path / "out"
+    out.mkdir()
+    monkeypatch.setattr(session_library, "run_exports", bodies.deaf_to)
+    monkeypatch.setattr(session_library, "remove_partial_exports", remove)
+    library = make_library()
+    library.start_export([tmp_path / "one"], ["csv"], out)
+    exporter = library._exporter
+    assert exporter is not None
+    library.cancel_export()
+    assert library.export.value.state == "cancelled"
+    assert out.is_dir(), "nothing was waited for"
+    may_remove.set()
+    library.shutdown()
+    assert not out.exists() and removed_in == ["export-end"]
+
+
+def test_what_a_cancelled_export_still_says_is_not_of_the_next(
+    make_library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    monkeypatch.setattr(session_library, "run_exports", bodies.deaf_to)
+    library = make_library()
+    library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
+    first = library._exporter
+    library.cancel_export()
+    library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
+    library._exporter_spoke.emit(first, session_library.ExportFinished((tmp_path,), ()))
+    qtbot.wait(10)
+    assert library.export.value.state == "running"
+
+
+def test_an_index_that_cannot_be_opened_is_told(
+    make_library: Library, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot, tmp_path: Path
+) -> None:
+    of_study = StudyIndex.of_study
+
+    def refuse(_study: Path) -> StudyIndex:
+        raise OSError("no index today")
+
+    monkeypatch.setattr(StudyIndex, "of_study", refuse)
+    library = make_library()
+    library.find(SessionQuery())
+    qtbot.waitUntil(lambda: "no index today" in library.found.value.detail, timeout=5_000)
+    assert not library.found.value.updating
+    monkeypatch.setattr(StudyIndex, "of_study", of_study)
+    library.find(SessionQuery(wizard="W1"))
+    qtbot.waitUntil(lambda: not library.found.value.updating, timeout=5_000)
+    assert library.found.value.detail == ""
