@@ -61,7 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status: 0 when the window was closed, 2 when the session could not be opened (stderr says why)."""
+    """Exit status: 0 when the window was closed, 1 when annotations could not be saved, 2 when the session could not be
+    opened (stderr says why).
+    """
     configure_logging(composition.log_file(), verbose=arguments.verbose)
     try:
         check_screen()
@@ -78,9 +80,13 @@ def run(arguments: argparse.Namespace) -> int:
     heartbeat.start(200)
     replay.show()
     try:
-        return replay.application.exec()
+        status = replay.application.exec()
     finally:
         replay.close()
+    if replay.console.unsaved:
+        print(replay.console.unsaved, file=sys.stderr)
+        return status or 1
+    return status
 
 
 class ReplayRun:
@@ -147,6 +153,7 @@ def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str
         cameras=videos.cameras,
         frame_times=functools.cache(videos.frame_times_ns),
         monotonic_ns=time.monotonic_ns,
+        unsaved_dir=composition.log_file().parent / "unsaved annotations",
     )
 
 

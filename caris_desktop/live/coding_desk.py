@@ -1,8 +1,10 @@
 """Annotations of the session in replay: edited here, saved in the background; and the overview for the timeline."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
@@ -19,6 +21,9 @@ from caris_desktop.recording.annotation.overview_of import run_overview
 from caris_desktop.recording.annotation.store import load_documents, save_coder
 from caris_desktop.recording.session_reader import Session
 
+_log = logging.getLogger(__name__)
+_SAVED_WITHIN_S = 5.0
+
 Tell = Callable[[str, str, str], None]
 """What happened, what it means, what to do."""
 
@@ -31,10 +36,18 @@ class CodingDesk(QObject):
     _save_failed = Signal(str)
 
     def __init__(
-        self, session: Session, asyncio_thread: AsyncioThread, problem: Tell, parent: QObject | None = None
+        self,
+        session: Session,
+        asyncio_thread: AsyncioThread,
+        problem: Tell,
+        parent: QObject | None = None,
+        *,
+        unsaved_dir: Path | None = None,
     ) -> None:
+        """``unsaved_dir`` takes what cannot be saved in the session's own folder."""
         super().__init__(parent)
         self._session = session
+        self._unsaved_dir = unsaved_dir
         self._asyncio = asyncio_thread
         self._problem = problem
         self.overview = LiveValue(None, self)
@@ -65,12 +78,40 @@ class CodingDesk(QObject):
     def _on_damaged(self, why: str) -> None:
         self._problem("Annotations of a coder cannot be read.", why, "They stay as they are; mend or move the file.")
 
-    def close(self) -> None:
-        """Wait until everything is saved; a few seconds at most."""
+    def close(self) -> str:
+        """Wait until everything is saved, ten seconds at most; what could not be, in a sentence, else nothing."""
         if self._overview_maker is not None:
             self._overview_maker.stop(grace_s=0.0)
-        if self._unsaved is not None:
-            wait([self._unsaved], timeout=5.0)
+        saving, self._unsaved = self._unsaved, None
+        if saving is None:
+            return ""
+        wait([saving], timeout=_SAVED_WITHIN_S)
+        if saving.done() and self._saved != self._history.document:
+            # What kept it from being saved may have been mended meanwhile.
+            wait([self._asyncio.submit(self._save(self._history.document))], timeout=_SAVED_WITHIN_S)
+        document, saved = self._history.document, self._saved
+        if saved == document:
+            return ""
+        lost = f"The last annotations could not be saved in {self._session.folder}."
+        try:
+            copy = self._keep_copy(document, saved)
+        except (AnnotationError, OSError):
+            _log.exception("not even a copy of the annotations could be kept")
+            copy = None
+        if copy is not None:
+            lost += f" A copy lies in {copy}: move its files into the session's folder 'annotations'."
+        _log.error(lost)
+        return lost
+
+    def _keep_copy(self, document: AnnotationDocument, saved: AnnotationDocument) -> Path | None:
+        if self._unsaved_dir is None:
+            return None
+        folder = self._unsaved_dir / f"{self._session.folder.absolute().name} {datetime.now():%Y-%m-%d %H%M%S}"
+        folder.mkdir(parents=True, exist_ok=True)
+        for coder in coders_of(document):
+            if tiers_of_coder(document, coder) != tiers_of_coder(saved, coder):
+                save_coder(folder, document, coder)
+        return folder / "annotations"
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
         try:

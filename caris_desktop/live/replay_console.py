@@ -51,6 +51,7 @@ _SAME_MOMENT_NS = 20_000_000
 class ReplayParts:
     """What is chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError for what this
     version cannot read; ``start_scenario`` stands in until the record names one. ``name_of`` gives names of people.
+    ``unsaved_dir`` takes annotations that cannot be saved in the session.
     """
 
     start_scenario: Scenario
@@ -62,6 +63,7 @@ class ReplayParts:
     cameras: tuple[str, ...]
     frame_times: Callable[[str], list[int]]
     monotonic_ns: Callable[[], int]
+    unsaved_dir: Path | None = None
 
 
 class ReplayConsole(QObject):
@@ -77,6 +79,7 @@ class ReplayConsole(QObject):
         # As its file has it, without what the wizard arranged.
         self._opened = parts.start_scenario
         self._layout: LayoutNode | None = None
+        self.unsaved = ""
         self._unreadable: set[Any] = set()
         self._refused_ns = 0
         self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
@@ -95,7 +98,7 @@ class ReplayConsole(QObject):
         )
         self._player.standing_changed.connect(self._on_standing_changed)
         self._player.standing_jumped.connect(self._on_standing_jumped)
-        self._coding = CodingDesk(session, self._asyncio, self._told, self)
+        self._coding = CodingDesk(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._state.scenario.set(self._scenario)
         self._state.places.set(self._scenario.places)
@@ -116,8 +119,8 @@ class ReplayConsole(QObject):
             )
 
     def shutdown(self) -> None:
-        """Save annotations and end the threads; blocks a few seconds at most."""
-        self._coding.close()
+        """Save annotations and end the threads; blocks some seconds at most. ``unsaved`` says what was not saved."""
+        self.unsaved = self._coding.close() or self.unsaved
         self._player.close()
         self._thumbnails.close()
         self._asyncio.stop()

@@ -60,7 +60,9 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
     def read_robot(chosen: RobotChosen) -> Any:
         raise ValueError(f"{chosen.name} is not read here")
 
-    def opened(monotonic_ns: Callable[[], int] = time.monotonic_ns, folder: Path | None = None) -> ReplayConsole:
+    def opened(
+        monotonic_ns: Callable[[], int] = time.monotonic_ns, folder: Path | None = None, unsaved_dir: Path | None = None
+    ) -> ReplayConsole:
         session = open_session(folder or made.folder)
         videos = VideoReader(session)
         parts = ReplayParts(
@@ -73,6 +75,7 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
             cameras=videos.cameras,
             frame_times=functools.cache(videos.frame_times_ns),
             monotonic_ns=monotonic_ns,
+            unsaved_dir=unsaved_dir,
         )
         console = ReplayConsole(parts, session)
         console.start()
@@ -219,6 +222,37 @@ def test_what_coders_do_is_saved_beside_the_recording(
     console.shutdown()
     assert load_documents(made.folder) == console.coding.value
     assert [annotation.value for annotation in load_documents(made.folder).annotations] == ["looks away"]
+
+
+def _coded(console: ReplayConsole, qtbot: QtBot) -> None:
+    """Kim codes something, and hears that it could not be saved."""
+    told: list[Any] = []
+    console.state.event_happened.connect(told.append)
+    assert console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim")) == ""
+    qtbot.waitUntil(lambda: any("not saved" in event.what for event in told if isinstance(event, Problem)))
+
+
+def test_what_could_not_be_saved_is_tried_again_at_the_end(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
+    minute.make_session(tmp_path / "session", lambda _begin_ns: [])
+    console = open_replay(folder=tmp_path / "session")
+    in_the_way = tmp_path / "session" / "annotations"
+    in_the_way.touch()
+    _coded(console, qtbot)
+    in_the_way.unlink()
+    console.shutdown()
+    assert console.unsaved == ""
+    assert [tier.coder for tier in load_documents(tmp_path / "session").tiers] == ["Kim"]
+
+
+def test_what_cannot_be_saved_is_kept_elsewhere_and_told(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
+    minute.make_session(tmp_path / "session", lambda _begin_ns: [])
+    console = open_replay(folder=tmp_path / "session", unsaved_dir=tmp_path / "state" / "unsaved")
+    (tmp_path / "session" / "annotations").touch()
+    _coded(console, qtbot)
+    console.shutdown()
+    (kept,) = (tmp_path / "state" / "unsaved").iterdir()
+    assert str(kept) in console.unsaved and str(tmp_path / "session") in console.unsaved
+    assert load_documents(kept).tiers == console.coding.value.tiers
 
 
 def test_jumps_go_to_marks_and_utterances(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
