@@ -52,7 +52,9 @@ def to_jsonable(value: Any) -> Any:
 def from_jsonable(value_type: type[T], data: Any) -> T:
     """The reverse of :func:`to_jsonable`.
 
-    Unknown keys are ignored and missing ones take their defaults, so recordings of neighbouring versions load.
+    Unknown keys are ignored and missing ones take their defaults, so recordings of neighbouring versions load. Nothing
+    is converted: a text is no number and no list, whole numbers have at most 64 bits. An array whose field has a
+    ``shape`` in its metadata (-1: any size) has that one.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
     kind: Any = value_type
     try:
         return typing.cast(T, _builder(kind)(data))
-    except (TypeError, KeyError) as error:
+    except (TypeError, KeyError, AttributeError, OverflowError) as error:
         raise ValueError(f"not a {getattr(value_type, '__name__', value_type)}: {error}") from error
 
 
@@ -87,25 +89,28 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
         return functools.partial(_one_of, get_args(kind))
     if origin in (types.UnionType, typing.Union):
         members = [member for member in get_args(kind) if member is not type(None)]
-        if len(members) != 1:
+        if len(members) == 1:
+            member = _builder(members[0])
+        elif set(members) <= set(_PRIMITIVES):
+            member = functools.partial(_plain_of_several, tuple(members))
+        else:
             return _as_it_is
-        member = _builder(members[0])
-        return lambda data: None if data is None else member(data)
+        return member if type(None) not in get_args(kind) else lambda data: None if data is None else member(data)
     if origin is tuple:
         item = _builder(get_args(kind)[0])
-        return lambda data: tuple(map(item, data))
+        return lambda data: tuple(map(item, _items(data)))
     if origin is list:
         item = _builder(get_args(kind)[0])
-        return lambda data: list(map(item, data))
+        return lambda data: list(map(item, _items(data)))
     if origin is dict:
         item = _builder(get_args(kind)[1])
-        return lambda data: {key: item(value) for key, value in data.items()}
+        return lambda data: {key: item(value) for key, value in _object(data).items()}
     if origin is np.ndarray:
         return functools.partial(_array, np.dtype(get_args(get_args(kind)[1])[0]))
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return functools.partial(_record, kind)
     if kind is float:
-        return lambda data: math.inf if data is None else float(data)
+        return _number
     if kind in (int, str, bool):
         return functools.partial(_plain, kind)
     return _as_it_is
@@ -115,6 +120,40 @@ def _plain(kind: type[Any], data: Any) -> Any:
     """A stamp that is a text, say, would break whatever counts with it."""
     if type(data) is not kind:
         raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
+    if kind is int and not _LEAST_WHOLE <= data <= _LARGEST_WHOLE:
+        raise ValueError(f"a whole number of {data.bit_length()} bits is too large")
+    return data
+
+
+def _number(data: Any) -> float:
+    if data is None:
+        return math.inf
+    if type(data) is not float and type(data) is not int:
+        raise ValueError(f"expected number, found {type(data).__name__}")
+    number = float(data)
+    if math.isnan(number):
+        raise ValueError("what is no number stands in arrays only")
+    return number
+
+
+def _plain_of_several(kinds: tuple[type[Any], ...], data: Any) -> Any:
+    if type(data) in kinds and type(data) is not float:
+        return _plain(type(data), data)
+    if float in kinds:
+        return _number(data)
+    raise ValueError(f"expected {' or '.join(_PRIMITIVES[kind] for kind in kinds)}, found {type(data).__name__}")
+
+
+def _items(data: Any) -> list[Any] | tuple[Any, ...]:
+    """A text, too, could be gone through item by item."""
+    if not isinstance(data, (list, tuple)):
+        raise ValueError(f"expected a list, found {type(data).__name__}")  # noqa: TRY004 - what from_jsonable raises
+    return data
+
+
+def _object(data: Any) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise ValueError(f"expected an object, found {type(data).__name__}")  # noqa: TRY004 - likewise
     return data
 
 
@@ -127,23 +166,62 @@ def _one_of(permitted: tuple[Any, ...], data: Any) -> Any:
 def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
     if isinstance(data, dict):
         return _inflated(data, dtype)
+    data = _items(data)
+    if not data:
+        return np.array((), dtype=dtype)
     if dtype.kind == "f":
-        if None in data or _NAN in data:
-            data = [math.inf if item is None else math.nan if item == _NAN else item for item in data]
-        return np.array(data, dtype=dtype)
-    return np.array(data, dtype=dtype)
+        data = _with_what_json_cannot_hold(data)
+    found = np.array(data)
+    if found.dtype.kind not in ("iuf" if dtype.kind == "f" else "iu"):
+        raise ValueError(f"expected numbers for an array of {dtype.name}")
+    if dtype.kind != "f":
+        limits = np.iinfo(dtype)
+        if found.size and not (limits.min <= int(found.min()) and int(found.max()) <= limits.max):
+            raise ValueError(f"a number is too large for an array of {dtype.name}")
+    with np.errstate(over="ignore"):
+        # What float32 cannot hold is infinitely far.
+        return found.astype(dtype)
+
+
+def _with_what_json_cannot_hold(data: Any) -> Any:
+    if isinstance(data[0], list):
+        return [_with_what_json_cannot_hold(_items(row)) if row else row for row in data]
+    if None in data or _NAN in data:
+        return [math.inf if item is None else math.nan if item == _NAN else item for item in data]
+    return data
+
+
+def _of_shape(shape: tuple[int, ...], build: Callable[[Any], Any], data: Any) -> Any:
+    array = build(data)
+    if not isinstance(array, np.ndarray):
+        return array
+    if array.shape == (0,):
+        return array.reshape([max(0, size) for size in shape])
+    fits = len(array.shape) == len(shape) and all(
+        wanted in (-1, size) for wanted, size in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"an array of shape {array.shape} where {shape} is expected")
+    return array
 
 
 def _record(kind: Any, data: Any) -> Any:
-    if not isinstance(data, dict):
-        raise TypeError(f"expected an object, found {type(data).__name__}")
+    data = _object(data)
     return kind(**{name: build(data[name]) for name, build in _field_builders(kind) if name in data})
 
 
 @functools.cache
 def _field_builders(kind: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     hints = typing.get_type_hints(kind)
-    return tuple((field.name, _builder(hints[field.name])) for field in dataclasses.fields(kind))
+    return tuple(
+        (
+            field.name,
+            functools.partial(_of_shape, field.metadata["shape"], _builder(hints[field.name]))
+            if "shape" in field.metadata
+            else _builder(hints[field.name]),
+        )
+        for field in dataclasses.fields(kind)
+    )
 
 
 def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -168,7 +246,7 @@ def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
 
 def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any]:
     """Raises ValueError for content that is not what ``shape`` and ``dtype`` say, however far it would unfold."""
-    shape = tuple(int(size) for size in data["shape"])
+    shape = tuple(_plain(int, size) for size in _items(data["shape"]))
     if data.get("encoding") != "zlib+base64" or data.get("dtype") != dtype.name or min(shape, default=0) < 0:
         raise ValueError(f"expected a grid of {dtype.name} as zlib+base64")
     size_bytes = math.prod(shape) * dtype.itemsize
@@ -184,6 +262,7 @@ def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any
 
 
 _LARGEST_GRID_BYTES = 2**30
+_LEAST_WHOLE, _LARGEST_WHOLE = -(2**63), 2**63 - 1
 _GRID_SCHEMA = {
     "type": "object",
     "description": "A grid: rows of whole numbers as little-endian bytes, deflated by zlib, in base64.",

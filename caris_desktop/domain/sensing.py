@@ -5,7 +5,7 @@ robot's own stamp (nanoseconds of its clock), where it sent one.
 """
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ class LaserScan:
     angle_increment_rad: float
     range_min_m: float
     range_max_m: float
-    ranges_m: NDArray[np.float32]
+    ranges_m: NDArray[np.float32] = field(metadata={"shape": (-1,)})
     robot_from_laser: Pose2D
     map_from_laser: Pose2D | None = None
 
@@ -63,7 +63,7 @@ class OccupancyGrid:
     robot_stamp_ns: int | None
     resolution_m: float
     origin_in_map: Pose2D
-    cells: NDArray[np.int8]
+    cells: NDArray[np.int8] = field(metadata={"shape": (-1, -1)})
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Deflated on its way between processes: a map of 16 MB is one of 1 MB then, and taking it holds up nobody."""
@@ -91,7 +91,7 @@ class PlannedPath:
 
     stamp_ns: int
     robot_stamp_ns: int | None
-    points_in_map: NDArray[np.float32]
+    points_in_map: NDArray[np.float32] = field(metadata={"shape": (-1, 2)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ class AudioChunk:
     stamp_ns: int
     source: str
     sample_rate_hz: int
-    samples: NDArray[np.int16]
+    samples: NDArray[np.int16] = field(metadata={"shape": (-1, -1)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,22 @@
 """Domain values as JSON and back: grids deflated, and what does not fit refused."""
 
+import dataclasses
 import json
-from typing import Any
+import math
+import types
+import typing
+from collections.abc import Iterator
+from typing import Any, Literal, get_args, get_origin
 
 import jsonschema
 import numpy as np
 import pytest
 
-from caris_desktop.domain.events import Gap
+from caris_desktop.domain.events import Gap, LlmExchange
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
-from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
+from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, PlannedPath
+from caris_desktop.domain.streams import BY_TYPE
 
 
 def grid(cells: Any) -> OccupancyGrid:
@@ -60,3 +66,111 @@ def test_nothing_returned_and_invalid_stay_apart() -> None:
     data = json.loads(json.dumps(to_jsonable(scan), allow_nan=False))
     jsonschema.validate(data, json_schema(LaserScan))
     np.testing.assert_array_equal(from_jsonable(LaserScan, data).ranges_m, ranges_m)
+
+
+# Every stream, with every wrong shape in every place
+
+WRONG: tuple[Any, ...] = (
+    None, True, "x", "5", "", 5, -1.5, 10**30, 10**400, math.nan, math.inf, [], [1], ["x"], [[]], [[1], [2, 3]],
+    [10**400], [math.nan], {}, {"a": 1}, {"a": [1]},
+    {"encoding": "zlib+base64", "dtype": "int8", "shape": [math.inf], "data": ""},
+    {"encoding": "zlib+base64", "dtype": "int8", "shape": "12", "data": 5},
+)  # fmt: skip
+
+
+def example(kind: Any) -> Any:
+    """The plain form of some value of this type."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return arguments[0]
+    if origin in (types.UnionType, typing.Union):
+        return example(next(one for one in arguments if one is not type(None)))
+    if origin in (tuple, list):
+        return [example(arguments[0])]
+    if origin is dict:
+        return {"a": example(arguments[1])}
+    if origin is np.ndarray:
+        return [[1, 2]]
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        plain = {field.name: example(hints[field.name]) for field in dataclasses.fields(kind)}
+        return plain | {"ranges_m": [1.5, None]} if kind is LaserScan else plain
+    return {int: 1, float: 1.5, str: "a", bool: True}.get(kind, 1)
+
+
+def changed_everywhere(plain: Any) -> Iterator[Any]:
+    yield from WRONG
+    if isinstance(plain, dict):
+        for key, item in plain.items():
+            yield from ({**plain, key: other} for other in changed_everywhere(item))
+    elif isinstance(plain, list):
+        for number, item in enumerate(plain):
+            yield from ([*plain[:number], other, *plain[number + 1 :]] for other in changed_everywhere(item))
+
+
+def is_a(kind: Any, value: Any) -> bool:
+    origin, arguments = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return True
+    if origin is Literal:
+        return value in arguments
+    if origin in (types.UnionType, typing.Union):
+        return any(is_a(one, value) for one in arguments)
+    if origin in (tuple, list):
+        return type(value) is origin and all(is_a(arguments[0], item) for item in value)
+    if origin is dict:
+        return type(value) is dict and all(is_a(arguments[1], item) for item in value.values())
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray) and value.dtype == np.dtype(get_args(arguments[1])[0])
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return isinstance(value, kind) and all(is_a(hint, getattr(value, name)) for name, hint in hints.items())
+    if kind is int:
+        return type(value) is int and abs(value) < 2**63
+    if kind is float:
+        return type(value) is float and not math.isnan(value)
+    return type(value) is kind
+
+
+@pytest.mark.parametrize("kind", BY_TYPE, ids=lambda kind: kind.__name__)
+def test_whatever_stands_in_a_record_becomes_a_whole_value_or_a_value_error(kind: Any) -> None:
+    plain = example(kind)
+    assert is_a(kind, from_jsonable(kind, plain))
+    refused = 0
+    for other in changed_everywhere(plain):
+        try:
+            value = from_jsonable(kind, other)
+        except ValueError:
+            refused += 1
+        else:
+            assert is_a(kind, value), other
+    assert refused >= len(WRONG)
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "wrong"),
+    [
+        (LlmExchange, "messages", "a text, letter by letter"),
+        (LlmExchange, "parameters", "x"),
+        (LlmExchange, "parameters", {"temperature": [1]}),
+        (BatteryState, "charge_fraction", "0.5"),
+        (BatteryState, "charge_fraction", 10**400),
+        (LaserScan, "ranges_m", [[1.0], [2.0]]),
+        (LaserScan, "ranges_m", ["1.5"]),
+        (PlannedPath, "points_in_map", [[1.0, 2.0, 3.0]]),
+        (OccupancyGrid, "cells", [[1000]]),
+        (OccupancyGrid, "cells", [[0.5]]),
+    ],
+)
+def test_nothing_is_bent_until_it_fits(kind: Any, field: str, wrong: Any) -> None:
+    plain = example(kind) | ({"points_in_map": [[1.0, 2.0]]} if kind is PlannedPath else {})
+    from_jsonable(kind, plain)
+    with pytest.raises(ValueError, match=r".+"):
+        from_jsonable(kind, {**plain, field: wrong})
+
+
+def test_a_path_without_points_has_its_shape_and_gaps_in_it_stay() -> None:
+    path = {"stamp_ns": 1, "robot_stamp_ns": None, "points_in_map": []}
+    assert from_jsonable(PlannedPath, path).points_in_map.shape == (0, 2)
+    points = from_jsonable(PlannedPath, {**path, "points_in_map": [[1, None], ["nan", 2]]}).points_in_map
+    np.testing.assert_array_equal(points, np.array([[1, np.inf], [np.nan, 2]], np.float32))

@@ -2,14 +2,18 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
-from caris_desktop.domain.events import SessionEnded
+from caris_desktop.domain.events import Marked, SessionEnded
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import LaserScan
+from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.messages import SessionHeader
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -17,6 +21,7 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import SessionError, open_session
 from caris_desktop.recording.session_recorder import DiskLimits, SessionRecorder
 from tests.recording.driving import command, header, mark, pose, scan, start
+from tests.recording.told_session import at, exchange, tell
 from tests.support.recorded_session import MadeSession
 
 LIMITS = DiskLimits(reserve_bytes=4096)
@@ -198,3 +203,40 @@ def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: Ma
             shown = {camera: videos.frame(camera, 5) for camera in ("front", "rear")}
             assert videos.problems == ([f"{name.name} is missing."] if name.suffix == ".mp4" else [])
             assert sum(picture is not None for picture in shown.values()) == (1 if name.suffix == ".mp4" else 2)
+
+
+def test_values_of_another_shape_are_left_out_and_told_once_a_stream(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bent: Any = exchange(1, 1.0, 2.0, "a")
+    values = [
+        *(replace(bent, stamp_ns=at(number), parameters="x") for number in (1, 2, 3)),
+        replace(bent, stamp_ns=at(4), messages="a text"),
+        replace(Marked(at(5), "huge"), stamp_ns=2**70 + at(5)),
+        Marked(at(6), "kept"),
+    ]
+    folder = tmp_path / "s"
+    tell(folder, [Marked(at(6), "kept")], lasts_s=9)
+    (folder / "events.mcap").unlink()
+    write_raw(folder / "events.mcap", values)
+    session = open_session(folder)
+    assert [value.label for _, value in session.values("event/marked", "event/llm_exchange")] == ["kept"]
+    told = [record.getMessage() for record in caplog.records if "are left out" in record.getMessage()]
+    assert len(told) == 2
+    assert "event/llm_exchange" in told[0]
+
+
+def write_raw(path: Path, values: list[Any]) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="caris-desktop")
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channels: dict[str, int] = {}
+        for value in values:
+            topic = f"/{BY_TYPE[type(value)].name}"
+            channel = channels.setdefault(topic, 0) or writer.register_channel(topic, "json", schema)
+            channels[topic] = channel
+            writer.add_message(
+                channel, log_time=at(1), publish_time=at(1), data=json.dumps(to_jsonable(value)).encode()
+            )
+        writer.finish()
