@@ -28,6 +28,7 @@ _SCHEMA_VERSION = 1
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
 _MAX_WORDS = 40
+_NEVER_NS = 2**63
 _SCHEMA = """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY,
@@ -244,6 +245,8 @@ class StudyIndex:
     def _update(self, progress: Callable[[float], None]) -> None:
         progress(0.0)
         folders = {folder.name: folder for folder in session_folders(self._sessions_dir)}
+        for name in [name for name in folders if _storable(name) != name]:
+            _log.warning("%r is not in the index: its name is no text", str(folders.pop(name)))
         known = dict(self._database.execute("SELECT name, signature FROM session").fetchall())
         gone = [name for name in known if name not in folders]
         signatures = {name: content_signature(folder) for name, folder in folders.items()}
@@ -419,7 +422,7 @@ def content_signature(folder: Path) -> str:
     except OSError:
         # Nobody has coded the session; what cannot be read now has no signature until it can.
         pass
-    return "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
+    return _storable("|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names))
 
 
 def _age_and_size(path: str) -> str:
@@ -433,11 +436,23 @@ def _age_and_size(path: str) -> str:
 def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
     """What the index keeps of one session, and why it cannot be read if so."""
     try:
-        session = open_session(folder, repair=False)
-        items = list(_items(session))
+        return *_content(folder), ""
     except (SessionError, OSError) as error:
         _log.info("%s is not in the index: %s", folder, error)
-        return SessionEntry(folder, "", 0.0), [], str(error)
+        trouble = str(error)
+    except Exception as error:
+        # Whatever somebody's file does to a reader, the other sessions of the study are to be found.
+        _log.exception("%s is not in the index", folder)
+        trouble = f"{folder} cannot be read ({type(error).__name__}: {error}). The log has the details."
+    return SessionEntry(folder, "", 0.0), [], _storable(trouble)
+
+
+def _content(folder: Path) -> tuple[SessionEntry, list[_Item]]:
+    """Raises SessionError, OSError, and ValueError for moments that no index can hold."""
+    session = open_session(folder, repair=False)
+    items = list(_items(session))
+    if not all(abs(at_ns) < _NEVER_NS for at_ns in (session.started_ns, *(item.at_ns for item in items))):
+        raise ValueError("a moment that is none")
     trial = {key: _storable(value) for key, value in session.trial.items()}
     scenario = session.header.get("scenario")
     entry = SessionEntry(
@@ -462,7 +477,7 @@ def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
         if part
     )  # fmt: skip
     items.insert(0, _Item(session.started_ns, 0.0, "session", heading))
-    return entry, items, ""
+    return entry, items
 
 
 _UTTERANCES = ("robot", "participant", "wizard")

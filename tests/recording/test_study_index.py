@@ -8,15 +8,18 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
-from caris_desktop.recording import sessions_command
+from caris_desktop.recording import sessions_command, study_index
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.folder_lock import hold
+from caris_desktop.recording.session_reader import open_session
 from caris_desktop.recording.study_index import (
     DATABASE_NAME,
     SessionEntry,
@@ -369,3 +372,41 @@ def test_annotations_and_repairs_change_the_signature(study: Path) -> None:
     head = json.loads((folder / "session.json").read_text())
     (folder / "session.json").write_text(json.dumps({**head, "reason": "recovered"}))
     assert content_signature(folder) != annotated
+
+
+def test_one_tampered_session_is_the_trouble_of_that_session_alone(study: Path) -> None:
+    asked = exchange(1, 1.0, 2.0, "the answer")
+    tell(
+        study / "sessions" / "bent", [replace(asked, parameters=cast("Any", "x")), *heard(1, 3, 4, "hello")], lasts_s=9
+    )
+    endless = session(study / "sessions" / "endless", "hello") / "session.json"
+    head = json.loads(endless.read_text())
+    head["clock"]["monotonic_ns"] += 2**70
+    endless.write_text(json.dumps({**head, "started_ns": head["started_ns"] + 2**70}))
+    listing = session(study / "sessions" / "listing", "hello") / "session.json"
+    listing.write_text(json.dumps({**json.loads(listing.read_text()), "trial": {"participant": ["P", {}]}}))
+    if sys.platform == "linux":
+        shutil.copytree(study / "sessions" / "a", study / "sessions" / os.fsdecode(b"no\xfftext"))
+    index = StudyIndex.of_study(study)
+    index.update()
+    assert sorted(names(index.sessions())) == ["a", "b", "bent", "c", "listing"]
+    assert [one.folder.name for one in index.unreadable()] == ["endless"]
+    assert {hit.folder.name for hit in index.search(SessionQuery("hello"))} == {"bent", "listing"}
+    index.update()
+    index.close()
+
+
+def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def read(folder: Path, *, repair: bool) -> Any:
+        if folder.name == "b":
+            raise AttributeError("no such thing \ud800")
+        return open_session(folder, repair=repair)
+
+    monkeypatch.setattr(study_index, "open_session", read)
+    index = StudyIndex.of_study(study)
+    index.update()
+    assert names(index.sessions()) == ["c", "a"]
+    (trouble,) = index.unreadable()
+    assert trouble.folder.name == "b"
+    assert "AttributeError" in trouble.trouble
+    index.close()
