@@ -1,6 +1,7 @@
 """What the scenario of a session says, as far as its recorded text can be read."""
 
 import logging
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,7 +9,8 @@ from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
 
 _log = logging.getLogger(__name__)
-_MAX_CHARACTERS = 1_000_000
+_MAX_CHARACTERS = 256 * 1024
+_MAX_DEPTH = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +56,47 @@ def read_scenario(event: ScenarioOpened) -> ScenarioText:
 def _parsed(text: str) -> Any:
     import yaml
 
-    if not text or len(text) > _MAX_CHARACTERS:
+    class Loader(yaml.SafeLoader):
+        """Refuses references, a few lines of which unfold to billions, and what no scenario is as deep as."""
+
+        depth = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("references (*name) are not followed")
+            if self.depth >= _MAX_DEPTH:
+                raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} levels deep")
+            self.depth += 1
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
+
+    if not text:
+        return {}
+    if len(text) > _MAX_CHARACTERS:
+        _log.warning("the recorded scenario is not read: %d characters", len(text))
         return {}
     try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        return yaml.load(text, Loader=Loader)  # noqa: S506 - a SafeLoader
+    except Exception as error:
+        # What a tag says of a value (!!int of a word, say) raises whatever the conversion raises.
         _log.warning("the recorded scenario cannot be read: %s", error)
         return {}
 
 
 def _place(entry: dict[Any, Any]) -> tuple[str, Pose2D] | None:
-    name, x_m, y_m = entry.get("name"), entry.get("x_m"), entry.get("y_m")
-    if isinstance(name, str) and isinstance(x_m, int | float) and isinstance(y_m, int | float):
-        return name, Pose2D(float(x_m), float(y_m), 0.0)
-    return None
+    name, x_m, y_m = entry.get("name"), _metres(entry.get("x_m")), _metres(entry.get("y_m"))
+    return (name, Pose2D(x_m, y_m, 0.0)) if isinstance(name, str) and x_m is not None and y_m is not None else None
+
+
+def _metres(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _panels(node: Any, depth: int = 0) -> list[str]:
