@@ -4,6 +4,7 @@ import difflib
 import hashlib
 import math
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -30,6 +31,10 @@ from caris_desktop.scenario.yaml_source import KeyPath, LocatedData, YamlSourceE
 
 MAX_FILE_BYTES = 256 * 1024
 MAX_REPORTED_PROBLEMS = 5
+_SCHEMA_ON_THIS_COMPUTER = re.compile(
+    r"""^[ \t]*\#[ \t]*yaml-language-server:[^\n]*\$schema[ \t]*=[ \t"']*(?:file:|/|\\|~|[a-z]:[/\\])[^\n]*(?:\n|\Z)""",
+    re.MULTILINE | re.IGNORECASE,
+)
 
 
 class ScenarioError(Exception):
@@ -150,14 +155,18 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """The text of the file that ``scenario`` was read from, or would be written to where that has changed."""
+    """The text of the file that ``scenario`` was read from, or would be written to where that has changed.
+
+    It goes into recordings: the comment that tells editors where the schema lies on this computer is not in it.
+    ``scenario.sha256`` is that of the whole file.
+    """
     if scenario.path is not None:
         try:
             raw = _read(scenario.path)
         except ScenarioError:
             raw = b""
         if hashlib.sha256(raw).hexdigest() == scenario.sha256:
-            return raw.decode("utf-8")
+            return _SCHEMA_ON_THIS_COMPUTER.sub("", raw.decode("utf-8-sig"))
     return _text(scenario_data(scenario))
 
 

@@ -1,6 +1,7 @@
 """Scenario files: what loads, what is refused and in which words, what saving keeps."""
 
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -20,8 +21,10 @@ from caris_desktop.scenario.file import (
     MAX_FILE_BYTES,
     ScenarioError,
     load_scenario,
+    parse_scenario,
     save_places,
     save_scenario,
+    scenario_text,
     schema_path,
 )
 from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
@@ -309,3 +312,39 @@ def test_controls_of_a_scenario_are_read_and_checked(tmp_path: Path) -> None:
     path.write_text(good + control.replace("button", "buton"), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"line 5.*button"):
         load_scenario(path)
+
+
+def test_what_goes_into_a_recording_names_no_folder_of_this_computer(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    save_scenario(load_scenario(layouts_dir() / "tour-guide.yaml"), path)
+    assert schema_path().as_uri() in path.read_text()
+    scenario = load_scenario(path)
+    content = scenario_text(scenario)
+    assert content == path.read_text().partition("\n")[2]
+    assert str(schema_path().parent) not in content
+    assert scenario.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    again = parse_scenario(content, path=path.resolve())
+    assert dataclasses.replace(again, sha256=scenario.sha256) == scenario
+
+
+@pytest.mark.parametrize(
+    ("reference", "stays"),
+    [
+        ("../resources/schemas/scenario.schema.json", True),
+        ("https://example.org/scenario.schema.json", True),
+        ("/home/anna/scenario.schema.json", False),
+        (r"C:\Users\Anna\scenario.schema.json", False),
+        ("file:///C:/Users/Anna/scenario.schema.json", False),
+        (r"\\server\anna\scenario.schema.json", False),
+        ("~/scenario.schema.json", False),
+    ],
+)
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_only_a_schema_of_this_computer_is_left_out(
+    tmp_path: Path, reference: str, ending: str, *, stays: bool
+) -> None:
+    path = tmp_path / "mine.yaml"
+    comment = f"# yaml-language-server: $schema={reference}{ending}"
+    rest = SMALL.replace("\n", ending) + "# /home/anna is what its author wrote"
+    path.write_bytes((comment + rest).encode())
+    assert scenario_text(load_scenario(path)) == (comment + rest if stays else rest)
