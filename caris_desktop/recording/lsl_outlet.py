@@ -60,15 +60,27 @@ class MarkerOutlet:
         self._measure()
 
     def offer(self, spec: StreamSpec, value: Any) -> None:
-        """Send ``value`` out if it is an event that others can use."""
+        """Send ``value`` out if it is an event that others can use.
+
+        Raises OutletUnavailableError when that fails: the outlet is closed then.
+        """
         if spec.delivery is not Delivery.LOSSLESS or isinstance(value, _NOT_SENT):
             return
+        try:
+            self._send(spec, value)
+        except Exception as error:
+            # Markers for others must not cost the recording, whatever their library raises.
+            _log.exception("%s is not sent", spec.name)
+            self.close()
+            raise OutletUnavailableError(
+                f"No markers go out any more: Lab Streaming Layer failed ({error}).",
+                "Check the network of this computer, then start the recording again.",
+            ) from error
+
+    def _send(self, spec: StreamSpec, value: Any) -> None:
         if clock.now_ns() - self._measured_ns > _MEASURE_EVERY_NS:
             self._measure()
-        fields = {
-            key: f"{field[:_LONGEST_TEXT]}…" if isinstance(field, str) and len(field) > _LONGEST_TEXT else field
-            for key, field in to_jsonable(value).items()
-        }
+        fields = _shortened(to_jsonable(value))
         marker = json.dumps({"event": spec.name.removeprefix("event/"), **fields}, ensure_ascii=False)
         text = marker.encode("utf-8", "replace").decode("utf-8")
         self._outlet.push_sample([text], value.stamp_ns / 1e9 + self._lsl_minus_session_s)
@@ -87,3 +99,12 @@ class MarkerOutlet:
             readings.append((after_ns - before_ns, lsl_s - (before_ns + after_ns) / 2e9))
         self._lsl_minus_session_s = min(readings)[1]
         self._measured_ns = clock.now_ns()
+
+
+def _shortened(value: Any) -> Any:
+    """With long texts cut, however deep they lie: the prompt of an exchange is one of its messages."""
+    if isinstance(value, str):
+        return f"{value[:_LONGEST_TEXT]}…" if len(value) > _LONGEST_TEXT else value
+    if isinstance(value, dict):
+        return {key: _shortened(item) for key, item in value.items()}
+    return [_shortened(item) for item in value] if isinstance(value, list) else value

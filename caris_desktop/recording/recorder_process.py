@@ -215,8 +215,13 @@ class _Recorder:
         return None
 
     def _offer(self, spec: StreamSpec, value: Any) -> None:
-        if self._outlet is not None:
+        if self._outlet is None:
+            return
+        try:
             self._outlet.offer(spec, value)
+        except OutletUnavailableError as error:
+            self._outlet = None
+            self._tell_outlet(error)
 
     def _tell_outlet(self, error: OutletUnavailableError | None) -> None:
         if error is None:

@@ -3,17 +3,19 @@
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Problem, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, Problem, UtteranceChanged
 from caris_desktop.recording.lsl_outlet import STREAM_NAME
 from caris_desktop.recording.messages import OfferMarkers, PauseRecording, RecorderReport
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, command, mark, pose, start
+from tests.recording.told_session import exchange
 
 _NO_NETWORK = "needs a network interface on which Lab Streaming Layer finds its own streams"
 
@@ -82,3 +84,42 @@ def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_g
     recorder.stop_session()
     recorder.close()
     assert [value.label for _, value in open_session(tmp_path / "s").values("event/marked")] == ["kept"]
+
+
+class FailingLibrary:
+    """Stands for a library whose network goes away after the first sample."""
+
+    IRREGULAR_RATE, cf_string = 0.0, 3
+
+    def __init__(self) -> None:
+        self.sent: list[str] = []
+
+    def __getattr__(self, _name: str) -> Any:
+        return lambda *_: self
+
+    def local_clock(self) -> float:
+        return 0.0
+
+    def push_sample(self, sample: list[str], _at_s: float) -> None:
+        self.sent += sample
+        if len(self.sent) > 2:
+            raise ValueError("the network is gone")
+
+
+def test_an_outlet_that_fails_ends_itself_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library = FailingLibrary()
+    monkeypatch.setitem(sys.modules, "pylsl", library)
+    recorder = RecorderUnderTest(in_thread=True)
+    asked = exchange(1, 1.0, 2.0, "answer")
+    long = replace(asked, messages=(ChatMessage("system", "long " * 1000),))
+    recorder.send(start(tmp_path / "s", lsl=True), long, mark("a"), mark("b"))
+    recorder.stop_session()
+    recorder.close()
+    problems = [said for said in recorder.heard if isinstance(said, Problem)]
+    assert len(library.sent) == 3
+    sent = json.loads(library.sent[1])
+    assert len(sent["messages"][0]["content"]) < 1100
+    assert ["failed (the network is gone)" in problem.what for problem in problems] == [True]
+    session = open_session(tmp_path / "s")
+    assert [value.label for _, value in session.values("event/marked")] == ["a", "b"]
+    assert [value.what for _, value in session.values("event/problem")] == [problems[0].what]
