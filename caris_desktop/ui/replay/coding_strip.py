@@ -1,12 +1,13 @@
 """The line below the timeline: the labels of the tier that is coded on, each with its key, and what can be done."""
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.recording.annotation.model import Vocabulary
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import CODE_COUNT, Actions
 from caris_desktop.ui.panel import show_part
+from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.timeline_canvas import OpenStretch
 from caris_desktop.ui.replay.timeline_model import Row, exact_text
 from caris_desktop.ui.theme import Theme
@@ -31,6 +32,7 @@ class CodingStrip(QWidget):
         self._shown: tuple[object, ...] | None = None
         self._words = QLabel()
         self._words.setObjectName("coding_words")
+        self._words.setTextFormat(Qt.TextFormat.PlainText)
         self._words.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
         self._add = ActionButton(theme, "Add a tier", icon="plus", look="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
@@ -90,7 +92,7 @@ class CodingStrip(QWidget):
                 open_now = stretch is not None and stretch.value == entry.value
                 button.set_label(f"End {entry.value}" if open_now else entry.value)
                 button.setChecked(open_now)
-                button.setToolTip(entry.description or "Starts at the playhead; the second press ends it")
+                button.setToolTip(plain_tip(entry.description) or "Starts at the playhead; the second press ends it")
             show_part(button, present)
         for button in self._acts:
             show_part(button, own)

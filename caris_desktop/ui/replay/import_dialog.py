@@ -68,6 +68,7 @@ class ImportDialog(QDialog):
         form.addRow("Coder", self._coder)
         self._refusal = QLabel()
         self._refusal.setObjectName("import_refusal")
+        self._refusal.setTextFormat(Qt.TextFormat.PlainText)
         self._refusal.setWordWrap(True)
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             label.setFont(theme.font(tokens.STATUS_PX))

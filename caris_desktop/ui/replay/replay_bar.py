@@ -15,6 +15,7 @@ from caris_desktop.recording.session_reader import Session
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import REPLAY_ACTIONS, Actions
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.scrubber import Scrubber, moment_words
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.theme import Theme
@@ -76,6 +77,7 @@ class ReplayBar(QWidget):
         self._rate.activated.connect(self._on_rate_chosen)
         self._hint = QLabel()
         self._hint.setObjectName("replay_hint")
+        self._hint.setTextFormat(Qt.TextFormat.PlainText)
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)
@@ -162,13 +164,13 @@ class ReplayBar(QWidget):
 
     def _say(self, text: str) -> None:
         self._hint.setText(text)
-        self._hint.setToolTip(text)
+        self._hint.setToolTip(plain_tip(text))
         self._hint_end.start()
 
     def _end_hint(self) -> None:
         detail = self._replay.playback.value.detail
         self._hint.setText(detail)
-        self._hint.setToolTip(detail)
+        self._hint.setToolTip(plain_tip(detail))
 
     def _on_seek_wanted(self, at_ns: int) -> None:
         self._replay.seek(at_ns)
@@ -234,7 +236,7 @@ class ReplayTitle(QWidget):
         super().__init__()
         self.setObjectName("replay_title")
         self.setAccessibleName(f"Replay of {participant}, recorded {when}")
-        self.setToolTip(f"A recorded session: {participant}, {when}. Nothing here moves the robot.")
+        self.setToolTip(plain_tip(f"A recorded session: {participant}, {when}. Nothing here moves the robot."))
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._participant, self._when = participant, when

@@ -103,6 +103,7 @@ class TierDialog(QDialog):
         self._apply = apply
         self._scenario_labels = tuple(dict.fromkeys(label.strip() for label in scenario_labels if label.strip()))
         heading = QLabel("What will be coded?" if tier is None else f"Tier {tier.name} of {tier.coder}")
+        heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._coder = DropDown(theme, "tier_coder", "Coder")
         self._coder.setEditable(True)
@@ -140,6 +141,7 @@ class TierDialog(QDialog):
         self._list.setMinimumHeight(120)
         self._refusal = QLabel()
         self._refusal.setObjectName("tier_refusal")
+        self._refusal.setTextFormat(Qt.TextFormat.PlainText)
         self._refusal.setWordWrap(True)
         self._refusal.setFont(theme.font(tokens.STATUS_PX))
         palette = self._refusal.palette()

@@ -33,6 +33,7 @@ from caris_desktop.ui.replay.agreement_dialog import AgreementDialog
 from caris_desktop.ui.replay.coding_strip import CodingStrip
 from caris_desktop.ui.replay.import_dialog import ImportDialog
 from caris_desktop.ui.replay.label_card import LabelCard
+from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.tier_dialog import TierDialog, TierWish, with_tier
@@ -143,6 +144,7 @@ class TimelineView(QWidget):
         self._title = QLabel("Timeline")
         self._fact = QLabel()
         self._fact.setObjectName("timeline_fact")
+        self._fact.setTextFormat(Qt.TextFormat.PlainText)
         self._fact.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._filter = QLineEdit()
         self._filter.setObjectName("tier_filter")
@@ -288,7 +290,7 @@ class TimelineView(QWidget):
         tiers = sum(1 for tier in self.document.tiers if tier.coder)
         self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
         self._fact.setText(self._fact_text())
-        self._fact.setToolTip(self._fact.text())
+        self._fact.setToolTip(plain_tip(self._fact.text()))
         self.canvas.setAccessibleDescription(self._fact.text())
         self.update()
 

@@ -1,0 +1,10 @@
+"""Texts from files in tooltips, which Qt reads as HTML where they look like it."""
+
+import html
+
+from PySide6.QtGui import Qt
+
+
+def plain_tip(text: str) -> str:
+    """A tooltip that shows ``text`` letter by letter."""
+    return f"<p>{html.escape(text)}</p>" if Qt.mightBeRichText(text) else text
