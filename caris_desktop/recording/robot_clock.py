@@ -24,6 +24,7 @@ _WINDOW_S = 20.0
 _UNEVEN_SHARE = 0.2
 _UNKNOWN_ABOVE_NS = 1_000_000_000
 _LEAST_UNCERTAINTY_NS = 1_000.0
+_NEVER_MS = 2**63 / 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +139,8 @@ def robot_clock(session: Session) -> RobotClock:
 
 
 def _is_number(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
+    """Whether it is one, and no more milliseconds than 64 bits hold as nanoseconds: what is infinite is neither."""
+    return value is not None and abs(value) < _NEVER_MS
 
 
 def _between(values: list[float], before: int, share: float) -> float:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,17 +12,33 @@ import pytest
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import ChatMessage, LlmExchange, PlacesChanged
+from caris_desktop.domain.events import (
+    ChatMessage,
+    LinkQuality,
+    LlmExchange,
+    PhotoTaken,
+    PlacesChanged,
+    UtteranceChanged,
+)
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, People, PersonBox, PlannedPath
+from caris_desktop.domain.sensing import (
+    AudioBlock,
+    BatteryState,
+    OccupancyGrid,
+    People,
+    PersonBox,
+    PlannedPath,
+    RobotPose,
+)
 from caris_desktop.domain.streams import BY_TYPE, STREAMS
-from caris_desktop.recording.export import ExportError, export_session
+from caris_desktop.recording.export import ExportError, ExportRequest, export_all, export_session
 from caris_desktop.recording.exporters.tables import RowTimes, tables_of
 from caris_desktop.recording.robot_clock import RobotClock
 from caris_desktop.recording.session_clock import SessionClock
 from caris_desktop.recording.session_reader import open_session
 from tests.recording.driving import command, mark, pose, scan
-from tests.recording.test_session_reader import record
+from tests.recording.test_session_reader import record, write_raw
+from tests.recording.told_session import at, exchange, tell
 
 
 @pytest.fixture
@@ -197,3 +214,29 @@ def test_what_is_missing_is_empty() -> None:
     assert list(row.values())[4:] == ["Kitchen", 1.0, 2.0, 3.0]
     (row,) = rows(PlacesChanged(1, "Kitchen", None))
     assert list(row.values())[4:] == ["Kitchen", None, None, None]
+
+
+def test_tampered_values_cost_themselves_and_no_export(tmp_path: Path) -> None:
+    bent: Any = exchange(1, 1.0, 2.0, "never read")
+    values = [
+        replace(bent, parameters="x"),
+        replace(bent, messages="a text"),
+        replace(mark("stamped by nobody"), stamp_ns=2**70),
+        replace(mark("at the end of time"), stamp_ns=2**63 - 1),
+        PhotoTaken(at(1), "front", 1, "photos/\ud800\0.jpg"),
+        PhotoTaken(at(1), "front", 2, "x" * 5000),
+        AudioBlock(at(1), "microphone", "x" * 5000 + ".wav", 0, 1, 16000),
+        UtteranceChanged(at(2), "u", "participant", "half a \ud800 character", "heard", "finished"),
+        LinkQuality(at(1), -1e308, 1e308, 1e308),
+        pose(math.inf),
+        RobotPose(at(1), None, Pose2D(0.0, 0.0, math.inf)),
+        replace(mark("kept"), stamp_ns=at(3)),
+    ]
+    folder = tell(tmp_path / "s", [], lasts_s=9)
+    write_raw(folder / "events.mcap", values)
+    formats = ("csv", "html", "eaf", "textgrid", "vtt", "rosbag2", "frames", "methods")
+    done = export_all(ExportRequest((folder,), formats, tmp_path / "out", folder_per_session=False))
+    assert all("were left out" in problem for problem in done.problems), done.problems
+    labels = [row["label"] for row in table(tmp_path / "out" / "csv" / "event_marked.csv")]
+    assert labels == ["kept"]
+    assert not (tmp_path / "out" / "csv" / "event_llm_exchange.csv").exists()

@@ -74,7 +74,7 @@ def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]
     eaf = out / f"{session.folder.name}.eaf"
     eaf.write_text(eaf_text(document, media=media, licence=context.licence), encoding="utf-8", newline="\n")
     about = out / "media.txt"
-    about.write_text(_about_media(session, media), encoding="utf-8")
+    about.write_text(_about_media(session, media), encoding="utf-8", errors="replace")
     context.progress(1.0)
     return [eaf, about, *(out / item.file_name for item in media)]
 
@@ -247,7 +247,7 @@ def _media(session: Session, out: Path, progress: Callable[[float], None]) -> It
     count = len(videos) + len(blocks)
     for number, row in enumerate(videos):
         first_ns = row.get("first_stamp_ns")
-        if isinstance(first_ns, int):
+        if isinstance(first_ns, int) and abs(first_ns) < 2**63:
 
             def tell(fraction: float, number: int = number) -> None:
                 progress((number + fraction) / count)
@@ -267,7 +267,11 @@ def _is_ours(session: Session, name: Any) -> bool:
     if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name):
         return False
     path = session.folder / name
-    return path.is_file() and not path.is_symlink()
+    try:
+        return path.is_file() and not path.is_symlink()
+    except OSError:
+        # A name that is too long for any file.
+        return False
 
 
 def _video(session: Session, name: str, first_ns: int, out: Path, progress: Callable[[float], None]) -> LinkedMedia:

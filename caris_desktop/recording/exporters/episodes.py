@@ -139,7 +139,7 @@ class _EpisodeWriter:
         self.index = out / "episodes.jsonl"
         self.paths: list[Path] = []
         self.steps = 0
-        self._index_file = self.index.open("w", encoding="utf-8")
+        self._index_file = self.index.open("w", encoding="utf-8", errors="replace")
         self._file: IO[str] | None = None
         self._resting: list[dict[str, Any]] = []
         self._of_this: list[int] = []
@@ -155,7 +155,7 @@ class _EpisodeWriter:
             return
         if self._file is None:
             path = self._out / f"episode-{len(self.paths) + 1:04d}.jsonl"
-            self._file = path.open("w", encoding="utf-8")
+            self._file = path.open("w", encoding="utf-8", errors="replace")
             self.paths.append(path)
         row = {"at_ns": at_ns, "state": state, "action": action}
         if not moving:
@@ -224,7 +224,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
     in_view = _counts_in_view(session)
     path = out / "turns.jsonl"
     turns, before_ns = 0, -(2**62)
-    with path.open("w", encoding="utf-8") as file:
+    with path.open("w", encoding="utf-8", errors="replace") as file:
         for utterance in facts.utterances:
             if utterance.speaker != "robot":
                 continue

@@ -62,7 +62,9 @@ def write_frames(
     dialogue = write_dialogue(session, out / "dialogue")
     readme = out / "README.md"
     readme.write_text(
-        _readme(session, yolo, mot, driving=driving, dialogue=dialogue, missing=missing), encoding="utf-8"
+        _readme(session, yolo, mot, driving=driving, dialogue=dialogue, missing=missing),
+        encoding="utf-8",
+        errors="replace",
     )
     return [readme, *yolo.paths, *mot.paths, *driving.paths, *dialogue.paths]
 
@@ -134,7 +136,7 @@ class _Yolo:
         self._rows: Any = None
 
     def __enter__(self) -> "_Yolo":
-        file = self._files.enter_context(self.paths[1].open("w", encoding="utf-8", newline=""))
+        file = self._files.enter_context(self.paths[1].open("w", encoding="utf-8", errors="replace", newline=""))
         self._rows = csv.writer(file)
         self._rows.writerow(_BOX_COLUMNS)
         return self
@@ -268,7 +270,7 @@ class _Mot:
             for number, stamp_ns in enumerate(stamps_ns, start=1):
                 rows.writerow((number, round(clock.session_s(stamp_ns), 6), clock.utc(stamp_ns), stamp_ns))
         tracks = sequence.folder / "tracks.csv"
-        with tracks.open("w", encoding="utf-8", newline="") as file:
+        with tracks.open("w", encoding="utf-8", errors="replace", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(("id", "track", "person_ids"))
             for track, identity in sequence.ids.items():

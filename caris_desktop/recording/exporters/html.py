@@ -647,13 +647,14 @@ def _thumbnail(folder: Path, file_name: str) -> str:
     import cv2
 
     path = folder / file_name
-    if not path.resolve().is_relative_to(folder.resolve()):
-        _log.warning("%s names a photo outside of the session: %s", folder, file_name)
-        return ""
     try:
+        if not path.resolve().is_relative_to(folder.resolve()):
+            _log.warning("%s names a photo outside of the session: %s", folder, file_name)
+            return ""
         image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-    except (OSError, cv2.error) as error:
-        _log.warning("%s cannot be read: %s", path, error)
+    except (OSError, ValueError, cv2.error) as error:
+        # ValueError: a name that none can be, with a zero or half a character in it.
+        _log.warning("%.300r cannot be read: %.300s", str(path), error)
         return ""
     if image is None:
         return ""

@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -93,11 +94,19 @@ def write_rosbag2(
         duration_ns = max(1, session.ended_ns - session.started_ns)
         for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
             at_utc_ns = session.clock.anchor.utc_ns_at(arrival_ns)
-            for topic, message in translator.messages(spec, value, arrival_ns):
+            try:
+                translated = list(translator.messages(spec, value, arrival_ns))
+            except (ValueError, OverflowError):
+                # An angle that is infinite, say: a recording may come from anywhere.
+                bags.left_out += 1
+                continue
+            for topic, message in translated:
                 bags.write(topic, at_utc_ns, message)
             if not number % 200:
                 context.progress(min(1.0, max(0.0, (arrival_ns - session.started_ns) / duration_ns)))
         topics = bags.topics
+    if bags.left_out:
+        context.warn(f"{bags.left_out} message(s) were left out: their moments or numbers are none that ROS knows.")
     readme = out / "README.md"
     readme.write_text(_readme(session, clock, topics, moments, image_hz), encoding="utf-8")
     return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]
@@ -324,6 +333,7 @@ class _Bags:
         self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._connections: dict[RosTopic, tuple[Any, Any]] = {}
         self.counts: dict[RosTopic, int] = {}
+        self.left_out = 0
         self._chunks = 0
 
     def __enter__(self) -> "_Bags":
@@ -352,9 +362,20 @@ class _Bags:
         connections = self._connections.get(topic)
         if connections is None:
             connections = self._connections[topic] = self._connect(topic)
-        ros1, ros2 = (typed(ros, topic.type, message) for ros in _BOTH)
-        self._ros1.write(connections[0], at_utc_ns, typestore(1).serialize_ros1(ros1, topic.type))
-        self._ros2.write(connections[1], at_utc_ns, typestore(2).serialize_cdr(ros2, topic.type))
+        try:
+            try:
+                ros1, ros2 = _serialized(topic, message)
+            except UnicodeEncodeError:
+                # Half a character that an input method left behind.
+                ros1, ros2 = _serialized(topic, _encodable(message))
+        except (struct.error, OverflowError, ValueError):
+            self.left_out += 1
+            return
+        if not 0 <= at_utc_ns < _ROS1_ENDS_NS:
+            self.left_out += 1
+            return
+        self._ros1.write(connections[0], at_utc_ns, ros1)
+        self._ros2.write(connections[1], at_utc_ns, ros2)
         self.counts[topic] = self.counts.get(topic, 0) + 1
         if len(self._ros1.chunks) > self._chunks + 1:
             self._forget_written_chunks()
@@ -377,6 +398,21 @@ class _Bags:
 
 
 _BOTH: tuple[Ros, Ros] = (1, 2)
+# Its seconds have 32 bits.
+_ROS1_ENDS_NS = 2**32 * 1_000_000_000
+
+
+def _serialized(topic: RosTopic, message: Message) -> tuple[Any, Any]:
+    ros1, ros2 = (typed(ros, topic.type, message) for ros in _BOTH)
+    return typestore(1).serialize_ros1(ros1, topic.type), typestore(2).serialize_cdr(ros2, topic.type)
+
+
+def _encodable(value: Any) -> Any:
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")
+    if isinstance(value, dict):
+        return {key: _encodable(item) for key, item in value.items()}
+    return [_encodable(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _quality(*, latched: bool) -> Any:
