@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition, replay_command
@@ -25,6 +26,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.replay_console import ReplayConsole
+from caris_desktop.live.status import AssistantStatus
 from caris_desktop.people.register import PeopleRegister
 from caris_desktop.recording.bag_import import ImportReport
 from caris_desktop.recording.disk_watch import DiskLimits
@@ -32,6 +34,7 @@ from caris_desktop.recording.messages import SessionHeader, StartRecording
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session_reader import SessionError, open_session
 from caris_desktop.recording.session_recorder import SessionRecorder
+from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import scenario_text
 from caris_desktop.scenario.model import Place, Scenario
 
@@ -173,12 +176,24 @@ def test_a_text_is_read_once(replays: Replays, monkeypatch: pytest.MonkeyPatch) 
     assert sorted(read) == sorted([scenario_text(tour), NEWER])
 
 
-def test_a_replay_shares_the_settings_of_the_console_and_lets_go_of_the_names(tmp_path: Path, qtbot: QtBot) -> None:
+def _part(run: ReplayRun, name: str) -> QWidget:
+    part: QWidget | None = run.window.findChild(QWidget, name)
+    assert part is not None, name
+    return part
+
+
+def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tmp_path: Path, qtbot: QtBot) -> None:
     _record(tmp_path / "sessions" / "one", [(0.0, lambda at_ns: ScenarioOpened(at_ns, "new.yaml", "", "", NEWER))])
     PeopleRegister(tmp_path / "people.sqlite").close()
     run = ReplayRun(_arguments(tmp_path / "sessions" / "one"))
     assert run.window.windowTitle().startswith("Replay of one · Tour guide"), "what it cannot read stands in for it"
     assert (run.settings.organizationName(), run.settings.applicationName()) == ("CARIS", "CARIS Desktop")
+    run.console.state.robot.set(load_profile("simulated"))
+    run.console.state.assistant.set(AssistantStatus("ready", "a model", "1", "Why?", "Therefore."))
+    for name in ("map_go_button", "map_tool_goal", "map_tool_place", "map_tool_pose"):
+        assert _part(run, name).isHidden(), f"{name} would do nothing"
+    for name in ("assistant_ask", "assistant_say"):
+        assert not _part(run, name).isEnabled(), f"{name} would do nothing"
     register = run._register
     assert register is not None
     run.close()

@@ -75,6 +75,7 @@ class AssistantPanel(Panel):
         self._column.addLayout(self._middle, 1)
         self._column.addWidget(self._note)
         self.state.assistant.changed.connect(self._on_assistant_changed)
+        self.table.rebuilt.connect(self._on_table_rebuilt)
         self.theme.changed.connect(self._style)
         self._style()
 
@@ -133,6 +134,9 @@ class AssistantPanel(Panel):
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
 
+    def _on_table_rebuilt(self) -> None:
+        self._on_assistant_changed(self.state.assistant.value)
+
     def _on_assistant_changed(self, status: AssistantStatus) -> None:
         if status.exchange_id != self._exchange_id:
             self._exchange_id = status.exchange_id
@@ -147,12 +151,16 @@ class AssistantPanel(Panel):
         has_answer = bool(status.answer.strip()) and not answering
         self._question.setText(f"You asked: {words.shortened(status.question, 140)}" if status.question else "")
         self._question.setVisible(bool(status.question) and self.height() >= 196)
-        self._say.setEnabled(has_answer)
-        self._edit.setEnabled(has_answer and not self._editing)
+        # In a replay, whose table has no marks to set either, nothing is asked or said.
+        live = self.table.spec("mark") is not None
+        self.field.setReadOnly(not live)
+        self._cancel.setEnabled(live)
+        self._say.setEnabled(has_answer and live)
+        self._edit.setEnabled(has_answer and not self._editing and live)
         self._say.setVisible(not answering)
         self._edit.setVisible(not answering)
         self._cancel.setVisible(answering)
-        self._ask.setEnabled(status.state in ("ready", "failed"))
+        self._ask.setEnabled(live and status.state in ("ready", "failed"))
         self._show_note(status, answering=answering)
         match status.state:
             case "ready":

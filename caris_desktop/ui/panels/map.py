@@ -48,7 +48,7 @@ class MapPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("map_panel")
-        self._may_go = self.console.scenario.permissions.driving
+        self._drives = self.console.scenario.permissions.driving
         self._ended = ("", "", 0.0)
         self._goal_id, self._goal_since_ns = "", 0
         self._moving: str | None = None
@@ -60,7 +60,7 @@ class MapPanel(Panel):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.view)
         self._make_title_widgets()
-        self._tools = self._make_tools() if self._may_go else {}
+        self._tools = self._make_tools() if self._drives else {}
         self._card = ChoiceCard(self.theme, self.view, name="map_card")
         self._card.closed.connect(self._on_card_closed)
         self._undo = ChoiceCard(self.theme, self.view, name="map_undo")
@@ -90,6 +90,7 @@ class MapPanel(Panel):
         state.scan.changed.connect(view.show_scan)
         state.path.changed.connect(self._on_path_changed)
         state.goal.changed.connect(self._on_goal_changed)
+        self.table.rebuilt.connect(self._on_table_rebuilt)
         state.places.changed.connect(self._on_places_changed)
         state.people_in_map.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_people_changed)
@@ -159,7 +160,7 @@ class MapPanel(Panel):
 
     def title_widgets(self) -> list[QWidget]:
         shown: list[QWidget] = [self._follow, self._fit, self._more]
-        return [self._go, self._cancel, *shown] if self._may_go else shown
+        return [self._go, self._cancel, *shown] if self._drives else shown
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -412,6 +413,14 @@ class MapPanel(Panel):
         pose: RobotPose | None = self.state.pose.value
         return None if pose is None else pose.pose_in_map
 
+    @property
+    def _may_go(self) -> bool:
+        """Never in a replay, whose table has no marks to set either."""
+        return self._drives and self.table.spec("mark") is not None
+
+    def _on_table_rebuilt(self) -> None:
+        self._on_robot_changed(self.state.robot.value)
+
     def _can_navigate(self) -> bool:
         robot: RobotProfile | None = self.state.robot.value
         return robot is None or robot.navigation is not None
@@ -423,8 +432,9 @@ class MapPanel(Panel):
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         self.view.show_robot(robot.footprint_outline_m if robot is not None else ())
         if self._tools:
-            self._tools["goal"].setVisible(self._can_navigate())
-            self._tools["pose"].setVisible(self._can_set_pose())
+            self._tools["goal"].setVisible(self._may_go and self._can_navigate())
+            self._tools["place"].setVisible(self._may_go)
+            self._tools["pose"].setVisible(self._may_go and self._can_set_pose())
             self._place_tools()
         self._on_goal_changed(self.state.goal.value)
 
@@ -462,8 +472,8 @@ class MapPanel(Panel):
             self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
         self.view.show_goal(goal if going else None)
         self._on_path_changed()
-        show_part(self._cancel, going)
-        show_part(self._go, not going and bool(self.state.places.value) and self._can_navigate())
+        show_part(self._cancel, going and self._may_go)
+        show_part(self._go, self._may_go and not going and bool(self.state.places.value) and self._can_navigate())
         self._refresh()
 
     def _on_event(self, event: object) -> None:
