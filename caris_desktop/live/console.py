@@ -430,7 +430,6 @@ class Console(QObject):
 
     def _on_language_model_ended(self) -> None:
         self._embedded_url = None
-        self._assistant.cancel()
         again = self._may_restart(self._parts.language_model_server.name)
         if self._scenario.permissions.assistant and self._scenario.assistant.model == "embedded":
             self._assistant.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
@@ -683,18 +682,20 @@ class Console(QObject):
 
     def stop_session(self) -> None:
         self._marks.end_all()
+        if not self._recording.idle:
+            # An answer that nobody used is so until the end, and the next participant shall not see it.
+            self._assistant.forget()
         self._microphone.close()
         self._recording.stop_session("console_closed" if self._shut_down else "wizard")
 
     def pause_session(self, *, paused: bool) -> None:
+        # What was asked before belongs to what is recorded, what is asked meanwhile does not.
+        self._assistant.forget()
         if paused:
             self._marks.end_all()
             self._microphone.close()
-        else:
-            # What was asked and answered meanwhile stays out of the record.
-            self._assistant.forget()
-            if self._scenario.permissions.audio_recording:
-                self._microphone.open()
+        elif self._scenario.permissions.audio_recording:
+            self._microphone.open()
         self._recording.pause_session(self._standing(), paused=paused)
 
     def expected_bytes_per_hour(self) -> float | None:
