@@ -132,7 +132,7 @@ def test_row_groups_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest
     assert all(0.0 <= fraction <= 1.0 for fraction in fractions)
 
 
-def test_what_fits_no_column_is_left_out_and_the_rest_kept(tmp_path: Path) -> None:
+def test_values_that_fit_no_column_are_left_out_and_the_rest_kept(tmp_path: Path) -> None:
     from caris_desktop.domain.events import CommandSent
     from caris_desktop.domain.geometry import Twist2D
 
@@ -140,8 +140,8 @@ def test_what_fits_no_column_is_left_out_and_the_rest_kept(tmp_path: Path) -> No
     make_session(
         tmp_path / "s",
         lambda begin_ns: [
-            CommandSent(begin_ns, number, Twist2D(0.1, 0.0, 0.0), "keyboard") for number in (1, odd, 10**30)
+            CommandSent(begin_ns, number, Twist2D(0.1, 0.0, 0.0), "keyboard") for number in (1, odd, 10**30, 2)
         ],
     )
     export_session(tmp_path / "s", "parquet", tmp_path / "out")
-    assert [row["sequence"] for row in rows(tmp_path / "out" / "event_command_sent.parquet")] == [1, None]
+    assert [row["sequence"] for row in rows(tmp_path / "out" / "event_command_sent.parquet")] == [1, 2]
