@@ -32,10 +32,10 @@ from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
 from caris_desktop.perception.inference import InferenceSettings, run_inference
-from caris_desktop.recording.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.export import ExportError
-from caris_desktop.recording.messages import SessionHeader
-from caris_desktop.recording.recorder_process import run_recorder
+from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
+from caris_desktop.recording.recorder.messages import SessionHeader
+from caris_desktop.recording.recorder.recorder_process import run_recorder
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect

@@ -29,11 +29,11 @@ from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
-from caris_desktop.recording.bag_import import BagError, import_bag, looks_like_bag
-from caris_desktop.recording.recovery import needs_repair
+from caris_desktop.recording.foreign.bag_import import BagError, import_bag, looks_like_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.recovery import needs_repair
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.robot.profile import RobotProfile, parse_profile
 from caris_desktop.scenario.file import ScenarioError, parse_scenario
 from caris_desktop.scenario.layout import checked_layout

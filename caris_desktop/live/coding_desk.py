@@ -19,7 +19,7 @@ from caris_desktop.recording.annotation.history import EditHistory
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import run_overview
 from caris_desktop.recording.annotation.store import load_documents, save_coder
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _SAVED_WITHIN_S = 5.0

@@ -62,7 +62,7 @@ from caris_desktop.live.status import AssistantStatus, LinkStatus, PerceptionSta
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
-from caris_desktop.recording.messages import RecorderReport, SessionHeader
+from caris_desktop.recording.recorder.messages import RecorderReport, SessionHeader
 from caris_desktop.robot.profile import RobotProfile, profile_text
 from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.model import LayoutNode, Place, Scenario

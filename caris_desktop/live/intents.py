@@ -13,8 +13,8 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.study_index import SessionQuery
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.studies.study_index import SessionQuery
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.study.trial import TrialDetails
 

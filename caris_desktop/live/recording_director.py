@@ -15,7 +15,7 @@ from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState
-from caris_desktop.recording.messages import (
+from caris_desktop.recording.recorder.messages import (
     OfferMarkers,
     PauseRecording,
     RecorderReport,

@@ -36,7 +36,7 @@ from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.study.trial import TrialDetails

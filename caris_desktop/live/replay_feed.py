@@ -19,7 +19,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import EVENT_STREAMS
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _AHEAD_NS = 1_500_000_000

@@ -17,7 +17,7 @@ from caris_desktop.live.replay_video import ReplayFrames, ReplayVideo
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, LiveValue
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.status_tap import show_status
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _TICK_MS = 5

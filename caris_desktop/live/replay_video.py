@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _FRAMES_KEPT = 12

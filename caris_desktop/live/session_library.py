@@ -28,7 +28,7 @@ from caris_desktop.recording.export import (
     remove_partial_exports,
     run_exports,
 )
-from caris_desktop.recording.study_index import SessionQuery, StudyIndex
+from caris_desktop.recording.studies.study_index import SessionQuery, StudyIndex
 
 _log = logging.getLogger(__name__)
 _THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")

@@ -16,7 +16,7 @@ from caris_desktop.recording.export import (
     export_folders,
     sessions_in,
 )
-from caris_desktop.recording.manifest import verify_manifest
+from caris_desktop.recording.session.manifest import verify_manifest
 
 _CANCELLED = 130
 

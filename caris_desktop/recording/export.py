@@ -18,8 +18,8 @@ from pathlib import Path
 
 import psutil
 
-from caris_desktop.recording.disk_file import no_room
-from caris_desktop.recording.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.recorder.disk_file import no_room
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 
 _log = logging.getLogger(__name__)
 _PARTIAL_SUFFIX = ".exporting"

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.sensing import People
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session
 from tests.perception.shared_data import (
     INT8_WEIGHTS,
     MOT_SCORE,

@@ -7,7 +7,7 @@ from pathlib import Path
 from caris_desktop.domain.events import Gap, Marked, RecordingPaused, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot

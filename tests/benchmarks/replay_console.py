@@ -55,7 +55,7 @@ def _measured(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     from caris_desktop.app.composition import find_scenario
     from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
     from caris_desktop.recording.replay.video_reader import VideoReader
-    from caris_desktop.recording.session_reader import open_session
+    from caris_desktop.recording.session.session_reader import open_session
 
     application = QApplication.instance() or QApplication([])
 

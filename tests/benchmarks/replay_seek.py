@@ -20,7 +20,7 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import LaserScan, People, RobotPose
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session_reader import Session, open_session
+from caris_desktop.recording.session.session_reader import Session, open_session
 from tests.support.recorded_session import SessionPlan, make_session, number_in
 
 _COMPARED = {LaserScan: "scan", People: "people", RobotPose: "pose"}

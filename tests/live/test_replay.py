@@ -21,7 +21,7 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session
 from tests.recording import minute
 from tests.support.recorded_session import MadeSession, make_session, number_in
 

@@ -18,9 +18,9 @@ from caris_desktop.domain.events import CommandSent, Marked
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
-from caris_desktop.recording.disk_watch import DiskLimits
-from caris_desktop.recording.messages import RecorderReport, SessionHeader, StartRecording, StopRecording
-from caris_desktop.recording.recorder_process import run_recorder
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.messages import RecorderReport, SessionHeader, StartRecording, StopRecording
+from caris_desktop.recording.recorder.recorder_process import run_recorder
 
 SPAWN = multiprocessing.get_context("spawn")
 

@@ -10,8 +10,8 @@ import numpy as np
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, SessionEnded
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.disk_watch import DiskLimits
-from caris_desktop.recording.messages import RecorderReport
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, mark, start
 
 # The small disk has 12 MiB: 2 are the reserve, the video may take about 2, events the rest.

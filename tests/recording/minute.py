@@ -21,8 +21,8 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     StatusShown,
 )
-from caris_desktop.recording.messages import SessionHeader
-from tests.recording.test_session_reader import record
+from caris_desktop.recording.recorder.messages import SessionHeader
+from tests.recording.session.test_session_reader import record
 
 S = 1_000_000_000
 LENGTH_S = 60.0

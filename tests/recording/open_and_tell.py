@@ -4,7 +4,7 @@ import json
 import sys
 from pathlib import Path
 
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session
 
 
 def main(folder: Path) -> None:

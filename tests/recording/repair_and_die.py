@@ -6,7 +6,7 @@ import signal
 import sys
 from pathlib import Path
 
-from caris_desktop.recording.recovery import repair_session
+from caris_desktop.recording.session.recovery import repair_session
 
 _TOUCHING = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.truncate", "shutil.copyfile"}
 

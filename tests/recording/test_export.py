@@ -33,11 +33,11 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_TYPE, STREAMS
 from caris_desktop.recording.export import ExportError, ExportRequest, export_all, export_session
 from caris_desktop.recording.exporters.tables import RowTimes, tables_of
-from caris_desktop.recording.robot_clock import RobotClock
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_reader import open_session
+from caris_desktop.recording.session.robot_clock import RobotClock
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import command, mark, pose, scan
-from tests.recording.test_session_reader import record, write_raw
+from tests.recording.session.test_session_reader import record, write_raw
 from tests.recording.told_session import at, exchange, tell
 
 

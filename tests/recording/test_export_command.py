@@ -26,7 +26,7 @@ from caris_desktop.recording.export import (
     remove_partial_exports,
     run_exports,
 )
-from caris_desktop.recording.manifest import write_manifest
+from caris_desktop.recording.session.manifest import write_manifest
 from tests.recording.minute import everything, make_session
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -54,16 +54,16 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.status import DriveStatus, LinkStatus, SpeechStatus
-from caris_desktop.recording.audio_file import AudioInfo, AudioWriter
-from caris_desktop.recording.disk_file import DiskFile, replace_file
-from caris_desktop.recording.event_log import EventLog
-from caris_desktop.recording.manifest import session_files, write_manifest
-from caris_desktop.recording.media_writer import VideoInfo
-from caris_desktop.recording.plain_files import PlainFiles
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_recorder import FORMAT, FORMAT_VERSION
-from caris_desktop.recording.video_encoders import FASTEST
-from caris_desktop.recording.video_file import VideoFile, video_file_name
+from caris_desktop.recording.recorder.audio_file import AudioInfo, AudioWriter
+from caris_desktop.recording.recorder.disk_file import DiskFile, replace_file
+from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.recorder.media_writer import VideoInfo
+from caris_desktop.recording.recorder.plain_files import PlainFiles
+from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.recorder.video_encoders import FASTEST
+from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.session.manifest import session_files, write_manifest
+from caris_desktop.recording.session.session_clock import SessionClock
 
 SECOND_NS = 1_000_000_000
 LAYOUTS = Path(__file__).parents[2] / "layouts"

@@ -35,7 +35,7 @@ from caris_desktop.live.status import (
     MarksStatus,
     RecordingStatus,
 )
-from caris_desktop.recording.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.model import LayoutNode, Place, Scenario
 from caris_desktop.study.trial import TrialDetails
 

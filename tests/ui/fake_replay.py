@@ -24,8 +24,8 @@ from caris_desktop.recording.annotation.model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.scenario.model import PanelLeaf, RecordingSettings, Scenario
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar

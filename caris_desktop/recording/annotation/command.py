@@ -7,7 +7,7 @@ from pathlib import Path
 from caris_desktop.recording.annotation.agreement import compare_coders, report
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
-from caris_desktop.recording.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_header import SessionError, read_header
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

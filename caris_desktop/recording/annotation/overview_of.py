@@ -17,8 +17,8 @@ from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.annotation.session_tiers import SessionRecord, streams_of_tiers
-from caris_desktop.recording.marks import FinalMark
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.marks import FinalMark
+from caris_desktop.recording.session.session_reader import Session
 
 BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000

@@ -45,9 +45,9 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.marks import FinalMark, final_marks_of
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.utterances import SpokenUtterance, spoken_of
+from caris_desktop.recording.session.marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
 
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = "Wizard marks"

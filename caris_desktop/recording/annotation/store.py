@@ -30,8 +30,8 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.disk_file import no_room, replace_file
-from caris_desktop.recording.session_header import SessionError, read_header, times_of
+from caris_desktop.recording.recorder.disk_file import no_room, replace_file
+from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
 FORMAT = "caris-desktop annotations"
 FORMAT_VERSION = 1

@@ -18,7 +18,7 @@ from caris_desktop.recording.exporters.tables import (
     scalar_text,
     session_rows,
 )
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:

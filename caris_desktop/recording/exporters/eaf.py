@@ -27,7 +27,7 @@ from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 FREE_TEXT = "free text"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"

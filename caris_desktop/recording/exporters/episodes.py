@@ -14,10 +14,10 @@ import numpy as np
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, People, PeopleInMap, RobotPose
-from caris_desktop.recording.measures import COMMAND_HOLDS_S, reaction_times, read_facts, response_times
-from caris_desktop.recording.robot_clock import RobotClock, robot_clock
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.utterances import SpokenUtterance
+from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.studies.measures import COMMAND_HOLDS_S, reaction_times, read_facts, response_times
 
 STEP_NS = 100_000_000
 PAUSE_NS = 2_000_000_000

@@ -17,8 +17,8 @@ from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.episodes import Written, write_dialogue, write_driving
 from caris_desktop.recording.exporters.pictures import Pace, picture_of
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.robot_clock import robot_clock
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.robot_clock import robot_clock
+from caris_desktop.recording.session.session_reader import Session
 
 YOLO_HZ, MOT_HZ = 2.0, 5.0
 _JPEG_QUALITY = 92

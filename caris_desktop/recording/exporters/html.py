@@ -26,13 +26,17 @@ from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.store import load_documents
-from caris_desktop.recording.completeness import counted, what_is_missing
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, clock_text, duration_text
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.marks import FinalMark
-from caris_desktop.recording.measures import (
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.session.marks import FinalMark
+from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.studies.completeness import counted, what_is_missing
+from caris_desktop.recording.studies.measures import (
     RESPONSE_LIMIT_S,
     Measures,
     Reply,
@@ -48,10 +52,6 @@ from caris_desktop.recording.measures import (
     presence,
     read_facts,
 )
-from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.scenario_text import ScenarioText, read_scenario
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.utterances import SpokenUtterance
 
 _log = logging.getLogger(__name__)
 _MAX_PHOTOS = 60

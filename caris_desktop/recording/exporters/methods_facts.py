@@ -9,14 +9,14 @@ from typing import Any
 
 from caris_desktop.domain.events import ControlUsed, HeadMoved, LlmExchange, RobotChosen, ScenarioOpened
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.recording import mcap_blocks
 from caris_desktop.recording.exporters.methods_words import distinct
-from caris_desktop.recording.measures import Measures, ModelUse, measure, read_facts
-from caris_desktop.recording.robot_clock import ClockSummary, robot_clock
-from caris_desktop.recording.scenario_text import ScenarioText, read_scenario
-from caris_desktop.recording.session_header import SessionError, read_header
-from caris_desktop.recording.session_reader import Session, open_session
-from caris_desktop.recording.study_index import session_folders
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.robot_clock import ClockSummary, robot_clock
+from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.studies.measures import Measures, ModelUse, measure, read_facts
+from caris_desktop.recording.studies.study_index import session_folders
 
 _log = logging.getLogger(__name__)
 PRACTICE = "practice"

@@ -19,7 +19,7 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
-from caris_desktop.recording.measures import ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.measures import ModelUse, Spread, per_10_min
 
 
 def paragraph(study: StudyFacts) -> str:

@@ -15,7 +15,6 @@ from typing import Any
 
 from caris_desktop.domain.events import LlmExchange, RobotChosen, ScenarioOpened
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.completeness import stream_words
 from caris_desktop.recording.exporters.drawings import duration_text
 from caris_desktop.recording.exporters.html import distance_text, model_name
 from caris_desktop.recording.exporters.methods_facts import (
@@ -42,9 +41,10 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
-from caris_desktop.recording.measures import ModelUse, Spread, per_10_min
-from caris_desktop.recording.scenario_text import ScenarioText
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.scenario_text import ScenarioText
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.studies.completeness import stream_words
+from caris_desktop.recording.studies.measures import ModelUse, Spread, per_10_min
 
 # A robot's clock that is further off was never set, or is that of a simulation.
 _OWN_TIME_S = 30 * 86400.0

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 
-from caris_desktop.recording.measures import Spread
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.studies.measures import Spread
 
 SEEN = (
     ("frame", "the video of the robot's camera"),

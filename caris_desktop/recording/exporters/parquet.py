@@ -23,7 +23,7 @@ from caris_desktop.recording.exporters.tables import (
     scalar_text,
     session_rows,
 )
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _ROWS_PER_GROUP = 20_000

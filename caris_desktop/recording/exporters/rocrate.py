@@ -22,9 +22,9 @@ from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.mcap_blocks import read_index
-from caris_desktop.recording.session_reader import Session, SessionError
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
+from caris_desktop.recording.session.mcap_blocks import read_index
+from caris_desktop.recording.session.session_reader import Session, SessionError
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
 _BLOCK_BYTES = 1 << 20

@@ -29,12 +29,12 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.domain.streams import StreamSpec
-from caris_desktop.recording.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.pictures import Pace, picture_of
+from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.robot_clock import RobotClock, robot_clock
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.fields import Message, encode_header, encode_pose

@@ -21,11 +21,11 @@ import numpy as np
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.marks import FinalMark, final_marks
-from caris_desktop.recording.robot_clock import Measured, RobotClock, robot_clock
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.utterances import SpokenUtterance, spoken
+from caris_desktop.recording.session.marks import FinalMark, final_marks
+from caris_desktop.recording.session.robot_clock import Measured, RobotClock, robot_clock
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 _log = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from pathlib import Path, PurePath
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text
-from caris_desktop.recording.marks import final_marks
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.marks import final_marks
+from caris_desktop.recording.session.session_reader import Session
 
 FILE_NAME = "session.TextGrid"
 _MARKS_TIER = "Moments of marks"

@@ -11,8 +11,8 @@ from typing import Any
 
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.utterances import SpokenUtterance, spoken
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 # Of what was heard, often only the moment is known at which it was understood.
 _MOMENT_SHOWN_NS = 2_000_000_000

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
-from caris_desktop.recording import mcap_blocks
-from caris_desktop.recording.mcap_blocks import BlockIndex, DamagedBlockError, Message
-from caris_desktop.recording.session_header import SessionError
-from caris_desktop.recording.session_reader import Session, value_reader
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, Message
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, value_reader
 
 _log = logging.getLogger(__name__)
 _KEPT_BLOCKS = 64

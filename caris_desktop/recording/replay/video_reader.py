@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.frame_times import NO_ROBOT_STAMP, FrameTimes, index_path, read_frame_times
-from caris_desktop.recording.session_header import inside
-from caris_desktop.recording.session_reader import Session
-from caris_desktop.recording.video_file import video_file_name
-from caris_desktop.recording.video_names import camera_of_video
+from caris_desktop.recording.recorder.video_file import video_file_name
+from caris_desktop.recording.session.frame_times import NO_ROBOT_STAMP, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.session_header import inside
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.video_names import camera_of_video
 
 _log = logging.getLogger(__name__)
 # Decoding so many frames more costs less than going to another place in the file.

@@ -11,7 +11,7 @@ from caris_desktop.live.intents import ReplayControls
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.recording.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import REPLAY_ACTIONS, Actions
 from caris_desktop.ui.icons import draw_icon

@@ -13,12 +13,12 @@ from caris_desktop.domain.events import CommandSent, Marked, ScenarioOpened, Utt
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import FrameRef, LaserScan, OccupancyGrid, StatusShown
 from caris_desktop.domain.streams import BY_TYPE, Delivery
-from caris_desktop.recording import mcap_blocks
-from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.event_log import EventLog
+from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_reader import Session, open_session
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import Session, open_session
 from tests.support.recorded_session import MadeSession
 
 Arrived = tuple[int, Any]

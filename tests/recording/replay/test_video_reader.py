@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.recorder.video_encoders import FASTEST
+from caris_desktop.recording.recorder.video_file import VideoFile
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session_clock import SessionClock
-from caris_desktop.recording.session_reader import open_session
-from caris_desktop.recording.video_encoders import FASTEST
-from caris_desktop.recording.video_file import VideoFile
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import open_session
 from tests.support.recorded_session import MadeSession, number_in, picture_of
 
 

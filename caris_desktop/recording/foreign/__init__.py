@@ -1,0 +1,1 @@
+"""Bags that other programs recorded, made into sessions."""

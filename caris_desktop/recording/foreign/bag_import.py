@@ -1,0 +1,463 @@
+"""Bags that this program did not record become session folders, so that replay, annotation and export work on them."""
+
+import json
+import logging
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from caris_desktop import __version__
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import SessionEnded, SessionStarted
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.foreign.bag_files import (
+    Bag,
+    BagChannel,
+    BagError,
+    ReadNotes,
+    in_order_of_time,
+    looks_like_bag,
+    open_bag,
+)
+from caris_desktop.recording.foreign.bag_messages import MessageReader, NotUnderstoodError
+from caris_desktop.recording.foreign.bag_values import (
+    SESSION_TOPIC,
+    Casting,
+    OwnSession,
+    Picture,
+    Role,
+    ValueMaker,
+    cast_channels,
+    own_session,
+)
+from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
+from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.recorder.media_writer import VideoInfo
+from caris_desktop.recording.recorder.plain_files import PlainFiles
+from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.recorder.video_encoders import x264
+from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.session.frame_times import index_path
+from caris_desktop.recording.session.manifest import write_manifest
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.ros.fields import MessageError
+
+__all__ = ["BagError", "ImportReport", "TopicReport", "import_bag", "looks_like_bag"]
+_log = logging.getLogger(__name__)
+REASON = "imported"
+_FIRST_STAMP_NS = 1_000_000_000
+_LATEST_UTC_NS = 4_102_444_800_000_000_000  # the year 2100
+_NEAR_NS = 3600 * 1_000_000_000
+_SURVEY_SHARE = 0.2
+_TELL_EVERY = 100
+_FLUSH_EVERY_NS = 1_000_000_000
+_SUFFIX = ".importing"
+_SIMULATED_BEFORE_NS = 631_152_000_000_000_000  # the year 1990
+_MAX_TOPICS_TOLD = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class TopicReport:
+    """What became of one topic: ``became`` is the stream it was read as, empty where ``reason`` says why not.
+
+    Of ``messages``, ``used`` could be read; ``reason`` then says what was wrong with the first of the others.
+    """
+
+    topic: str
+    type: str
+    messages: int
+    used: int
+    became: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportReport:
+    """A bag that became a session. ``values`` counts what was written, by stream; ``notes`` are sentences."""
+
+    folder: Path
+    kind: str
+    started_utc: str
+    duration_s: float
+    values: dict[str, int]
+    topics: tuple[TopicReport, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def not_understood(self) -> tuple[TopicReport, ...]:
+        return tuple(topic for topic in self.topics if not topic.became)
+
+
+def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lambda _fraction: None) -> ImportReport:
+    """Turn the bag at ``path`` into a session in ``folder``, which must not exist. Nothing is written beside the bag.
+
+    ``path`` is a ROS 1 ``.bag``, a rosbag2 folder or file (SQLite or MCAP), or an MCAP file with ROS messages.
+    ``progress`` takes 0..1; whatever it raises ends the import, and nothing of it remains.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, or holds nothing that this program knows, or ``folder`` cannot be made.
+    """
+    path, folder = path.absolute(), folder.absolute()
+    if folder.exists() or folder.is_symlink():
+        raise BagError(f"{folder} exists already. Nothing was written; choose another name.")
+    if path.is_dir() and path.resolve() in (folder.parent.resolve(), *folder.parent.resolve().parents):
+        raise BagError(f"{folder} would lie inside the bag. Nothing was written; choose another place.")
+    partial: Path | None = None
+    try:
+        # A file is opened before any folder is made; a folder may have to be unfolded somewhere first.
+        file = None if path.is_dir() else open_bag(path, scratch=Path())
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name[:80]}.", suffix=_SUFFIX))
+        scratch = partial / ".scratch"
+        scratch.mkdir()
+        place = partial / folder.name
+        place.mkdir()
+        bag = file or open_bag(path, scratch=scratch)
+        report = _import(bag, path, folder, place, progress)
+        place.rename(folder)
+    except OSError as error:
+        _log.info("importing %s", path, exc_info=True)
+        advice = " Free some room, or choose another disk." if no_room(error) else ""
+        raise BagError(f"{path} could not be imported: {error.strerror or error}. Nothing was kept.{advice}") from error
+    finally:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+    progress(1.0)
+    return report
+
+
+@dataclass(slots=True)
+class _Survey:
+    """What one look at the whole bag tells. Times are UTC as the bag has it."""
+
+    counts: Counter[BagChannel]
+    first_ns: int = _LATEST_UTC_NS
+    last_ns: int = 0
+    own: OwnSession | None = None
+
+
+def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[[float], None]) -> ImportReport:
+    notes = ReadNotes()
+    survey = _surveyed(bag, path, notes, progress)
+    readers: dict[BagChannel, MessageReader] = {}
+    unreadable: dict[BagChannel, str] = {}
+    for channel in survey.counts:
+        try:
+            readers[channel] = MessageReader(channel)
+        except NotUnderstoodError as error:
+            unreadable[channel] = str(error)
+    casting = cast_channels(survey.counts, unreadable, own=survey.own is not None)
+    if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
+        names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
+        raise BagError(
+            f"{path.name} holds nothing that this program knows ({len(survey.counts)} topics of the types {names}). "
+            "Nothing was written."
+        )
+    own = survey.own
+    anchor = own.anchor if own is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
+    clock = SessionClock(anchor, own.started_ns if own is not None else anchor.monotonic_ns)
+    writer = _SessionWriter(place, clock)
+    maker = ValueMaker(casting.roles.values(), own)
+    used: Counter[BagChannel] = Counter()
+    faults: dict[BagChannel, str] = {}
+    try:
+        writer.put(SessionStarted(clock.started_ns, folder.name), clock.started_ns)
+        for number, message in enumerate(in_order_of_time(bag.messages(notes))):
+            if not number % _TELL_EVERY:
+                progress(_SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * min(1.0, message.fraction))
+            role = casting.roles.get(message.channel)
+            if role is None or not 0 < message.at_ns < _LATEST_UTC_NS:
+                continue
+            stamp_ns = anchor.monotonic_ns + (message.at_ns - anchor.utc_ns)
+            try:
+                for value in maker.make(role, readers[message.channel].read(message.data), stamp_ns, message.channel):
+                    writer.put(value, stamp_ns)
+                used[message.channel] += 1
+            except MessageError as error:
+                faults.setdefault(message.channel, str(error))
+        last_ns = anchor.monotonic_ns + (survey.last_ns - anchor.utc_ns)
+        ended_ns = max(last_ns, clock.started_ns)
+        if own is not None and own.ended_ns is not None and ended_ns < own.ended_ns < ended_ns + _NEAR_NS:
+            ended_ns = own.ended_ns
+        _refuse_nothing(path, casting, used, faults)
+        videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
+    except BaseException:
+        writer.abandon()
+        raise
+    _add_notes(notes, writer, maker, survey)
+    topics = _topics(survey, casting, used, faults)
+    report = ImportReport(
+        folder=folder,
+        kind=bag.kind,
+        started_utc=clock.utc(clock.started_ns),
+        duration_s=clock.session_s(ended_ns),
+        values=dict(sorted(writer.counts.items())),
+        topics=topics,
+        notes=tuple(notes.sentences),
+    )
+    _write_header(place, report, path.name, clock=clock, ended_ns=ended_ns, videos=videos, own=own)
+    write_manifest(place)
+    return report
+
+
+def _refuse_nothing(path: Path, casting: Casting, used: Counter[BagChannel], faults: dict[BagChannel, str]) -> None:
+    if not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
+        first = next(iter(faults.values()), "no message could be read")
+        raise BagError(f"{path.name} holds no message that could be used ({first}). Nothing was written.")
+
+
+def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
+    """Look at every message once, for what there is and when; whatever is odd is noted in the second reading."""
+    survey = _Survey(Counter())
+    for number, message in enumerate(bag.messages(notes)):
+        if not number % _TELL_EVERY:
+            progress(_SURVEY_SHARE * min(1.0, message.fraction))
+        survey.counts[message.channel] += 1
+        if not 0 < message.at_ns < _LATEST_UTC_NS:
+            notes.add("Messages whose time is zero, or no time at all, were left out.")
+            continue
+        survey.first_ns, survey.last_ns = min(survey.first_ns, message.at_ns), max(survey.last_ns, message.at_ns)
+        if survey.own is None and message.channel.topic == SESSION_TOPIC:
+            survey.own = _own_session(message.channel, message.data, message.at_ns)
+    if not survey.counts or not survey.last_ns:
+        said = f" {notes.sentences[0]}" if notes.sentences else ""
+        raise BagError(f"{path.name} holds no messages.{said} Nothing was written.")
+    if survey.last_ns < _SIMULATED_BEFORE_NS:
+        notes.add("The bag's clock is that of a simulation: dates are not those of the recording.")
+    return survey
+
+
+def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | None:
+    try:
+        own = own_session(MessageReader(channel).read(data))
+    except (NotUnderstoodError, MessageError):
+        return None
+    if own is None:
+        return None
+    # Of another time: what it maps would not be where the messages are.
+    sane = 0 <= own.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= own.started_ns < _LATEST_UTC_NS
+    return own if sane and abs(own.anchor.utc_ns_at(own.started_ns) - at_ns) < _NEAR_NS else None
+
+
+class _SessionWriter:
+    """The session folder while it is being filled."""
+
+    def __init__(self, folder: Path, clock: SessionClock) -> None:
+        self._folder = folder
+        self._clock = clock
+        self._log = EventLog(
+            DiskFile(folder / "events.mcap"), anchor=clock.anchor, metadata={"program_version": __version__}
+        )
+        self._plain = PlainFiles(folder, clock, on_full=lambda: False)
+        self._videos: dict[str, VideoFile] = {}
+        self._names: set[str] = set()
+        self._sequences: Counter[str] = Counter()
+        self._finished: list[VideoInfo] = []
+        self._waiting: dict[type[Any], tuple[Any, int]] = {}
+        self._written_ns: dict[type[Any], int] = {}
+        self._flushed_ns = clock.started_ns
+        self.without_video: dict[str, str] = {}
+
+    @property
+    def counts(self) -> Counter[str]:
+        return self._log.counts
+
+    def put(self, value: Any, arrived_ns: int) -> None:
+        """Raises OSError."""
+        if self._waiting:
+            self._put_waiting(arrived_ns)
+        if isinstance(value, Picture):
+            self._put_picture(value, arrived_ns)
+            return
+        spec = BY_TYPE[type(value)]
+        due_ns = self._written_ns.get(type(value), -_LATEST_UTC_NS) + round(spec.record_every_s * 1e9)
+        if spec.record_every_s and arrived_ns < due_ns:
+            self._waiting[type(value)] = (value, due_ns)
+            return
+        self._write(value, arrived_ns)
+
+    def close(self, end: SessionEnded) -> tuple[VideoInfo, ...]:
+        """Raises OSError."""
+        self._put_waiting(end.stamp_ns, all_of_them=True)
+        for camera in tuple(self._videos):
+            self._close_video(camera)
+        self._write(end, end.stamp_ns)
+        self._log.close()
+        self._plain.close()
+        return tuple(self._finished)
+
+    def abandon(self) -> None:
+        """Let go of the files; the folder is thrown away."""
+        for video in self._videos.values():
+            video.abandon()
+        self._videos.clear()
+        for closing in (self._log.file.close, self._plain.close):
+            try:
+                closing()
+            except (OSError, ValueError):
+                _log.debug("closing an import that is thrown away", exc_info=True)
+
+    def _write(self, value: Any, arrived_ns: int) -> None:
+        try:
+            self._log.write(BY_TYPE[type(value)], value, arrived_ns)
+        except (TypeError, ValueError) as error:
+            raise MessageError(f"it holds what cannot be recorded: {error}") from error
+        self._written_ns[type(value)] = arrived_ns
+        self._plain.add(value)
+        if arrived_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
+            self._flushed_ns = arrived_ns
+            self._log.flush()
+
+    def _put_waiting(self, now_ns: int, *, all_of_them: bool = False) -> None:
+        """Large values that were held back: the newest of each second is kept."""
+        for kind, (value, due_ns) in list(self._waiting.items()):
+            if all_of_them or now_ns >= due_ns:
+                del self._waiting[kind]
+                self._write(value, now_ns)
+
+    def _put_picture(self, picture: Picture, arrived_ns: int) -> None:
+        camera = picture.camera
+        if camera in self.without_video:
+            raise MessageError(f"the video of this camera has ended: {self.without_video[camera]}")
+        height_px, width_px = picture.image_bgr.shape[:2]
+        sequence = self._sequences[camera] + 1
+        ref = FrameRef(arrived_ns, picture.robot_stamp_ns, camera, "", 0, sequence, width_px, height_px)
+        try:
+            self._video_for(camera, width_px, height_px).write(picture.image_bgr, ref)
+        except OSError:
+            raise
+        except Exception as error:
+            # PyAV raises errors of its own kinds; the other cameras go on.
+            _log.warning("video of %s", camera, exc_info=True)
+            self.without_video[camera] = str(error)
+            if camera in self._videos:
+                self._close_video(camera)
+            raise MessageError(f"it cannot be encoded: {error}") from error
+        self._sequences[camera] = sequence
+        self._write(ref, arrived_ns)
+
+    def _video_for(self, camera: str, width_px: int, height_px: int) -> VideoFile:
+        video = self._videos.get(camera)
+        if video is not None and (video.width_px, video.height_px) == (width_px // 2 * 2, height_px // 2 * 2):
+            return video
+        if video is not None:
+            self._close_video(camera)
+        name = video_file_name(camera, self._names)
+        video = VideoFile(
+            self._folder / name,
+            width_px=width_px,
+            height_px=height_px,
+            encoder=x264("veryfast"),
+            clock=self._clock,
+            on_full=lambda: False,
+        )
+        self._names.add(name)
+        self._videos[camera] = video
+        return video
+
+    def _close_video(self, camera: str) -> None:
+        video = self._videos.pop(camera)
+        video.close()
+        duration_s = (video.last_stamp_ns - video.first_stamp_ns) / 1e9
+        self._finished.append(
+            VideoInfo(
+                file_name=video.path.name,
+                camera=camera,
+                frames=video.frames,
+                width_px=video.width_px,
+                height_px=video.height_px,
+                first_stamp_ns=video.first_stamp_ns,
+                last_stamp_ns=video.last_stamp_ns,
+                index_file=index_path(video.path).name,
+                encoder=video.encoder.title,
+                rate_hz=round((video.frames - 1) / duration_s, 3) if duration_s > 0.0 else 0.0,
+                left_out=0,
+            )
+        )
+
+
+def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, survey: _Survey) -> None:
+    for frame in sorted(maker.lasers_without_place):
+        notes.add(f"Where the laser '{frame}' sits on the robot is not told; it is shown at the robot's centre.")
+    for camera, why in writer.without_video.items():
+        notes.add(f"The video of the camera {camera} ended early: {why}.")
+    if survey.own is None:
+        notes.add(
+            "Times are those of the bag's clock. The robot's own stamps are kept beside them; how far the two clocks "
+            "disagree is not known."
+        )
+
+
+def _topics(
+    survey: _Survey, casting: Casting, used: Counter[BagChannel], faults: dict[BagChannel, str]
+) -> tuple[TopicReport, ...]:
+    reports = []
+    for channel, count in sorted(survey.counts.items(), key=lambda item: (item[0].topic, item[0].type)):
+        role: Role | None = casting.roles.get(channel)
+        became = role.stream if role is not None and used[channel] else ""
+        reason = faults.get(channel, "") if role is not None else casting.reasons.get(channel, "")
+        reports.append(TopicReport(channel.topic, channel.type, count, used[channel], became, reason))
+    return tuple(reports)
+
+
+def _write_header(
+    place: Path,
+    report: ImportReport,
+    name: str,
+    *,
+    clock: SessionClock,
+    ended_ns: int,
+    videos: tuple[VideoInfo, ...],
+    own: OwnSession | None,
+) -> None:
+    told = own.header if own is not None else {}
+    trial = told.get("trial")
+    scenario = told.get("scenario")
+    named = {
+        key: str(scenario[key]) for key in ("title", "file", "sha256") if isinstance(scenario, dict) and key in scenario
+    }
+    data = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "program_version": __version__,
+        "scenario": {"title": "", "file": "", "sha256": "", **named},
+        "robot": {"profile": "", "address": ""},
+        "trial": {str(key): str(value) for key, value in trial.items()} if isinstance(trial, dict) else {},
+        "clock": {
+            "monotonic_ns": clock.anchor.monotonic_ns,
+            "utc_ns": clock.anchor.utc_ns,
+            "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns).",
+        },
+        "started_ns": clock.started_ns,
+        "started_utc": clock.utc(clock.started_ns),
+        "ended_ns": ended_ns,
+        "ended_utc": clock.utc(ended_ns),
+        "duration_s": round(clock.session_s(ended_ns), 3),
+        "reason": REASON,
+        "counts": report.values,
+        "dropped": {},
+        "videos": [asdict(video) for video in videos],
+        "source": {
+            "kind": report.kind,
+            "name": name,
+            "imported_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+            "topics": [asdict(topic) for topic in report.topics[:_MAX_TOPICS_TOLD]],
+            "not_understood": [topic.topic for topic in report.not_understood[:_MAX_TOPICS_TOLD]],
+            "notes": list(report.notes),
+        },
+        "files": [
+            {"name": file.relative_to(place).as_posix(), "bytes": file.stat().st_size}
+            for file in sorted(place.rglob("*"))
+            if file.is_file()
+        ],
+    }
+    text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+    replace_file(place / "session.json", text.encode("utf-8", "replace"), durable=True)

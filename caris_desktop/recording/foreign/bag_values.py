@@ -1,0 +1,504 @@
+"""What the topics of a foreign bag mean here: which of them is taken for what, and its messages as domain values."""
+
+import json
+import logging
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import (
+    CommandSent,
+    GoalChanged,
+    InitialPoseSet,
+    LinkQuality,
+    SessionEnded,
+    SessionStarted,
+    Speaker,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema import from_jsonable
+from caris_desktop.domain.sensing import AudioBlock, CameraLens, LaserScan, OccupancyGrid, PlannedPath, RobotPose
+from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.recording.foreign.bag_files import BagChannel
+from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.ros.definitions import plain_name
+from caris_desktop.ros.fields import Message, MessageError, blob, count, frame_of, message_of, stamp_of, text
+
+_log = logging.getLogger(__name__)
+MAP_FRAME, BASE_FRAMES = "map", ("base_link", "base_footprint")
+SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
+_MAX_PICTURE_PX = 64_000_000
+_MAX_FRAMES, _MAX_DEPTH = 2000, 50
+_TF_POSE_EVERY_NS = 50_000_000
+# A value that our own export wrote belongs to the moment it lies at; another clock's is not to be mixed in.
+_SAME_SESSION_NS = 24 * 3600 * 1_000_000_000
+_IMAGE_WORDS = frozenset(
+    [
+        "image",
+        "image_raw",
+        "image_color",
+        "image_rect",
+        "image_rect_color",
+        "image_mono",
+        "compressed",
+        "theora",
+        "camera_info",
+    ]
+)
+_SPEECH_WORDS = ("speech", "speak", "say", "tts", "utter", "transcript", "voice", "asr", "stt", "heard", "recogni")
+_HEARD_WORDS = ("asr", "stt", "transcript", "recogni", "heard", "participant", "speech_to_text")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One camera image. ``image_bgr`` is uint8, shape (height, width, 3)."""
+
+    camera: str
+    robot_stamp_ns: int | None
+    image_bgr: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """What a channel is taken for. ``stream`` is the stream it becomes, or frames; ``camera`` where it is of one."""
+
+    stream: str
+    kind: str
+    camera: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnSession:
+    """What a bag that this program exported says of the session it came from."""
+
+    anchor: ClockAnchor
+    started_ns: int
+    ended_ns: int | None
+    header: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Casting:
+    """Which channel is taken for what, and why the others are not."""
+
+    roles: dict[BagChannel, Role]
+    reasons: dict[BagChannel, str]
+
+
+def own_session(data: Any) -> OwnSession | None:
+    """From the message of ``/caris/session``; None where it is not what the export writes."""
+    try:
+        header = json.loads(text(message_of(data, "String"), "data", "String"))
+        anchor = ClockAnchor(int(header["clock"]["monotonic_ns"]), int(header["clock"]["utc_ns"]))
+        ended = header.get("ended_ns")
+        return OwnSession(anchor, int(header["started_ns"]), ended if isinstance(ended, int) else None, header)
+    except (KeyError, TypeError, ValueError, RecursionError):
+        _log.info("%s does not describe a session", SESSION_TOPIC, exc_info=True)
+        return None
+
+
+def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool) -> Casting:
+    """Choose for each stream the channel to take.
+
+    ``counts`` are messages; ``unreadable`` says of channels why they cannot be read; ``own``: this program exported
+    the bag.
+    """
+    casting = Casting({}, {})
+    wishes: dict[Role, list[BagChannel]] = {}
+    streams_as_json = {
+        channel.topic.removeprefix(VALUE_TOPICS) for channel in counts if own and channel.topic.startswith(VALUE_TOPICS)
+    }
+    for channel in counts:
+        wish = _own_role(channel) if own and channel.topic.startswith(VALUE_TOPICS) else _role(channel)
+        if isinstance(wish, str):
+            casting.reasons[channel] = wish
+        elif channel in unreadable:
+            casting.reasons[channel] = unreadable[channel]
+        elif wish.kind != "value" and wish.stream in streams_as_json:
+            casting.reasons[channel] = f"the same is in {VALUE_TOPICS}{wish.stream}"
+        elif own and wish.kind in ("tf", "utterance") and channel.topic != "/tf_static":
+            casting.reasons[channel] = "the same is in other topics"
+        else:
+            wishes.setdefault(wish, []).append(channel)
+    for role, channels in wishes.items():
+        several = role.kind in ("tf", "utterance", "initial_pose", "goal", "value")
+        chosen = channels if several else [min(channels, key=lambda item: _preference(role, item, counts[item]))]
+        for channel in channels:
+            if channel in chosen:
+                casting.roles[channel] = role
+            else:
+                casting.reasons[channel] = f"{chosen[0].topic} is taken for the {role.stream}"
+    _merge_poses(casting, counts)
+    _merge_cameras(casting, counts)
+    return casting
+
+
+def _role(channel: BagChannel) -> Role | str:
+    """What a channel could be, or why it is nothing."""
+    topic, words = channel.topic.lower(), re.split(r"[/_]+", channel.topic.lower())
+    match plain_name(channel.type):
+        case "sensor_msgs/LaserScan":
+            return Role("scan", "scan")
+        case "nav_msgs/Odometry":
+            return Role("odometry", "odometry")
+        case "nav_msgs/OccupancyGrid":
+            return "it is a costmap, not the map" if "costmap" in topic else Role("map", "map")
+        case "nav_msgs/Path":
+            return Role("path", "path")
+        case "sensor_msgs/BatteryState":
+            return Role("battery", "battery")
+        case "geometry_msgs/PoseWithCovarianceStamped":
+            if "initialpose" in topic.replace("_", ""):
+                return Role("event/initial_pose_set", "initial_pose")
+            return Role("pose", "pose_with_covariance")
+        case "geometry_msgs/PoseStamped":
+            return Role("event/goal_changed", "goal") if "goal" in words else Role("pose", "pose")
+        case "tf2_msgs/TFMessage" | "tf/tfMessage":
+            return Role("frames of reference", "tf")
+        case "geometry_msgs/Twist" | "geometry_msgs/TwistStamped" as name:
+            if "cmd_vel" not in topic and "cmdvel" not in topic:
+                return "its name does not say that these velocities drive the robot"
+            return Role("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
+        case "sensor_msgs/CompressedImage":
+            if "depth" in words:
+                return "it is a depth image"
+            return Role("frame", "compressed_image", camera_name(channel.topic))
+        case "sensor_msgs/Image":
+            return "it is a depth image" if "depth" in words else Role("frame", "image", camera_name(channel.topic))
+        case "sensor_msgs/CameraInfo":
+            return Role("lens", "camera_info", camera_name(channel.topic))
+        case "std_msgs/String":
+            if any(word in topic for word in _SPEECH_WORDS):
+                return Role("event/utterance_changed", "utterance")
+            return "its name does not say that these texts are speech"
+        case name:
+            return f"{name or 'its type'} has no counterpart here"
+
+
+def _own_role(channel: BagChannel) -> Role | str:
+    name = channel.topic.removeprefix(VALUE_TOPICS)
+    if channel.topic == SESSION_TOPIC:
+        return Role("session.json", "session")
+    spec = BY_NAME.get(name)
+    if spec is None:
+        return "a stream that this version does not know"
+    if spec.value_type in (SessionStarted, SessionEnded):
+        return "the import has a beginning and an end of its own"
+    if spec.value_type is AudioBlock:
+        return "its sound is not in the bag"
+    return Role(name, "value", name)
+
+
+_PREFERRED = {
+    "scan": ("scan", "base_scan", "scan_filtered"),
+    "odometry": ("odom", "odometry"),
+    "map": ("map",),
+    "path": ("plan", "global_plan", "path"),
+    "battery": ("battery_state", "battery"),
+    "pose": ("amcl_pose", "robot_pose", "pose"),
+    "event/command_sent": ("cmd_vel",),
+}
+
+
+def _preference(role: Role, channel: BagChannel, messages_of_it: int) -> tuple[int, int, int, str]:
+    """The smaller the better: by the last part of its name, by how much there is, by how deep it lies."""
+    parts = channel.topic.strip("/").split("/")
+    preferred = _PREFERRED.get(role.stream, ())
+    rank = preferred.index(parts[-1]) if parts[-1] in preferred else len(preferred)
+    return rank, -messages_of_it, len(parts), channel.topic
+
+
+def _merge_poses(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
+    """One topic tells the pose, whichever of its types it has; so with the velocities."""
+    for stream in ("pose", "event/command_sent"):
+        channels = [
+            channel for channel, role in casting.roles.items() if role.stream == stream and role.kind != "value"
+        ]
+        if len(channels) < 2:
+            continue
+        best = min(channels, key=lambda item: _preference(casting.roles[item], item, counts[item]))
+        for channel in channels:
+            if channel is not best:
+                del casting.roles[channel]
+                casting.reasons[channel] = f"{best.topic} is taken for the {stream}"
+
+
+def _merge_cameras(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
+    """Of a camera that is there raw and compressed, the one with more pictures."""
+    cameras: dict[str, list[BagChannel]] = {}
+    for channel, role in casting.roles.items():
+        if role.kind in ("image", "compressed_image"):
+            cameras.setdefault(role.camera, []).append(channel)
+    for channels in cameras.values():
+        best = max(channels, key=lambda item: (counts[item], item.type))
+        for channel in channels:
+            if channel is not best:
+                del casting.roles[channel]
+                casting.reasons[channel] = f"the same pictures are in {best.topic}"
+
+
+def camera_name(topic: str) -> str:
+    """What to call a camera: ``front`` of ``/camera/front/image/compressed``, ``rgb`` of ``/camera/rgb/image_raw``."""
+    parts = [part for part in topic.strip("/").split("/") if part and part not in _IMAGE_WORDS]
+    if len(parts) > 1 and parts[0] == "camera":
+        parts = parts[1:]
+    return "-".join(parts) or "camera"
+
+
+@dataclass(slots=True)
+class FrameTree:
+    """Frames of reference on the floor plane: of each, its parent and its newest place in it."""
+
+    parents: dict[str, tuple[str, Pose2D]] = field(default_factory=dict)
+
+    def put(self, transform: messages.Transform) -> None:
+        if len(self.parents) < _MAX_FRAMES or transform.child_frame in self.parents:
+            self.parents[transform.child_frame] = (transform.parent_frame, transform.parent_from_child)
+
+    def chain(self, frame: str) -> list[str]:
+        """``frame`` and all above it."""
+        names = [frame]
+        while names[-1] in self.parents and len(names) < _MAX_DEPTH:
+            names.append(self.parents[names[-1]][0])
+        return names
+
+    def pose_in(self, above: str, frame: str) -> Pose2D | None:
+        """Where ``frame`` is in ``above``, one of the frames it hangs from; None where it does not hang from it."""
+        names = self.chain(frame)
+        if above not in names:
+            return None
+        pose = Pose2D(0.0, 0.0, 0.0)
+        for name in names[: names.index(above)]:
+            pose = self.parents[name][1] @ pose
+        return pose
+
+    def base(self, frame: str | None = None) -> str | None:
+        """The robot's own frame; of two, the one from which ``frame`` hangs."""
+        candidates = [name for name in BASE_FRAMES if frame is None or name in self.chain(frame)]
+        return next((name for name in candidates if name in self.parents or frame is not None), None)
+
+
+class ValueMaker:
+    """Makes domain values of messages, one after another. ``stamp_ns`` is the bag's time as session time."""
+
+    def __init__(self, roles: Iterable[Role], own: OwnSession | None) -> None:
+        self._own = own
+        self._tree = FrameTree()
+        self._pose_from_tf = not any(role.stream == "pose" for role in roles)
+        self._tf_pose_ns = -_TF_POSE_EVERY_NS
+        self._moving: set[str] = set()
+        self._commands = self._goals = self._utterances = 0
+        self._lenses: dict[str, CameraModel] = {}
+        self.lasers_without_place: set[str] = set()
+        self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
+            "scan": self._scan,
+            "odometry": lambda message, at_ns, _: iter([messages.decode_odometry(message, stamp_ns=at_ns)]),
+            "map": self._map,
+            "path": self._path,
+            "battery": lambda message, at_ns, _: iter([messages.decode_battery_state(message, stamp_ns=at_ns)]),
+            "pose": lambda message, at_ns, _: self._pose(messages.decode_pose_stamped, message, at_ns),
+            "pose_with_covariance": lambda message, at_ns, _: self._pose(
+                messages.decode_pose_with_covariance_stamped, message, at_ns
+            ),
+            "initial_pose": self._initial_pose,
+            "goal": self._goal,
+            "tf": self._transforms,
+            "twist": lambda message, at_ns, _: self._command(messages.decode_twist(message), at_ns),
+            "twist_stamped": lambda message, at_ns, _: self._command(messages.decode_twist_stamped(message)[0], at_ns),
+            "utterance": self._utterance,
+        }
+
+    def make(self, role: Role, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
+        """Domain values and pictures. Raises MessageError for a message that cannot be used."""
+        match role.kind:
+            case "image":
+                yield Picture(role.camera, stamp_of(message, "Image"), _image_bgr(message))
+            case "compressed_image":
+                image = messages.decode_compressed_image(message)
+                yield Picture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
+            case "camera_info":
+                yield from self._lens(role.camera, message, stamp_ns)
+            case "value":
+                yield from self._own_value(role.camera, message, stamp_ns)
+            case "session":
+                return
+            case _:
+                yield from self._makers[role.kind](message, stamp_ns, channel)
+
+    def _scan(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[LaserScan]:
+        scan = messages.decode_laser_scan(message, stamp_ns=at_ns)
+        frame = scan.frame_id.lstrip("/")
+        base = self._tree.base(frame)
+        place = None if base is None else self._tree.pose_in(base, frame)
+        if place is None:
+            self.lasers_without_place.add(frame)
+        yield scan if place is None else replace(scan, robot_from_laser=place)
+
+    def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
+        yield messages.decode_occupancy_grid(message, stamp_ns=at_ns)
+
+    def _path(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[PlannedPath]:
+        path = navigation_messages.decode_path(message)
+        points, place = path.points_m, self._place_of(path.frame_id)
+        if place.heading_rad or place.x_m or place.y_m:
+            cos, sin = np.cos(place.heading_rad), np.sin(place.heading_rad)
+            points = (points @ np.array([[cos, sin], [-sin, cos]]) + (place.x_m, place.y_m)).astype(np.float32)
+        yield PlannedPath(at_ns, path.robot_stamp_ns, points)
+
+    def _pose(self, decode: Callable[..., RobotPose], message: Message, at_ns: int) -> Iterator[RobotPose]:
+        pose = decode(message, stamp_ns=at_ns)
+        place = self._place_of(frame_of(message, "Pose").lstrip("/"))
+        yield replace(pose, pose_in_map=place @ pose.pose_in_map)
+
+    def _initial_pose(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[InitialPoseSet]:
+        pose = messages.decode_pose_with_covariance_stamped(message, stamp_ns=at_ns).pose_in_map
+        yield InitialPoseSet(at_ns, self._place_of(frame_of(message, "Pose").lstrip("/")) @ pose)
+
+    def _goal(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[GoalChanged]:
+        pose = messages.decode_pose_stamped(message, stamp_ns=at_ns).pose_in_map
+        target = self._place_of(frame_of(message, "PoseStamped").lstrip("/")) @ pose
+        self._goals += 1
+        yield GoalChanged(at_ns, f"bag-{self._goals}", "requested", target)
+
+    def _transforms(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[RobotPose]:
+        transforms = messages.decode_tf_message(message)
+        for transform in transforms:
+            self._tree.put(transform)
+        base = self._tree.base()
+        if not self._pose_from_tf or base is None or channel.topic.endswith("static"):
+            return
+        self._moving.update(transform.child_frame for transform in transforms)
+        # The joint that moves nearest to the robot moves most often; those above it only correct it.
+        joint = next((frame for frame in self._tree.chain(base) if frame in self._moving), None)
+        moved = [transform for transform in transforms if transform.child_frame == joint]
+        if moved and at_ns - self._tf_pose_ns >= _TF_POSE_EVERY_NS:
+            pose = self._tree.pose_in(MAP_FRAME, base)
+            if pose is not None:
+                self._tf_pose_ns = at_ns
+                yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose)
+
+    def _command(self, twist: Any, at_ns: int) -> Iterator[CommandSent]:
+        self._commands += 1
+        yield CommandSent(at_ns, self._commands, twist, "none")
+
+    def _lens(self, camera: str, message: Message, at_ns: int) -> Iterator[CameraLens]:
+        lens = messages.decode_camera_info(message)
+        if lens is None:
+            return
+        model = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
+        if self._lenses.get(camera) != model:
+            self._lenses[camera] = model
+            yield CameraLens(at_ns, lens.robot_stamp_ns, camera, model)
+
+    def _utterance(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[UtteranceChanged]:
+        said = messages.decode_string(message).strip()
+        if not said:
+            return
+        self._utterances += 1
+        heard = any(word in channel.topic.lower() for word in _HEARD_WORDS)
+        speaker: Speaker = "participant" if heard else "robot"
+        # When it began and ended a bag does not tell: a moment, of what was heard of it.
+        yield UtteranceChanged(
+            at_ns, f"bag-{self._utterances}", speaker, said, "heard", "finished", detail=f"from {channel.topic}"
+        )
+
+    def _own_value(self, stream: str, message: Message, at_ns: int) -> Iterator[Any]:
+        try:
+            value = from_jsonable(BY_NAME[stream].value_type, json.loads(messages.decode_string(message)))
+        except (ValueError, RecursionError) as error:
+            raise MessageError(f"no value of {stream}: {error}") from error
+        if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - at_ns) > _SAME_SESSION_NS:
+            raise MessageError(f"a value of {stream} that belongs to another time")
+        if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._own is not None:
+            # The export has mapped the robot's stamps to UTC: that is the clock they are of from now on.
+            utc_minus_session_ns = self._own.anchor.utc_ns - self._own.anchor.monotonic_ns
+            value = replace(value, clock_offset_ms=utc_minus_session_ns / 1e6)
+        yield value
+
+    def _place_of(self, frame: str) -> Pose2D:
+        """Where a frame of reference is in the map. Raises MessageError when that is not known."""
+        if frame in ("", MAP_FRAME):
+            return Pose2D(0.0, 0.0, 0.0)
+        place = self._tree.pose_in(MAP_FRAME, frame)
+        if place is None:
+            raise MessageError(f"it is told in the frame '{frame}', whose place in the map is not known")
+        return place
+
+
+_CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1, "yuv422": 2, "yuyv": 2}
+_BAYER = {"bayer_rggb8": "BayerBG", "bayer_bggr8": "BayerRG", "bayer_gbrg8": "BayerGR", "bayer_grbg8": "BayerGB"}
+_YUV = {"uyvy": "yuv422", "yuv422_yuy2": "yuyv"}
+
+
+def _image_bgr(message: Message) -> NDArray[np.uint8]:
+    """sensor_msgs/Image as uint8 BGR, shape (height, width, 3)."""
+    import cv2
+
+    encoding = text(message, "encoding", "Image")
+    encoding = _YUV.get(encoding, encoding)
+    width, height = (count(message, name, "Image", most=messages.MAX_IMAGE_SIDE_PX) for name in ("width", "height"))
+    step = count(message, "step", "Image", most=2**31)
+    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
+    if channels is None:
+        raise MessageError(f"pictures encoded as '{encoding}' are not read")
+    data = message.get("data")
+    if isinstance(data, str):
+        data = np.frombuffer(blob(message, "data", "Image", most=4 * _MAX_PICTURE_PX), np.uint8)
+    if not isinstance(data, np.ndarray) or data.dtype != np.uint8:
+        raise MessageError("Image.data must be bytes")
+    if not width or not height or width * height > _MAX_PICTURE_PX:
+        raise MessageError(f"a picture of {width} x {height} pixels")
+    if step < width * channels or len(data) < step * height:
+        raise MessageError(f"Image.data has {len(data)} bytes, too few for {width} x {height} pixels")
+    pixels = data[: step * height].reshape(height, step)[:, : width * channels].reshape(height, width, channels)
+    conversions = {
+        "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR,
+        "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR,
+        "yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuyv": cv2.COLOR_YUV2BGR_YUY2,
+    }  # fmt: skip
+    conversion = conversions.get(encoding)
+    if encoding in _BAYER:
+        conversion = getattr(cv2, f"COLOR_{_BAYER[encoding]}2BGR")
+    image = np.ascontiguousarray(pixels)
+    try:
+        return image if conversion is None else np.asarray(cv2.cvtColor(image, conversion), np.uint8)
+    except cv2.error as error:
+        raise MessageError(f"a picture that cannot be converted ({encoding})") from error
+
+
+def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
+    import cv2
+
+    size = _picture_size(content)
+    if size is None:
+        raise MessageError("a picture that is neither JPEG nor PNG")
+    if not size[0] or not size[1] or size[0] * size[1] > _MAX_PICTURE_PX:
+        raise MessageError(f"a picture of {size[0]} x {size[1]} pixels")
+    try:
+        image_bgr = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise MessageError("a picture that cannot be read") from error
+    if image_bgr is None:
+        raise MessageError("a picture that cannot be read")
+    return np.asarray(image_bgr, np.uint8)
+
+
+def _picture_size(content: bytes) -> tuple[int, int] | None:
+    """(width, height) from the head of a JPEG or PNG, before anything is unfolded; None where it tells none."""
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
+        return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+    at = 2
+    while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
+        marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
+        # The frame headers SOF0..SOF15, without the tables that lie among their numbers.
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
+        at += 2 + length
+    return None

@@ -1,0 +1,281 @@
+"""Sound as WAV files that keep the session's time: a moment of the session is found by its seconds alone.
+
+The clock of a sound card is not the session's. What it is off is made up sample by sample, where the sound is
+flattest; what is missing becomes silence.
+"""
+
+import logging
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import AudioBlock, AudioChunk
+from caris_desktop.recording.recorder.disk_file import DiskFile
+
+_log = logging.getLogger(__name__)
+HEADER_BYTES = 44
+_HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
+_LARGEST_DATA_BYTES = 2**32 - 2**20
+# Silence up to this is written, longer silence is a hole in the file that takes no room.
+_WRITTEN_SILENCE_S = 0.5
+# A chunk this far from where the sound so far ends follows a gap, or overlaps; less is the stamps' own unrest.
+_GAP_S = 0.03
+# How fast the mean deviation follows the stamps, and from when on it is made up for.
+_FOLLOW_S, _TOLERATED_S = 2.0, 0.0015
+_LARGEST_CORRECTION = 0.004
+_BLOCK_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class AudioInfo:
+    """What ``session.json`` says of one sound file. Its time 0 is ``first_stamp_ns`` of the session clock.
+
+    ``samples`` counts those of one channel; ``last_stamp_ns`` is the end of the last one.
+    """
+
+    file_name: str
+    source: str
+    sample_rate_hz: int
+    channels: int
+    samples: int
+    first_stamp_ns: int
+    last_stamp_ns: int
+
+
+def audio_file_name(source: str, taken: set[str]) -> str:
+    """``audio-SOURCE.wav`` with nothing in the name that could leave the folder, and not yet ``taken``."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", source).strip("-")[:40] or "sound"
+    name, number = f"audio-{plain}.wav", 2
+    while name in taken:
+        name, number = f"audio-{plain}-{number}.wav", number + 1
+    return name
+
+
+class AudioFile:
+    """One growing WAV file of 16 bit samples. Methods raise OSError."""
+
+    def __init__(self, path: Path, first: AudioChunk, *, on_full: Callable[[], bool]) -> None:
+        self.source = first.source
+        self.rate_hz = first.sample_rate_hz
+        self.channels: int = first.samples.shape[1]
+        self.first_stamp_ns = first.stamp_ns
+        self.samples = 0
+        self._deviation_s = 0.0
+        self._told_samples = 0
+        self._block: AudioBlock | None = None
+        self.file = DiskFile(path, on_full=on_full)
+        self.file.write(self._header())
+
+    def fits(self, chunk: AudioChunk) -> bool:
+        """Whether ``chunk`` can go on in this file."""
+        end_s = (chunk.stamp_ns - self.first_stamp_ns) / 1e9 + len(chunk.samples) / chunk.sample_rate_hz
+        same_form = (chunk.sample_rate_hz, chunk.samples.shape[1]) == (self.rate_hz, self.channels)
+        return same_form and end_s * self.rate_hz * self._frame_bytes < _LARGEST_DATA_BYTES
+
+    def write(self, chunk: AudioChunk) -> list[AudioBlock]:
+        """Append ``chunk`` where it belongs; the blocks that are complete now.
+
+        Raises ValueError when there is sound already where it belongs.
+        """
+        blocks = []
+        samples = np.ascontiguousarray(chunk.samples, dtype="<i2")
+        stamp_ns = chunk.stamp_ns
+        late = round((chunk.stamp_ns - self.first_stamp_ns) * self.rate_hz / 1e9) - self.samples
+        if late > _GAP_S * self.rate_hz:
+            blocks += self.finish_block()
+            self._write_silence(late)
+            self._deviation_s = 0.0
+        elif late < -_GAP_S * self.rate_hz:
+            if -late >= len(samples):
+                raise ValueError("it belongs where sound was written already")
+            samples = samples[-late:]
+            stamp_ns = self.first_stamp_ns + self.samples * 1_000_000_000 // self.rate_hz
+            self._deviation_s = 0.0
+        else:
+            samples = self._follow(samples, late)
+        block = self._block
+        if block is None:
+            name = self.file.path.name
+            block = AudioBlock(stamp_ns, self.source, name, self.samples, 0, self.rate_hz)
+        self.file.write(samples.tobytes())
+        self.samples += len(samples)
+        self._block = replace(block, sample_count=self.samples - block.first_sample)
+        if self._block.sample_count >= _BLOCK_S * self.rate_hz:
+            blocks += self.finish_block()
+        return blocks
+
+    def finish_block(self) -> list[AudioBlock]:
+        """What was written and not yet told, if anything."""
+        block, self._block = self._block, None
+        return [] if block is None else [block]
+
+    def update_header(self) -> None:
+        """From here on a reader finds all that was written up to now, also after a kill."""
+        if self.samples != self._told_samples:
+            self._told_samples = self.samples
+            self.file.patch(0, self._header())
+
+    def close(self) -> None:
+        try:
+            self.update_header()
+            self.file.sync()
+        finally:
+            self.file.close()
+
+    def info(self) -> AudioInfo:
+        return AudioInfo(
+            file_name=self.file.path.name,
+            source=self.source,
+            sample_rate_hz=self.rate_hz,
+            channels=self.channels,
+            samples=self.samples,
+            first_stamp_ns=self.first_stamp_ns,
+            last_stamp_ns=self.first_stamp_ns + self.samples * 1_000_000_000 // self.rate_hz,
+        )
+
+    @property
+    def _frame_bytes(self) -> int:
+        return 2 * self.channels
+
+    def _follow(self, samples: NDArray[np.int16], late: int) -> NDArray[np.int16]:
+        """The chunk a few samples longer or shorter, once the file's time has drifted away from the stamps."""
+        chunk_s = len(samples) / self.rate_hz
+        share = min(1.0, chunk_s / _FOLLOW_S)
+        self._deviation_s += share * (late / self.rate_hz - self._deviation_s)
+        if abs(self._deviation_s) < _TOLERATED_S:
+            return samples
+        most = max(1, round(len(samples) * _LARGEST_CORRECTION))
+        wanted = round(self._deviation_s * self.rate_hz)
+        count = int(np.clip(wanted, -most, most))
+        samples = _with_more(samples, count) if count > 0 else _with_fewer(samples, -count)
+        self._deviation_s -= count / self.rate_hz
+        return samples
+
+    def _write_silence(self, count: int) -> None:
+        size_bytes = count * self._frame_bytes
+        if count <= _WRITTEN_SILENCE_S * self.rate_hz:
+            self.file.write(bytes(size_bytes))
+        else:
+            self.file.extend_to(HEADER_BYTES + (self.samples + count) * self._frame_bytes)
+        self.samples += count
+
+    def _header(self) -> bytes:
+        data_bytes = self.samples * self._frame_bytes
+        return _HEADER.pack(
+            b"RIFF",
+            HEADER_BYTES - 8 + data_bytes,
+            b"WAVE",
+            b"fmt ",
+            16,
+            1,
+            self.channels,
+            self.rate_hz,
+            self.rate_hz * self._frame_bytes,
+            self._frame_bytes,
+            16,
+            b"data",
+            data_bytes,
+        )
+
+
+def _flattest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
+    """Where a sample more or less is heard least: one place in each of ``count`` stretches, in order."""
+    wide = samples.astype(np.int32)
+    steps = np.abs(np.diff(wide, axis=0)).max(axis=1)
+    # Of places that are equally flat, the quietest.
+    roughness = 64 * steps + np.abs(wide[1:]).max(axis=1)
+    edges = np.linspace(0, len(roughness), count + 1).astype(int)
+    return np.array(
+        [low + int(np.argmin(roughness[low:high])) for low, high in pairwise(edges) if high > low],
+        dtype=np.intp,
+    )
+
+
+def _with_more(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
+    if len(samples) < 2:
+        return samples
+    at = _flattest(samples, count)
+    between = (samples[at].astype(np.int32) + samples[at + 1]) // 2
+    return np.insert(samples, at + 1, between.astype(samples.dtype), axis=0)
+
+
+def _with_fewer(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
+    if len(samples) < 2:
+        return samples
+    return np.delete(samples, _flattest(samples, count), axis=0)
+
+
+class AudioWriter:
+    """The sound files of a session: one for each source, and a further one where the form of its sound changes."""
+
+    def __init__(self, folder: Path, *, on_full: Callable[[], bool]) -> None:
+        self._folder = folder
+        self._on_full = on_full
+        self._open: dict[str, AudioFile] = {}
+        self._finished: list[AudioInfo] = []
+        self._finished_bytes = 0
+        self._names: set[str] = set()
+
+    def write(self, chunk: AudioChunk) -> list[AudioBlock]:
+        """The blocks that are complete now. Raises OSError, and ValueError for what is no sound."""
+        if chunk.samples.ndim != 2 or not 1 <= chunk.samples.shape[1] <= 64 or chunk.sample_rate_hz <= 0:
+            raise ValueError(f"no sound: {chunk.samples.shape} at {chunk.sample_rate_hz} Hz")
+        blocks = []
+        file = self._open.get(chunk.source)
+        if file is not None and not file.fits(chunk):
+            blocks += self._finish(chunk.source)
+            file = None
+        if file is None:
+            name = audio_file_name(chunk.source, self._names)
+            file = AudioFile(self._folder / name, chunk, on_full=self._on_full)
+            self._names.add(name)
+            self._open[chunk.source] = file
+        return blocks + file.write(chunk)
+
+    def update_headers(self) -> None:
+        """A few times per second: what was written so far can be read after a kill. Raises OSError."""
+        for file in self._open.values():
+            file.update_header()
+
+    def finish_blocks(self) -> list[AudioBlock]:
+        """What was written and not yet told: nothing may follow for a while."""
+        return [block for file in self._open.values() for block in file.finish_block()]
+
+    def close(self) -> list[AudioBlock]:
+        """End all files; the last blocks. Raises OSError after it has closed what it could."""
+        blocks, failure = [], None
+        for source in tuple(self._open):
+            try:
+                blocks += self._finish(source)
+            except OSError as error:
+                failure = error
+        if failure is not None:
+            raise failure
+        return blocks
+
+    def infos(self) -> tuple[AudioInfo, ...]:
+        return (*self._finished, *(file.info() for file in tuple(self._open.values())))
+
+    def files(self) -> list[DiskFile]:
+        """The files that grow now. Any thread."""
+        return [file.file for file in tuple(self._open.values())]
+
+    @property
+    def written_bytes(self) -> int:
+        return self._finished_bytes + sum(file.file.written_bytes for file in self._open.values())
+
+    def _finish(self, source: str) -> list[AudioBlock]:
+        file = self._open.pop(source)
+        blocks = file.finish_block()
+        try:
+            file.close()
+        finally:
+            self._finished.append(file.info())
+            self._finished_bytes += file.file.written_bytes
+        return blocks

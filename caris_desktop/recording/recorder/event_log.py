@@ -1,0 +1,68 @@
+"""``events.mcap``: every value of the stream table as JSON, each channel with its JSON Schema."""
+
+import json
+from collections import Counter
+from typing import Any
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.schema import json_schema, to_jsonable
+from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.recorder.mcap_file import McapFile
+
+
+class EventLog:
+    """Writes one MCAP file, in the order of arrival.
+
+    ``publish_time`` is a value's own stamp and ``log_time`` when it arrived at the console, both as UTC by the
+    session's anchor.
+    """
+
+    def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
+        self._file = file
+        self._anchor = anchor
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[type[Any], int] = {}
+        self.counts: Counter[str] = Counter()
+        self._writer = McapFile(file, library="caris-desktop")
+        self._writer.add_metadata("session", metadata)
+
+    def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
+        """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
+        data = json.dumps(to_jsonable(value), separators=(",", ":"), allow_nan=False).encode()
+        topic = spec.topic_of(value)
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._register(spec, topic)
+        self.counts[spec.name] += 1
+        self._writer.add_message(
+            channel,
+            data,
+            log_time=max(0, self._anchor.utc_ns_at(arrived_ns)),
+            publish_time=max(0, self._anchor.utc_ns_at(value.stamp_ns)),
+            sequence=self.counts[spec.name] & 0xFFFFFFFF,
+        )
+
+    def flush(self) -> None:
+        """Close the chunk in progress: from here on a kill does not lose it."""
+        self._writer.flush()
+
+    @property
+    def file(self) -> DiskFile:
+        return self._file
+
+    def close(self) -> None:
+        """Write the index that lets readers jump, and close the file."""
+        try:
+            self._writer.finish()
+            self._file.sync()
+        finally:
+            self._file.close()
+
+    def _register(self, spec: StreamSpec, topic: str) -> int:
+        schema = self._schemas.get(spec.value_type)
+        if schema is None:
+            text = json.dumps(json_schema(spec.value_type)).encode()
+            schema = self._writer.add_schema(f"caris.{spec.value_type.__name__}", "jsonschema", text)
+            self._schemas[spec.value_type] = schema
+        return self._writer.add_channel(topic, "json", schema)

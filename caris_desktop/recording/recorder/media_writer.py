@@ -1,0 +1,444 @@
+"""Videos and photos, written by threads of their own so that encoding never delays an event."""
+
+import logging
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
+from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
+from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.recorder.video_rate import Change, VideoRate
+from caris_desktop.recording.session.session_clock import SessionClock
+
+_log = logging.getLogger(__name__)
+MAX_QUEUED_BYTES = 64 * 1024 * 1024
+_ENCODER_NICENESS = 5
+_CROWDED_SHARE = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class VideoInfo:
+    """What ``session.json`` says of one video. Time 0 of the video is ``first_stamp_ns`` of the session clock.
+
+    ``rate_hz`` is its mean frame rate; ``left_out`` counts frames that were not encoded, to keep up.
+    """
+
+    file_name: str
+    camera: str
+    frames: int
+    width_px: int
+    height_px: int
+    first_stamp_ns: int
+    last_stamp_ns: int
+    index_file: str
+    encoder: str
+    rate_hz: float
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoKept:
+    ref: FrameRef
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class MediaFailed:
+    """``lost`` frames of ``camera``'s video, or one photo, are not on disk."""
+
+    kind: str
+    camera: str
+    lost: int
+    disk_full: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class VideoRateChanged:
+    """Of ``camera``'s frames every ``step``-th one is encoded from now on; ``change`` says which way that goes."""
+
+    camera: str
+    step: int
+    change: Change
+
+
+MediaResult = PhotoKept | MediaFailed | VideoRateChanged
+_Frame = tuple[FrameRef, NDArray[np.uint8], int]
+
+
+class MediaWriter:
+    """Takes pixels from the recorder's main thread; results are collected there with :meth:`results`."""
+
+    def __init__(
+        self,
+        folder: Path,
+        clock: SessionClock,
+        encoders: Encoders,
+        *,
+        on_full: Callable[[], bool],
+        max_queued_bytes: int = MAX_QUEUED_BYTES,
+    ) -> None:
+        self._folder = folder
+        self._clock = clock
+        self._encoders = encoders
+        self._on_full = on_full
+        self._budget = _Budget(max_queued_bytes)
+        self._results: deque[MediaResult] = deque()
+        self._names: set[str] = set()
+        self._cameras: dict[str, _CameraThread] = {}
+        self._least_step = 1
+        self._photos: _PhotoThread | None = None
+
+    def wants(self, camera: str) -> bool:
+        """Whether the next frame of ``camera`` is to be added; asked once for each."""
+        thread = self._camera(camera)
+        if thread.rate.wants():
+            return True
+        thread.left_out += 1
+        return False
+
+    def add_frame(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> bool:
+        """False when the encoder is too far behind to take it."""
+        if not self._budget.take(image_bgr.nbytes):
+            return False
+        self._camera(ref.camera).add((ref, image_bgr, time.monotonic_ns()))
+        return True
+
+    def add_photo(self, ref: FrameRef, image_bgr: NDArray[np.uint8], file_name: str) -> bool:
+        """Keep the picture as a PNG at ``file_name`` in the session's folder. False as for :meth:`add_frame`."""
+        if not self._budget.take(image_bgr.nbytes):
+            return False
+        if self._photos is None:
+            self._photos = _PhotoThread(self._folder, self._results, self._budget, self._on_full)
+        self._photos.add((ref, image_bgr, file_name))
+        return True
+
+    def end_videos(self) -> None:
+        """Close the videos after the frames that were added; later frames begin new ones."""
+        for camera in self._cameras.values():
+            camera.add(None)
+
+    def limit_rate(self, least_step: int) -> None:
+        """Encode at most every ``least_step``-th frame, whatever the machine could do."""
+        self._least_step = least_step
+        for camera in self._cameras.values():
+            camera.rate.least_step = least_step
+
+    def results(self) -> list[MediaResult]:
+        """What became of photos, and what went wrong or changed, since the last call."""
+        taken = []
+        while self._results:
+            taken.append(self._results.popleft())
+        return taken
+
+    def close(self, *, timeout_s: float) -> tuple[VideoInfo, ...]:
+        """Write what is queued, close the videos, end the threads and tell what there is."""
+        for camera in self._cameras.values():
+            camera.end()
+        if self._photos is not None:
+            self._photos.add(None)
+        if not self.wait(timeout_s=timeout_s):
+            _log.error("the video was not closed within %.0f s; it stays readable as it is", timeout_s)
+        return self.infos()
+
+    def wait(self, *, timeout_s: float) -> bool:
+        """After :meth:`close`: whether everything is closed now."""
+        deadline_s = time.monotonic() + timeout_s
+        threads = [camera.thread for camera in self._cameras.values()]
+        if self._photos is not None:
+            threads.append(self._photos.thread)
+        for thread in threads:
+            thread.join(max(0.0, deadline_s - time.monotonic()))
+        return not any(thread.is_alive() for thread in threads)
+
+    def infos(self) -> tuple[VideoInfo, ...]:
+        """The videos so far, in the order in which they ended."""
+        return tuple(info for camera in self._cameras.values() for info in camera.infos())
+
+    def files(self) -> list[DiskFile]:
+        """The files that grow now. Any thread."""
+        return [file for camera in tuple(self._cameras.values()) for file in camera.files()]
+
+    @property
+    def written_bytes(self) -> int:
+        photos = 0 if self._photos is None else self._photos.written_bytes
+        return photos + sum(camera.written_bytes for camera in self._cameras.values())
+
+    def _camera(self, name: str) -> "_CameraThread":
+        camera = self._cameras.get(name)
+        if camera is None:
+            camera = _CameraThread(name, self._new_video, self._encoders.note_failure, self._results, self._budget)
+            camera.rate.least_step = self._least_step
+            self._cameras[name] = camera
+        return camera
+
+    def _new_video(self, camera: str, image_bgr: NDArray[np.uint8], fast: bool) -> VideoFile:
+        """In the thread of the camera. The first encoder that opens is taken."""
+        height_px, width_px = image_bgr.shape[:2]
+        with self._budget.lock:
+            name = video_file_name(camera, self._names)
+            self._names.add(name)
+        choices = self._encoders.choose(width_px, height_px, fast=fast)
+        for encoder in choices:
+            try:
+                return VideoFile(
+                    self._folder / name,
+                    width_px=width_px,
+                    height_px=height_px,
+                    encoder=encoder,
+                    clock=self._clock,
+                    on_full=lambda: False,
+                )
+            except Exception as error:
+                if not encoder.hardware:
+                    raise
+                # Some drivers open only so many encoders at a time.
+                _log.warning("%s does not open for %s (%s): the next one is tried", encoder.title, camera, error)
+        raise ValueError("no encoder opens")
+
+
+class _Budget:
+    """Bytes of pixels that may wait."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._taken_bytes = 0
+        self.lock = threading.Lock()
+
+    def take(self, size_bytes: int) -> bool:
+        with self.lock:
+            if self._taken_bytes + size_bytes > self._most_bytes:
+                return False
+            self._taken_bytes += size_bytes
+            return True
+
+    @property
+    def crowded(self) -> bool:
+        """Whether soon no more can wait."""
+        return self._taken_bytes > _CROWDED_SHARE * self._most_bytes
+
+    def give_back(self, size_bytes: int) -> None:
+        with self.lock:
+            self._taken_bytes -= size_bytes
+
+
+class _CameraThread:
+    """The videos of one camera, one after the other."""
+
+    def __init__(
+        self,
+        camera: str,
+        new_video: Callable[[str, NDArray[np.uint8], bool], VideoFile],
+        note_failure: Callable[[Encoder], None],
+        results: deque[MediaResult],
+        budget: _Budget,
+    ) -> None:
+        self.rate = VideoRate()
+        self._camera = camera
+        self._new_video = new_video
+        self._note_failure = note_failure
+        self._results = results
+        self._budget = budget
+        self._frames: deque[_Frame | None] = deque()
+        self._changed = threading.Condition()
+        self._ended = False
+        self._refused = False
+        self._fast = False
+        self._video: VideoFile | None = None
+        self._finished: list[VideoInfo] = []
+        self._finished_bytes = 0
+        self.left_out = 0
+        self.thread = threading.Thread(target=self._run, name=f"video-{camera}", daemon=True)
+        self.thread.start()
+
+    def add(self, frame: _Frame | None) -> None:
+        """A frame, or None: the video ends here."""
+        with self._changed:
+            self._frames.append(frame)
+            self._changed.notify()
+
+    def end(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+    def files(self) -> list[DiskFile]:
+        video = self._video
+        return [] if video is None else [video.file, video.index]
+
+    def infos(self) -> list[VideoInfo]:
+        video = self._video
+        return [*self._finished, *([] if video is None else [self._info(video)])]
+
+    @property
+    def written_bytes(self) -> int:
+        video = self._video
+        return self._finished_bytes + (0 if video is None else video.written_bytes)
+
+    def _run(self) -> None:
+        be_nice()
+        while True:
+            with self._changed:
+                while not self._frames and not self._ended:
+                    self._changed.wait()
+                if not self._frames:
+                    break
+                frame = self._frames.popleft()
+            if frame is None:
+                self._close()
+                self._refused = False
+                continue
+            ref, image_bgr, queued_ns = frame
+            begun_ns = time.monotonic_ns()
+            self._write(ref, image_bgr)
+            self._budget.give_back(image_bgr.nbytes)
+            ended_ns = time.monotonic_ns()
+            del frame, image_bgr
+            waited_s, took_s = (begun_ns - queued_ns) / 1e9, (ended_ns - begun_ns) / 1e9
+            crowded = self._budget.crowded and waited_s > took_s
+            self._adapt(self.rate.observe(ended_ns, waited_s=waited_s, took_s=took_s, crowded=crowded))
+        self._close()
+
+    def _adapt(self, change: Change) -> None:
+        video = self._video
+        if change == "lowered" and video is not None and not video.encoder.hardware and video.encoder != FASTEST:
+            # Before any frame is left out the encoder itself can do with less: in a new file, as its stream differs.
+            _log.warning("video of %s: %s is too slow here; %s next", self._camera, video.encoder.title, FASTEST.title)
+            self._fast = True
+            self._close()
+            self.rate.forget()
+        elif change:
+            self._results.append(VideoRateChanged(self._camera, self.rate.step, change))
+
+    def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
+        if self._refused:
+            self._results.append(MediaFailed("video", self._camera, 1, False, "the video has ended"))
+            return
+        try:
+            self._video_for(image_bgr).write(image_bgr, ref)
+        except Exception as error:
+            # PyAV raises errors of its own kinds; none of them may end the thread.
+            _log.exception("video of camera %s", self._camera)
+            video, lost = self._video, 1
+            if video is not None:
+                video.abandon()
+                lost = max(1, video.lost)
+                self._finish(video)
+            full = isinstance(error, OSError) and no_room(error)
+            if video is not None and video.encoder.hardware and not full:
+                # The next frame begins a new file, with what does not depend on a driver.
+                self._note_failure(video.encoder)
+            else:
+                self._refused = True
+            self._results.append(
+                MediaFailed("video" if self._refused else "encoder", self._camera, lost, full, str(error))
+            )
+
+    def _video_for(self, image_bgr: NDArray[np.uint8]) -> VideoFile:
+        video = self._video
+        if video is not None and (video.height_px, video.width_px) == tuple(
+            size_px // 2 * 2 for size_px in image_bgr.shape[:2]
+        ):
+            return video
+        self._close()
+        self._video = video = self._new_video(self._camera, image_bgr, self._fast)
+        return video
+
+    def _close(self) -> None:
+        video = self._video
+        if video is None:
+            return
+        try:
+            video.close()
+        except Exception as error:
+            _log.exception("closing the video of camera %s", self._camera)
+            full = isinstance(error, OSError) and no_room(error)
+            self._results.append(MediaFailed("video index", self._camera, video.lost, full, str(error)))
+        self._finish(video)
+
+    def _finish(self, video: VideoFile) -> None:
+        self._finished.append(self._info(video))
+        self._finished_bytes += video.written_bytes
+        self.left_out = 0
+        self._video = None
+
+    def _info(self, video: VideoFile) -> VideoInfo:
+        duration_s = (video.last_stamp_ns - video.first_stamp_ns) / 1e9
+        return VideoInfo(
+            file_name=video.path.name,
+            camera=self._camera,
+            frames=video.frames,
+            width_px=video.width_px,
+            height_px=video.height_px,
+            first_stamp_ns=video.first_stamp_ns,
+            last_stamp_ns=video.last_stamp_ns,
+            index_file=video.index.path.name,
+            encoder=video.encoder.title,
+            rate_hz=round((video.frames - 1) / duration_s, 3) if video.frames > 1 and duration_s > 0 else 0.0,
+            left_out=self.left_out,
+        )
+
+
+class _PhotoThread:
+    """PNG files, one after the other."""
+
+    def __init__(self, folder: Path, results: deque[MediaResult], budget: _Budget, on_full: Callable[[], bool]) -> None:
+        self._folder = folder
+        self._results = results
+        self._budget = budget
+        self._on_full = on_full
+        self._photos: deque[tuple[FrameRef, NDArray[np.uint8], str] | None] = deque()
+        self._waiting = threading.Semaphore(0)
+        self.written_bytes = 0
+        self.thread = threading.Thread(target=self._run, name="photos", daemon=True)
+        self.thread.start()
+
+    def add(self, photo: tuple[FrameRef, NDArray[np.uint8], str] | None) -> None:
+        """A photo, or None: there will be no more."""
+        self._photos.append(photo)
+        self._waiting.release()
+
+    def _run(self) -> None:
+        be_nice()
+        while True:
+            self._waiting.acquire()
+            photo = self._photos.popleft()
+            if photo is None:
+                return
+            ref, image_bgr, file_name = photo
+            self._write(ref, image_bgr, file_name)
+            self._budget.give_back(image_bgr.nbytes)
+
+    def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8], file_name: str) -> None:
+        import cv2
+
+        try:
+            encoded, png = cv2.imencode(".png", image_bgr)
+            if not encoded:
+                raise ValueError("the picture could not be encoded")  # noqa: TRY301 - one place tells the recorder
+            path = self._folder / file_name
+            path.parent.mkdir(exist_ok=True)
+            replace_file(path, png.tobytes(), durable=False, on_full=self._on_full)
+            self.written_bytes += png.nbytes
+        except (OSError, ValueError, cv2.error) as error:
+            _log.exception("photo %s", file_name)
+            full = isinstance(error, OSError) and no_room(error)
+            self._results.append(MediaFailed("photo", ref.camera, 1, full, str(error)))
+        else:
+            self._results.append(PhotoKept(ref, file_name))
+
+
+def be_nice() -> None:
+    """The calling thread alone: events and the console come first."""
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _ENCODER_NICENESS)

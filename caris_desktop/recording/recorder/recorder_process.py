@@ -1,0 +1,258 @@
+"""The recorder: a process of its own, so that neither encoding nor a full disk holds up the console."""
+
+import logging
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
+from caris_desktop.recording.recorder.messages import (
+    ARRIVED,
+    OfferMarkers,
+    PauseRecording,
+    RecorderReport,
+    SetRecordingPermissions,
+    StartRecording,
+    StopRecording,
+    TakePhoto,
+)
+from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
+from caris_desktop.recording.recorder.video_encoders import Encoders
+
+_log = logging.getLogger(__name__)
+_TICK_S = 0.05
+_IDLE_TICK_S = 0.5
+_REPORT_EVERY_NS = 1_000_000_000
+# How long the end of the process waits for the checksums of large sessions.
+_FINISH_WITHIN_S = 60.0
+_FINISH_NICENESS = 10
+
+
+def run_recorder(
+    connection: Connection, frames: FrameReader, limits: DiskLimits | None = None, encoders: Encoders | None = None
+) -> None:
+    """Process body. Records what ``connection`` brings until it ends; see ``recording.messages``.
+
+    One process serves any number of sessions, one after the other. When the connection ends during a session, the
+    session is closed with the reason ``console_closed``.
+    """
+    _Recorder(connection, frames, limits or DiskLimits(), encoders or Encoders()).run()
+
+
+class _Recorder:
+    def __init__(self, connection: Connection, frames: FrameReader, limits: DiskLimits, encoders: Encoders) -> None:
+        self._connection = connection
+        self._frames = frames
+        self._limits = limits
+        self._encoders = encoders
+        self._session: SessionRecorder | None = None
+        self._outlet: MarkerOutlet | None = None
+        self._finishing: list[threading.Thread] = []
+        self._hurry = threading.Event()
+        self._reported_ns = 0
+        self._console_gone = False
+        self._terminated = False
+
+    def run(self) -> None:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, self._on_terminate)
+        _import_writers()
+        threading.Thread(target=self._encoders.probe, name="probe-encoders", daemon=True).start()
+        try:
+            while not self._terminated and self._serve_one():
+                pass
+        finally:
+            self._stop("console_closed")
+            self._offer_markers(offered=False)
+            self._finish_all()
+
+    def _on_terminate(self, _number: int, _frame: object) -> None:
+        """A console that ends in haste terminates its children: the session is closed between two writes."""
+        self._terminated = True
+
+    def _serve_one(self) -> bool:
+        """Take one message, if there is one within a tick. False when the console has ended the connection."""
+        raw = None
+        try:
+            if self._connection.poll(_IDLE_TICK_S if self._session is None else _TICK_S):
+                raw = self._connection.recv_bytes()
+        except (EOFError, OSError):
+            return False
+        if raw is not None:
+            self._handle_raw(raw)
+        session = self._session
+        if session is not None:
+            session.tick()
+            if session.full:
+                self._give_up(session)
+            elif time.monotonic_ns() - self._reported_ns >= _REPORT_EVERY_NS:
+                self._send_report(session.status())
+        return True
+
+    def _handle_raw(self, raw: bytes) -> None:
+        """One message of the console: a pickle, before which may stand when it arrived there."""
+        arrived_ns, begin = clock.now_ns(), 0
+        if raw[:1] == ARRIVED:
+            arrived_ns, begin = int.from_bytes(raw[1:9], "little", signed=True), 9
+        try:
+            message = pickle.loads(memoryview(raw)[begin:])  # noqa: S301 - from our own console, over a private pipe
+        except Exception:
+            # One value that cannot be taken apart must not cost the session; which one it was is not known.
+            _log.exception("a message of the console could not be read")
+            if self._session is not None:
+                self._session.note_unreadable()
+            return
+        self._handle(message, arrived_ns)
+
+    def _handle(self, message: Any, arrived_ns: int) -> None:
+        match message:
+            case StartRecording():
+                self._stop("wizard")
+                self._start(message)
+            case StopRecording():
+                self._stop(message.reason)
+            case PauseRecording():
+                if self._session is not None:
+                    self._session.pause(paused=message.paused, at_ns=arrived_ns)
+                    self._send_report(self._session.status())
+            case TakePhoto():
+                if self._session is None:
+                    self._tell_problem("No photo was taken.", "Photos are kept with a session.", "Start recording.")
+                else:
+                    self._session.take_photo(message.ref)
+            case SetRecordingPermissions():
+                if self._session is not None:
+                    self._session.set_permissions(video=message.video, photos=message.photos, audio=message.audio)
+            case OfferMarkers():
+                self._tell_outlet(self._offer_markers(offered=message.offered))
+            case _:
+                if self._session is not None:
+                    self._session.write(message, arrived_ns)
+
+    def _start(self, start: StartRecording) -> None:
+        unavailable = self._offer_markers(offered=start.lsl)
+        try:
+            session = SessionRecorder(
+                start,
+                frames=self._frames,
+                report=self._send,
+                limits=self._limits,
+                encoders=self._encoders,
+                offer=self._offer if self._outlet is not None else None,
+            )
+        except OSError as error:
+            _log.exception("no session in %s", start.folder)
+            what, meaning, advice = explain_start_error(error, start.folder)
+            self._tell_problem(what, meaning, advice)
+            self._send_report(RecorderReport(clock.now_ns(), "failed", start.folder, detail=what))
+            return
+        self._session = session
+        self._tell_outlet(unavailable)
+        self._send_report(session.status())
+
+    def _stop(self, reason: str) -> None:
+        session, self._session = self._session, None
+        if session is None:
+            return
+        session.end(reason)
+        self._send_report(replace(session.status(), state="idle"))
+        self._finish(session)
+
+    def _give_up(self, session: SessionRecorder) -> None:
+        self._session = None
+        what = session.give_up()
+        self._send_report(replace(session.status(), state="failed", detail=what))
+        self._finish(session)
+
+    # What goes on after a session
+
+    def _finish(self, session: SessionRecorder) -> None:
+        """The checksums of gigabytes take their time: the next session can begin meanwhile."""
+
+        def finish() -> None:
+            if sys.platform == "linux":
+                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _FINISH_NICENESS)
+            session.finish(may_go_on=lambda: not self._hurry.is_set())
+
+        self._finishing = [thread for thread in self._finishing if thread.is_alive()]
+        self._finishing.append(threading.Thread(target=finish, name="finish-session", daemon=True))
+        self._finishing[-1].start()
+
+    def _finish_all(self) -> None:
+        deadline_s = time.monotonic() + _FINISH_WITHIN_S
+        waiting = [thread for thread in self._finishing if thread.is_alive()]
+        if waiting:
+            _log.info("waiting up to %.0f s for the checksums of %d sessions", _FINISH_WITHIN_S, len(waiting))
+        for thread in waiting:
+            thread.join(max(0.0, deadline_s - time.monotonic()))
+        self._hurry.set()
+        for thread in waiting:
+            thread.join(1.0)
+
+    # Markers for others
+
+    def _offer_markers(self, *, offered: bool) -> OutletUnavailableError | None:
+        """Open or close the outlet; what is to be told when it does not open."""
+        if not offered and self._outlet is not None:
+            self._outlet.close()
+            self._outlet = None
+        if offered and self._outlet is None:
+            try:
+                self._outlet = MarkerOutlet()
+            except OutletUnavailableError as error:
+                return error
+        return None
+
+    def _offer(self, spec: StreamSpec, value: Any) -> None:
+        if self._outlet is None:
+            return
+        try:
+            self._outlet.offer(spec, value)
+        except OutletUnavailableError as error:
+            self._outlet = None
+            self._tell_outlet(error)
+
+    def _tell_outlet(self, error: OutletUnavailableError | None) -> None:
+        if error is None:
+            return
+        meaning = "Everything is recorded here all the same; other recorders get no markers."
+        if self._session is not None:
+            self._session.problem("warning", error.what, meaning, error.advice)
+        else:
+            self._send(Problem(clock.now_ns(), "warning", error.what, meaning, error.advice))
+
+    # To the console
+
+    def _tell_problem(self, what: str, meaning: str, advice: str) -> None:
+        self._send(Problem(clock.now_ns(), "error", what, meaning, advice))
+
+    def _send_report(self, report: RecorderReport) -> None:
+        self._reported_ns = time.monotonic_ns()
+        self._send(report)
+
+    def _send(self, message: Any) -> None:
+        try:
+            self._connection.send(message)
+        except OSError:
+            # The console is gone: nobody to tell, but the session is still to be closed properly.
+            if not self._console_gone:
+                _log.warning("the console no longer listens")
+            self._console_gone = True
+
+
+def _import_writers() -> None:
+    """Before the first session, so that its first frames are not lost to imports."""
+    import av  # noqa: F401 - for its side effect, as said above
+    import cv2  # noqa: F401 - likewise
+    import zstandard  # noqa: F401 - likewise

@@ -1,0 +1,715 @@
+"""One session being recorded: where each value goes, what is missing, and when to give up."""
+
+import json
+import logging
+import shutil
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.events import (
+    Gap,
+    PhotoTaken,
+    Problem,
+    RecordingPaused,
+    SessionEnded,
+    SessionStarted,
+    Severity,
+)
+from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
+from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.recording.recorder.audio_file import AudioWriter
+from caris_desktop.recording.recorder.disk_file import DiskFile, Reserve, no_room, replace_file
+from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
+from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.recorder.media_writer import (
+    MediaFailed,
+    MediaWriter,
+    PhotoKept,
+    VideoInfo,
+    VideoRateChanged,
+)
+from caris_desktop.recording.recorder.messages import RecorderReport, StartRecording
+from caris_desktop.recording.recorder.plain_files import PlainFiles
+from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.recorder.write_through import WriteThrough
+from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
+from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
+from caris_desktop.recording.session.session_clock import SessionClock
+
+_log = logging.getLogger(__name__)
+FORMAT, FORMAT_VERSION = "caris-desktop session", 2
+# A kill costs what came since; each flush makes a chunk, which a reader's index has an entry for.
+_FLUSH_EVERY_NS = 450_000_000
+_SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
+_SECOND_NS = 1_000_000_000
+_DELAYS_WITHIN_S = 15.0
+_BEHIND_S = 2.0
+_LEAST_RESERVE_BYTES = 1024 * 1024
+_RESERVE_SHARE = 8
+_CLOSE_SYNC_S = 2.0
+
+
+class SessionRecorder:
+    """Writes one session folder. One thread, except :meth:`finish`.
+
+    ``report`` takes the events that the recorder makes itself, after they were written. ``full`` turns True when the
+    disk takes no more, not even in the room that was kept for the events: whoever drives the recorder then closes it.
+    ``offer`` takes whatever is written to the log, for those who listen in.
+    """
+
+    def __init__(
+        self,
+        start: StartRecording,
+        *,
+        frames: FrameReader,
+        report: Callable[[Any], None],
+        limits: DiskLimits,
+        encoders: Encoders | None = None,
+        offer: Callable[[StreamSpec, Any], None] | None = None,
+    ) -> None:
+        """Raises OSError when the folder cannot be used."""
+        self.folder = start.folder
+        self.full = False
+        self._broken: OSError | None = None
+        self.started_ns = clock.now_ns()
+        self.dropped: Counter[str] = Counter()
+        self._header = start.header
+        self._frames = frames
+        self._report = report
+        self._offer = offer
+        self._limits = limits
+        self._video_permitted, self._photos_permitted = start.video, start.photos
+        self._audio_permitted = start.audio
+        self._sound_from_ns = self.started_ns
+        self._video_ended = self._audio_ended = False
+        self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
+        self._behind_ns = 0
+        self._told_behind = False
+        self._spared_because = ""
+        self._lowered: dict[str, int] = {}
+        self._told_lowered = False
+        self._pauses: list[list[int | None]] = []
+        self._clock = SessionClock(start.header.anchor, self.started_ns)
+        self._latched: dict[str, _Held] = {}
+        self._missed: Counter[tuple[str, str]] = Counter()
+        self._photos = 0
+        self._disk = DiskWatch(limits)
+        self._flushed_ns = self._housekept_ns = 0
+        self._ended_ns: int | None = None
+        self._reason: str | None = None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if any(path.name != LOCK_NAME for path in self.folder.iterdir()):
+            raise FileExistsError(17, "the folder holds files already", str(self.folder))
+        self._lock = hold(self.folder)
+        try:
+            self._reserve = _reserve(self.folder, limits)
+        except OSError:
+            self._lock.release()
+            raise
+        self._closing_bytes = min(limits.closing_bytes, self._reserve.left_bytes // 2)
+        try:
+            self._write_header()
+            self._log = EventLog(
+                DiskFile(self.folder / "events.mcap", on_full=self._make_room),
+                anchor=start.header.anchor,
+                metadata={"program_version": start.header.program_version, "scenario": start.header.scenario_title},
+            )
+            self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
+        except OSError:
+            self._reserve.release()
+            self._lock.release()
+            raise
+        self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
+        self._audio = AudioWriter(self.folder, on_full=lambda: False)
+        self._log_sync = WriteThrough("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
+        self._media_sync = WriteThrough(
+            "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
+        )
+        self._log_sync.note(self.folder / "session.json")
+        self._record(SessionStarted(self.started_ns, self.folder.name))
+        self.tick()
+        self._log_sync.start()
+        self._media_sync.start()
+
+    def write(self, value: Any, arrived_ns: int | None = None) -> None:
+        """Record one value of the stream table. ``arrived_ns`` is when the console got it; None: just now."""
+        if self.paused:
+            return
+        now_ns = clock.now_ns()
+        arrived_ns = now_ns if arrived_ns is None else arrived_ns
+        self._behind_ns = max(self._behind_ns, now_ns - arrived_ns)
+        spec = BY_TYPE.get(type(value))
+        if spec is None:
+            self._miss(type(value).__name__, "this kind is not in the stream table")
+        elif isinstance(value, FrameRef):
+            self._write_frame(spec, value, arrived_ns)
+        elif isinstance(value, AudioChunk):
+            self._write_sound(value)
+        elif spec.record_every_s:
+            # Large, and stands until replaced: the newest one is kept now and then, the one in between waits.
+            topic = spec.topic_of(value)
+            held = self._latched.get(topic)
+            if held is None or time.monotonic_ns() - held.put_ns >= spec.record_every_s * 1e9:
+                self._latched[topic] = _Held(spec, time.monotonic_ns(), None, 0)
+                self._put(spec, value, arrived_ns)
+            else:
+                self._latched[topic] = _Held(spec, held.put_ns, value, arrived_ns)
+        else:
+            if isinstance(value, Gap):
+                self.dropped[value.stream] += value.count
+            self._put(spec, value, arrived_ns)
+
+    def note_unreadable(self) -> None:
+        """Something came from the console that could not be taken apart."""
+        if not self.paused:
+            self._miss("unknown", "it could not be read on its way from the console")
+
+    def take_photo(self, ref: FrameRef) -> None:
+        """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
+        if not self._photos_permitted:
+            self.problem("warning", "No photo was taken.", "This scenario does not permit photos.", "Nothing to do.")
+            return
+        if self.paused:
+            self.problem("warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.")
+            return
+        image_bgr = self._frames.read(ref)
+        if image_bgr is not None:
+            file_name = f"photos/{self._photos + 1:04d}.png"
+            if self._media.add_photo(ref, image_bgr, file_name):
+                self._photos += 1
+                return
+        self.problem(
+            "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again."
+        )
+
+    def set_permissions(self, *, video: bool, photos: bool, audio: bool) -> None:
+        if self._video_permitted and not video:
+            self._media.end_videos()
+        if self._audio_permitted and not audio:
+            self._put_blocks(self._audio.finish_blocks())
+        if audio and not self._audio_permitted:
+            self._sound_from_ns = clock.now_ns()
+        self._video_permitted, self._photos_permitted, self._audio_permitted = video, photos, audio
+
+    # Pauses
+
+    @property
+    def paused(self) -> bool:
+        return bool(self._pauses) and self._pauses[-1][1] is None
+
+    def pause(self, *, paused: bool, at_ns: int) -> None:
+        """Record nothing from now on, or go on. Both are recorded themselves."""
+        if paused == self.paused:
+            return
+        if paused:
+            self._put_held()
+            self._put_blocks(self._audio.finish_blocks())
+            self._tell_missed()
+            self._record(RecordingPaused(at_ns, True))
+            self._pauses.append([at_ns, None])
+            self._guarded(self._log.flush)
+            self._log_sync.ask()
+        else:
+            self._pauses[-1][1] = self._sound_from_ns = at_ns
+            # Latched values that the console sends again are new in the record, however recently they were put.
+            self._latched.clear()
+            self._record(RecordingPaused(at_ns, False))
+
+    # By time
+
+    def tick(self) -> None:
+        """Whatever is due by time. To be called at least ten times per second."""
+        now_ns = time.monotonic_ns()
+        self._take_media_results()
+        if self._on_reserve and not self._told_reserve:
+            self._live_on_reserve()
+        if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
+            self._flushed_ns = now_ns
+            self._guarded(self._log.flush)
+            self._update_sound_headers()
+            self._log_sync.ask()
+            self._watch_disk(now_ns)
+        if now_ns - self._housekept_ns >= _SECOND_NS:
+            self._housekept_ns = now_ns
+            self._put_held(older_than_ns=now_ns)
+            self._tell_missed()
+            self._guarded(self._plain.write_people)
+            for path in self._plain.take_replaced():
+                self._log_sync.note(path)
+
+    def status(self) -> RecorderReport:
+        disk = self._disk.state
+        return RecorderReport(
+            stamp_ns=clock.now_ns(),
+            state="paused" if self.paused else "recording",
+            folder=self.folder,
+            started_ns=self.started_ns,
+            written_bytes=self._written_bytes(),
+            free_bytes=disk.free_bytes,
+            dropped=dict(self.dropped),
+            detail="; ".join(self._troubles()),
+            bytes_per_s=disk.bytes_per_s,
+            room_s=disk.room_s,
+        )
+
+    def close(self, reason: str) -> None:
+        """End the session, checksums included."""
+        self.end(reason)
+        self.finish()
+
+    def end(self, reason: str) -> None:
+        """End the session. Does what can be done; what cannot is logged. :meth:`finish` must follow."""
+        self._put_held()
+        # Media first: their indexes need room, and the reserve is for the events that come after them.
+        try:
+            self._put_blocks(self._audio.close())
+        except OSError:
+            _log.exception("closing the sound of %s", self.folder)
+        self._media.close(timeout_s=self._limits.close_media_s)
+        self._take_media_results()
+        self._tell_missed()
+        self._ended_ns, self._reason = clock.now_ns(), reason
+        self._record(SessionEnded(self._ended_ns, self.folder.name, reason))
+        self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
+        self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
+        self._reserve.release()
+        for step in (self._log.close, self._plain.close, self._write_header):
+            try:
+                step()
+            except OSError:
+                _log.exception("closing the session %s", self.folder)
+
+    def finish(self, *, may_go_on: Callable[[], bool] = lambda: True) -> None:
+        """After :meth:`end`, and in any thread: the checksums of everything, which may take a while.
+
+        Until then the folder is held, so that nobody takes the session for one that broke off.
+        """
+        try:
+            for path in (*self._plain.take_replaced(), self.folder / "session.json"):
+                self._log_sync.note(path)
+            self._log_sync.bring()
+            if not self._media.wait(timeout_s=0.0):
+                while not self._media.wait(timeout_s=0.1) and may_go_on():
+                    pass
+                self._write_header()
+            write_manifest(self.folder, may_go_on=may_go_on)
+        except HashingStopped:
+            _log.warning("%s is closed, but its checksums are not written: the program ends", self.folder)
+        except OSError:
+            _log.exception("the checksums of %s could not be written", self.folder)
+        finally:
+            self._lock.release()
+
+    def give_up(self) -> str:
+        """Once ``full``: tell why nothing more can be recorded, and end. What happened, in words for the report."""
+        error = self._broken
+        what = "The disk is full." if error is None else f"The disk failed: {error.strerror or error}."
+        self.problem(
+            "error",
+            what,
+            "The recording has ended; everything up to now is kept. Driving and speaking still work.",
+            "Free some room, or choose another study folder, then record again."
+            if error is None
+            else "Choose a study folder on another disk, then record again.",
+        )
+        self.end("disk_full" if error is None else "disk_failed")
+        return what
+
+    # Values on their way to the disk
+
+    def _write_frame(self, spec: StreamSpec, ref: FrameRef, arrived_ns: int) -> None:
+        if not self._video_permitted or self._video_ended:
+            return
+        if not self._media.wants(ref.camera):
+            self._miss(spec.name, f"{ref.camera}: left out, as {self._spared_because or 'encoding takes too long'}")
+            return
+        image_bgr = self._frames.read(ref)
+        if image_bgr is None:
+            self._miss(spec.name, f"{ref.camera}: overwritten before it could be read")
+        elif not self._media.add_frame(ref, image_bgr):
+            self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
+        else:
+            self._put(spec, ref, arrived_ns)
+
+    def _write_sound(self, chunk: AudioChunk) -> None:
+        if not self._audio_permitted or self._audio_ended:
+            return
+        chunk = _since(chunk, self._sound_from_ns)
+        if not len(chunk.samples):
+            return
+        try:
+            blocks = self._audio.write(chunk)
+        except OSError as error:
+            _log.exception("sound of %s", chunk.source)
+            self._miss("audio", f"{chunk.source}: the disk did not take it")
+            self._end_audio(error)
+        except ValueError as error:
+            self._miss("audio", f"{chunk.source}: {error}"[:200])
+        else:
+            self._put_blocks(blocks)
+
+    def _put_blocks(self, blocks: list[AudioBlock]) -> None:
+        for block in blocks:
+            self._put(BY_TYPE[AudioBlock], block, clock.now_ns())
+
+    def _put_held(self, *, older_than_ns: int | None = None) -> None:
+        """Values that waited for their turn; those that are due at ``older_than_ns``, or all."""
+        for topic, held in list(self._latched.items()):
+            if held.value is None:
+                continue
+            if older_than_ns is None or older_than_ns - held.put_ns >= held.spec.record_every_s * 1e9:
+                self._latched[topic] = _Held(held.spec, time.monotonic_ns(), None, 0)
+                self._put(held.spec, held.value, held.arrived_ns)
+
+    def _record(self, event: Any) -> None:
+        """An event of the recorder's own: written, then told. What goes wrong during a pause is only told."""
+        if not (self.paused and isinstance(event, Problem)):
+            self._put(BY_TYPE[type(event)], event, clock.now_ns())
+        self._report(event)
+
+    def _put(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
+        try:
+            self._log.write(spec, value, arrived_ns)
+        except OSError as error:
+            self._on_write_error(error)
+            self._miss(spec.name, "the disk did not take it")
+        except (TypeError, ValueError) as error:
+            _log.exception("a value of %s could not be written", spec.name)
+            self._miss(spec.name, f"not writable: {error}"[:200])
+        self._guarded(lambda: self._plain.add(value))
+        if self._offer is not None:
+            self._offer(spec, value)
+
+    def _guarded(self, write: Callable[[], None]) -> None:
+        try:
+            write()
+        except OSError as error:
+            self._on_write_error(error)
+
+    def _on_write_error(self, error: OSError) -> None:
+        if not self.full:
+            _log.error("recording: %s", error)
+            self._broken = None if no_room(error) else error
+        self.full = True
+
+    def _make_room(self) -> bool:
+        """The disk is full: give some of the reserve back, so that what is being written is written whole."""
+        self._on_reserve = True
+        if self._reserve.release_step(keep_bytes=self._closing_bytes):
+            return True
+        self.full = True
+        return self._reserve.release()
+
+    def _miss(self, stream: str, reason: str, count: int = 1) -> None:
+        self.dropped[stream] += count
+        self._missed[(stream, reason)] += count
+
+    def _tell_missed(self) -> None:
+        missed, self._missed = self._missed, Counter()
+        for (stream, reason), count in missed.items():
+            self._record(Gap(clock.now_ns(), stream, count, reason))
+
+    def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
+        """Tell the wizard, and the record."""
+        _log.warning("%s %s %s", what, meaning, advice)
+        self._record(Problem(clock.now_ns(), severity, what, meaning, advice))
+
+    def _troubles(self) -> list[str]:
+        troubles = []
+        if self._on_reserve:
+            troubles.append("the disk is full: events only, in the room kept for them")
+        elif self._video_ended:
+            troubles.append("video ended: the disk is nearly full")
+        elif self._spared_because:
+            troubles.append(f"every second frame is recorded: {self._spared_because}")
+        else:
+            troubles += [
+                f"{camera}: every {_ORDINALS.get(step, f'{step}th')} frame is recorded"
+                for camera, step in self._lowered.items()
+                if step > 1
+            ]
+        return troubles
+
+    # Pictures
+
+    def _take_media_results(self) -> None:
+        for result in self._media.results():
+            match result:
+                case PhotoKept(ref=ref, file_name=file_name):
+                    self._log_sync.note(self.folder / file_name)
+                    self._record(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name))
+                case MediaFailed():
+                    self._on_media_failed(result)
+                case VideoRateChanged():
+                    self._on_rate_changed(result)
+
+    def _on_media_failed(self, failure: MediaFailed) -> None:
+        if failure.kind == "photo":
+            self.problem(
+                "error",
+                "The photo could not be kept.",
+                "The session goes on without it.",
+                "Free some room on the disk." if failure.disk_full else f"Try again. ({failure.detail})",
+            )
+            return
+        if failure.lost:
+            self._miss("frame", f"{failure.camera}: {failure.detail}"[:200], failure.lost)
+        if failure.disk_full:
+            self._end_video("The disk is full.")
+        elif failure.kind == "video" and failure.detail != "the video has ended":
+            self.problem(
+                "error",
+                f"The video of {failure.camera} ended: {failure.detail}.",
+                "What was recorded up to now is kept. Events and robot data go on.",
+                "Stop and start the recording to have video again.",
+            )
+
+    def _on_rate_changed(self, change: VideoRateChanged) -> None:
+        _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
+        self._lowered[change.camera] = change.step
+        if change.change == "lowered" and not self._told_lowered:
+            # Once a session: how it goes on is in the recorder's report, and every frame left out is counted.
+            self._told_lowered = True
+            self.problem(
+                "warning",
+                f"This computer cannot keep up with the video of {change.camera}.",
+                "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is "
+                "missing.",
+                "Close other programs, or choose a smaller picture or fewer frames for this camera.",
+            )
+
+    # The disk
+
+    def _update_sound_headers(self) -> None:
+        try:
+            self._audio.update_headers()
+        except OSError as error:
+            _log.exception("the sound of %s", self.folder)
+            self._end_audio(error)
+
+    def _watch_disk(self, now_ns: int) -> None:
+        try:
+            free_bytes = shutil.disk_usage(self.folder).free
+        except OSError:
+            _log.exception("free room of %s", self.folder)
+            return
+        before = self._disk.state
+        now_s = time.monotonic()
+        delays_s = [
+            delay_s
+            for lane in (self._log_sync, self._media_sync)
+            for delay_s in lane.delays_s(now_s, within_s=_DELAYS_WITHIN_S)
+        ]
+        disk = self._disk.observe(now_ns, free_bytes=free_bytes, written_bytes=self._written_bytes(), delays_s=delays_s)
+        self._tell_disk(disk)
+        if (before.slow, before.stage) != (disk.slow, disk.stage):
+            _log.info("disk: %s", disk)
+        behind_s, self._behind_ns = self._behind_ns / 1e9, 0
+        self._tell_behind(behind_s)
+        self._spared_because = (
+            "the disk is nearly full"
+            if disk.stage in ("low", "out")
+            else "the disk is slow"
+            if disk.slow
+            else "the recorder is behind"
+            if behind_s > _BEHIND_S
+            else ""
+        )
+        self._media.limit_rate(2 if self._spared_because else 1)
+        if self._log_sync.disk_full or self._media_sync.disk_full:
+            self._on_reserve = True
+
+    def _tell_behind(self, behind_s: float) -> None:
+        if behind_s < _BEHIND_S or self._told_behind:
+            return
+        self._told_behind = True
+        self.problem(
+            "warning",
+            f"The recording is {behind_s:.1f} s behind.",
+            "What happens waits in memory and keeps its times; only pictures are left out, and counted.",
+            "Close other programs. If it lasts, record with fewer or smaller cameras.",
+        )
+
+    def _live_on_reserve(self) -> None:
+        """Events only, from now on."""
+        self._told_reserve = True
+        self._end_video("The disk is full.")
+        self._end_audio(None)
+        self.problem(
+            "error",
+            "The disk is full: from here on only events and robot data are recorded.",
+            f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
+            "Free some room on the disk now, or stop the recording.",
+        )
+
+    def _tell_disk(self, disk: DiskState) -> None:
+        free = _megabytes(disk.free_bytes or 0)
+        left = "" if disk.room_s is None else f", at this rate for {_minutes(disk.room_s)}"
+        if disk.stage == "out" and self._video_permitted:
+            self._end_video(f"The disk is nearly full: {free} are left.")
+        elif disk.stage != "ample" and not self._told_scarce:
+            self._told_scarce = True
+            self.problem(
+                "warning",
+                f"The disk is filling up: {free} are left{left}.",
+                f"The video gets fewer frames when {_megabytes(self._limits.lower_video_free_bytes)} are left, and "
+                f"ends at {_megabytes(self._limits.end_video_free_bytes)}.",
+                "Delete or move files that you do not need.",
+            )
+        if disk.slow and not self._told_slow:
+            self._told_slow = True
+            self.problem(
+                "warning",
+                f"The disk is slow: it took {disk.delay_s:.1f} s to write what was recorded.",
+                "Every second frame of the videos is left out meanwhile. A power cut now could cost the last "
+                f"{disk.delay_s + 1:.0f} s.",
+                "Close programs that use this disk, or choose a study folder on another one for the next session.",
+            )
+
+    def _end_video(self, what: str) -> None:
+        if self._video_ended or not self._video_permitted:
+            return
+        self._video_ended = self._told_scarce = True
+        self._media.end_videos()
+        self.problem(
+            "error",
+            what,
+            "Video is no longer recorded; events, robot data and speech still are.",
+            "Free some room on the disk, then stop and start the recording.",
+        )
+
+    def _end_audio(self, error: OSError | None) -> None:
+        if self._audio_ended or not self._audio_permitted:
+            return
+        self._audio_ended = True
+        try:
+            self._put_blocks(self._audio.close())
+        except OSError:
+            _log.exception("closing the sound of %s", self.folder)
+        if error is not None and not no_room(error):
+            self.problem(
+                "error",
+                f"Sound is no longer recorded: {error.strerror or error}.",
+                "What was recorded up to now is kept. Events and robot data go on.",
+                "Stop and start the recording to have sound again.",
+            )
+        elif error is not None:
+            self._on_reserve = True
+
+    def _written_bytes(self) -> int:
+        return (
+            self._log.file.written_bytes
+            + self._plain.written_bytes
+            + self._media.written_bytes
+            + self._audio.written_bytes
+        )
+
+    # session.json
+
+    def _write_header(self) -> None:
+        """As it stands: before the session, or once it has ended."""
+        header = self._header
+        ended = self._ended_ns is not None
+        videos: tuple[VideoInfo, ...] = self._media.infos() if ended else ()
+        data = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "program_version": header.program_version,
+            "scenario": {
+                "title": header.scenario_title,
+                "file": header.scenario_file,
+                "sha256": header.scenario_sha256,
+            },
+            "robot": {"profile": header.robot_profile, "address": without_credentials(header.robot_address)},
+            "trial": header.trial,
+            "software": header.software,
+            "settings": header.settings,
+            "clock": {
+                "monotonic_ns": header.anchor.monotonic_ns,
+                "utc_ns": header.anchor.utc_ns,
+                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap publish_time is the "
+                "stamp of a value and log_time its arrival at the console, both in UTC.",
+            },
+            "started_ns": self.started_ns,
+            "started_utc": self._clock.utc(self.started_ns),
+            "ended_ns": self._ended_ns,
+            "ended_utc": None if self._ended_ns is None else self._clock.utc(self._ended_ns),
+            "duration_s": None if self._ended_ns is None else round(self._clock.session_s(self._ended_ns), 3),
+            "reason": self._reason,
+            "pauses": [{"paused_ns": begin_ns, "resumed_ns": end_ns} for begin_ns, end_ns in self._pauses],
+            "counts": dict(sorted(self._log.counts.items())) if ended else {},
+            "dropped": dict(sorted(self.dropped.items())),
+            "videos": [asdict(video) for video in videos],
+            "audio": [asdict(sound) for sound in self._audio.infos()] if ended else [],
+            "files": _files(self.folder) if ended else [],
+        }
+        text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        replace_file(
+            self.folder / "session.json", text.encode("utf-8", "replace"), durable=True, on_full=self._make_room
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """When a value of its topic was put last, and the one that waits for its turn."""
+
+    spec: StreamSpec
+    put_ns: int
+    value: Any
+    arrived_ns: int
+
+
+_ORDINALS = {2: "second", 4: "fourth"}
+
+
+def _reserve(folder: Path, limits: DiskLimits) -> Reserve:
+    """As large as the limits say where the disk is large enough. Raises OSError where not even a little is free."""
+    share_bytes = max(shutil.disk_usage(folder).free // _RESERVE_SHARE, _LEAST_RESERVE_BYTES)
+    return Reserve(folder, min(limits.reserve_bytes, share_bytes), steps=limits.reserve_steps)
+
+
+def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
+    """What happened, what it means and what to do, for the wizard."""
+    meaning = "Nothing is being recorded. Driving and speaking still work."
+    if no_room(error):
+        return "The disk is full.", meaning, "Free some room, or choose another study folder, then record again."
+    if isinstance(error, FileExistsError):
+        return f"{folder} holds files already.", meaning, "Record again: the next session gets a folder of its own."
+    return (
+        f"{folder} cannot be written: {error.strerror or error}.",
+        meaning,
+        "Choose a study folder that you may write to, then record again.",
+    )
+
+
+def _files(folder: Path) -> list[dict[str, Any]]:
+    return [
+        {"name": name, "bytes": (folder / name).stat().st_size}
+        for name in session_files(folder)
+        if name != "session.json"
+    ]
+
+
+def _megabytes(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+
+
+def _minutes(room_s: float) -> str:
+    return f"{room_s / 60:.0f} minutes" if room_s >= 120 else f"{room_s:.0f} s"
+
+
+def _since(chunk: AudioChunk, from_ns: int) -> AudioChunk:
+    """What of it was heard from then on: sound comes in blocks, and some began before it was permitted."""
+    missing_ns = from_ns - chunk.stamp_ns
+    if missing_ns <= 0:
+        return chunk
+    first = -(-missing_ns * chunk.sample_rate_hz // 1_000_000_000)
+    stamp_ns = chunk.stamp_ns + first * 1_000_000_000 // chunk.sample_rate_hz
+    return replace(chunk, stamp_ns=stamp_ns, samples=chunk.samples[first:])

@@ -1,0 +1,176 @@
+"""One camera's mp4: readable while it grows and after a kill, an ordinary mp4 once it is closed.
+
+Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it and when it was taken.
+"""
+
+import logging
+import re
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
+from caris_desktop.recording.session.session_clock import SessionClock
+
+_log = logging.getLogger(__name__)
+KEY_FRAME_EVERY_S = 0.4
+INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence\n"
+
+
+def video_file_name(camera: str, taken: set[str]) -> str:
+    """``video-CAMERA.mp4`` with nothing in the name that could leave the folder, and not yet ``taken``."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", camera).strip("-")[:40] or "camera"
+    name, number = f"video-{plain}.mp4", 2
+    while name in taken:
+        name, number = f"video-{plain}-{number}.mp4", number + 1
+    return name
+
+
+class VideoFile:
+    """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``.
+
+    The lines of the index are written just before their frames, so that after a kill every frame has its line; the
+    last lines may lack theirs. ``frames`` counts those on disk, and ``last_stamp_ns`` is the stamp of the last.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        width_px: int,
+        height_px: int,
+        encoder: Encoder,
+        clock: SessionClock,
+        on_full: Callable[[], bool],
+    ) -> None:
+        """Raises OSError when the files cannot be made, ValueError when the size cannot be encoded, and PyAV's errors
+        when the encoder does not open.
+        """
+        import av
+
+        self.path = path
+        self.encoder = encoder
+        self.taken = 0
+        self.frames = 0
+        self.first_stamp_ns = 0
+        self.last_stamp_ns = 0
+        self.width_px, self.height_px = width_px // 2 * 2, height_px // 2 * 2
+        if not (self.width_px and self.height_px):
+            raise ValueError(f"a picture of {width_px}x{height_px} pixels is too small for a video")
+        self._av = av
+        self._clock = clock
+        self._last_tick = -1
+        self._last_key_tick = 0
+        # Stamps and lines of frames that the encoder still has, and of those that the muxer still has.
+        self._encoding: deque[tuple[int, str]] = deque()
+        self._muxed: list[tuple[int, str]] = []
+        self.file = DiskFile(path, on_full=on_full)
+        try:
+            self.index = DiskFile(path.with_suffix(".frames.csv"), on_full=on_full)
+        except OSError:
+            self.file.close()
+            path.unlink(missing_ok=True)
+            raise
+        try:
+            self.index.write(INDEX_HEAD.encode())
+            self._container = av.open(self.file, "w", format="mp4", options=MUXER)
+            self._stream = add_stream(self._container, encoder, self.width_px, self.height_px)
+            self._stream.codec_context.open()
+        except Exception:
+            self.file.discard()
+            self._close_files()
+            path.unlink(missing_ok=True)
+            self.index.path.unlink(missing_ok=True)
+            raise
+
+    def write(self, image_bgr: NDArray[np.uint8], ref: FrameRef) -> None:
+        """``image_bgr``: uint8, shape (height, width, 3); an odd last row or column is cut off. It must not change
+        before the next call.
+
+        Raises OSError, and PyAV's errors.
+        """
+        first = self._last_tick < 0
+        self.taken += 1
+        if first:
+            self.first_stamp_ns = ref.stamp_ns
+        tick = max((ref.stamp_ns - self.first_stamp_ns) * TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
+        even = np.ascontiguousarray(image_bgr[: self.height_px, : self.width_px])
+        frame = self._av.VideoFrame.from_numpy_buffer(even, format="bgr24")
+        frame.pts, frame.time_base = tick, self._stream.time_base
+        if first or tick - self._last_key_tick >= KEY_FRAME_EVERY_S * TICKS_PER_S:
+            frame.pict_type = self._av.video.frame.PictureType.I
+            self._last_key_tick = tick
+        robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
+        video_s = tick / TICKS_PER_S
+        line = f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{self._clock.utc(ref.stamp_ns)},{ref.sequence}\n"
+        self._encoding.append((ref.stamp_ns, line))
+        self._mux(self._stream.encode(frame))
+        self._last_tick = tick
+
+    def close(self) -> None:
+        """Turn the file into a plain mp4. Raises OSError; the video then stays readable as fragments."""
+        try:
+            self._mux(self._stream.encode(None))
+            self.file.hold_back()
+            with self._lines_first():
+                self._container.close()
+                self.file.commit()
+            self.file.sync()
+            self.index.sync()
+        finally:
+            self._close_files()
+
+    def abandon(self) -> None:
+        """Stop here, whatever the encoder still holds: what is on disk is readable and is left alone."""
+        self.file.discard()
+        try:
+            self._container.close()
+        except (OSError, self._av.error.FFmpegError):
+            _log.debug("closing an abandoned video", exc_info=True)
+        self._close_files()
+
+    @property
+    def lost(self) -> int:
+        """Frames that were taken and, once it is closed or abandoned, are not in the file."""
+        return self.taken - self.frames
+
+    @property
+    def written_bytes(self) -> int:
+        return self.file.written_bytes + self.index.written_bytes
+
+    def _mux(self, packets: list[Any]) -> None:
+        for packet in packets:
+            if packet.is_keyframe:
+                # It sends out the fragment that the muxer holds.
+                with self._lines_first():
+                    self._container.mux(packet)
+            else:
+                self._container.mux(packet)
+            self._muxed.append(self._encoding.popleft())
+
+    @contextmanager
+    def _lines_first(self) -> Iterator[None]:
+        """The lines of what the muxer holds go to the index, then inside of this the frames to the video."""
+        size_before, frames_before, last_before_ns = self.index.size_bytes, self.frames, self.last_stamp_ns
+        held, self._muxed = self._muxed, []
+        try:
+            if held:
+                self.index.write("".join(f"{self.frames + at},{line}" for at, (_, line) in enumerate(held)).encode())
+                self.frames += len(held)
+                self.last_stamp_ns = held[-1][0]
+            yield
+        except Exception:
+            self.index.cut_to(size_before)
+            self.frames, self.last_stamp_ns = frames_before, last_before_ns
+            raise
+
+    def _close_files(self) -> None:
+        self.file.close()
+        self.index.close()

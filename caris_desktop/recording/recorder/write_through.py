@@ -1,0 +1,90 @@
+"""Brings what was written to the disk itself, again and again, in a thread of its own: for a power cut."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, sync_path
+
+_log = logging.getLogger(__name__)
+_REMEMBER_S = 30.0
+
+
+class WriteThrough:
+    """One lane. A round begins when it is asked for, and ``every_s`` after the last one began at the latest."""
+
+    def __init__(self, name: str, files: Callable[[], Iterable[DiskFile]], *, every_s: float) -> None:
+        self._files = files
+        self._every_s = every_s
+        self._paths: deque[Path] = deque()
+        self._rounds: deque[tuple[float, float]] = deque()
+        self._began_s: float | None = None
+        self._failed = False
+        self.disk_full = False
+        self._due = threading.Event()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name=f"sync-{name}", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def ask(self) -> None:
+        """Something was written that is to be on the disk soon."""
+        self._due.set()
+
+    def note(self, path: Path) -> None:
+        """A whole file was put in its place: it, and its name in the folder, are brought to the disk."""
+        self._paths.append(path)
+
+    def delays_s(self, now_s: float, *, within_s: float) -> list[float]:
+        """How long the rounds of the last ``within_s``, or the slowest write before each, took (``time.monotonic``),
+        and how long the present one takes already.
+        """
+        began_s = self._began_s
+        going_s = 0.0 if began_s is None else now_s - began_s
+        return [going_s, *(took_s for at_s, took_s in tuple(self._rounds) if now_s - at_s <= within_s)]
+
+    def close(self, *, timeout_s: float) -> None:
+        """End after a last round; a round that the disk does not finish is left to itself."""
+        self._ended = True
+        self._due.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+            if self._thread.is_alive():
+                _log.error("the disk has not confirmed within %.0f s what was written", timeout_s)
+
+    def bring(self) -> None:
+        """One round, now."""
+        paths = {self._paths.popleft() for _ in range(len(self._paths))}
+        folders = {path.parent for path in paths}
+        whole: list[Callable[[], object]] = [partial(sync_path, path) for path in (*sorted(paths), *sorted(folders))]
+        for sync in [*(file.sync for file in self._files()), *whole]:
+            try:
+                sync()
+            except FileNotFoundError:
+                # Replaced by a newer one meanwhile, which is noted too.
+                continue
+            except OSError as error:
+                self.disk_full = self.disk_full or no_room(error)
+                if not self._failed:
+                    _log.exception("the disk did not confirm what was written")
+                self._failed = True
+
+    def _run(self) -> None:
+        ended = False
+        while not ended:
+            self._due.wait(self._every_s)
+            self._due.clear()
+            ended = self._ended
+            self._began_s = time.monotonic()
+            self.bring()
+            took_s = time.monotonic() - self._began_s
+            self._began_s = None
+            slowest_s = max([took_s, *(file.take_slowest_write_s() for file in self._files())])
+            self._rounds.append((time.monotonic(), slowest_s))
+            while self._rounds[0][0] < time.monotonic() - _REMEMBER_S:
+                self._rounds.popleft()

@@ -1,0 +1,66 @@
+"""The marks of a session as the wizard left them: one value for each, whatever was changed about it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from caris_desktop.domain.events import Marked, MarkKind
+from caris_desktop.recording.session.session_reader import Session
+
+
+@dataclass(frozen=True, slots=True)
+class FinalMark:
+    """A moment, or a stretch where ``end_ns`` is set, on the session clock; ``end_ns`` is not before ``start_ns``.
+
+    ``marked_ns`` is when the wizard first said so, ``open_at_end`` a stretch that nobody ended: the session did.
+    """
+
+    mark_id: str
+    label: str
+    kind: MarkKind
+    start_ns: int
+    end_ns: int | None
+    note: str
+    marked_ns: int
+    open_at_end: bool = False
+
+
+def final_marks(session: Session) -> tuple[FinalMark, ...]:
+    """The marks of a session in the order of their moments, without the withdrawn ones. Raises SessionError."""
+    return final_marks_of((value for _, value in session.values("event/marked")), ended_ns=session.ended_ns)
+
+
+def final_marks_of(events: Iterable[Marked], *, ended_ns: int) -> tuple[FinalMark, ...]:
+    """Fold ``events``, in the order of recording. Marks of older sessions, which had no ids, get mark-1, mark-2..."""
+    histories: dict[str, list[Marked]] = {}
+    for number, event in enumerate(events, start=1):
+        histories.setdefault(event.mark_id or f"mark-{number}", []).append(event)
+    marks = [_final(mark_id, history, ended_ns) for mark_id, history in histories.items()]
+    return tuple(sorted((mark for mark in marks if mark is not None), key=lambda mark: mark.start_ns))
+
+
+def _final(mark_id: str, history: list[Marked], ended_ns: int) -> FinalMark | None:
+    first, last = history[0], history[-1]
+    if last.state == "withdrawn":
+        return None
+    # A change that does not say which moment is meant leaves it as it was.
+    starts_ns = [event.start_ns for event in history if event.start_ns is not None]
+    start_ns = starts_ns[-1] if starts_ns else first.stamp_ns
+    end_ns = last.end_ns
+    if end_ns is None and last.state == "open":
+        end_ns = ended_ns
+    elif end_ns is None:
+        opened = [index for index, event in enumerate(history) if event.state == "open"]
+        if opened:
+            closing = history[opened[-1] + 1]
+            ends_ns = [event.end_ns for event in history[opened[-1] + 1 :] if event.end_ns is not None]
+            end_ns = ends_ns[-1] if ends_ns else closing.stamp_ns
+    return FinalMark(
+        mark_id=mark_id,
+        label=last.label,
+        kind=last.kind,
+        start_ns=start_ns,
+        end_ns=None if end_ns is None else max(start_ns, end_ns),
+        note=last.note,
+        marked_ns=first.stamp_ns,
+        open_at_end=last.state == "open",
+    )

@@ -1,0 +1,176 @@
+"""Makes sound and video files of a broken-off recording agree with what is in them."""
+
+import logging
+import os
+import struct
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.recorder.video_file import INDEX_HEAD
+from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.session_clock import SessionClock
+
+_log = logging.getLogger(__name__)
+_LARGEST_WAV = 2**32 - 1
+# A video rounds times down to 1/90000 s, and frames with equal stamps follow one another by so much.
+_SAME_FRAME_NS = 25_000
+
+
+@dataclass(frozen=True, slots=True)
+class VideoContent:
+    """The frames that are whole in a video file. ``times_s`` rise."""
+
+    times_s: tuple[float, ...]
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class SoundContent:
+    """The sound that is in a WAV file. ``samples`` counts those of one channel."""
+
+    sample_rate_hz: int
+    channels: int
+    samples: int
+    repaired: bool
+
+    @property
+    def duration_s(self) -> float:
+        return self.samples / max(1, self.sample_rate_hz)
+
+
+def repair_wav(path: Path) -> SoundContent:
+    """Write the true length into a WAV's head, if another one is there.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    ValueError
+        If it is no WAV that can be understood.
+    """
+    with path.open("r+b") as file:
+        size_bytes = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        if file.read(4) != b"RIFF" or file.seek(8) != 8 or file.read(4) != b"WAVE":
+            raise ValueError("it has not the head of a WAV file")
+        at, channels, rate_hz, frame_bytes = 12, 1, 1, 1
+        while True:
+            file.seek(at)
+            head = file.read(8)
+            if len(head) < 8:
+                raise ValueError("it holds no sound")
+            name, length = head[:4], int.from_bytes(head[4:], "little")
+            if name == b"data":
+                break
+            if name == b"fmt ":
+                _, channels, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", file.read(16))
+                frame_bytes = max(1, frame_bytes)
+            at += 8 + length + length % 2
+        true_length = (size_bytes - at - 8) // frame_bytes * frame_bytes
+        riff_length = min(at + true_length, _LARGEST_WAV)
+        true_length = min(true_length, riff_length - at)
+        file.seek(4)
+        content = SoundContent(rate_hz, channels, true_length // frame_bytes, repaired=False)
+        if length == true_length and int.from_bytes(file.read(4), "little") == riff_length:
+            return content
+        file.seek(4)
+        file.write(struct.pack("<I", riff_length))
+        file.seek(at + 4)
+        file.write(struct.pack("<I", true_length))
+        file.flush()
+        os.fsync(file.fileno())
+        return replace(content, repaired=True)
+
+
+def whole_bytes(path: Path) -> int:
+    """Where the last whole fragment of a growing mp4 ends; its size for one that was finished. Raises OSError."""
+    at, good, fragmented = 0, 0, False
+    with path.open("rb") as file:
+        size_bytes = file.seek(0, os.SEEK_END)
+        while at + 8 <= size_bytes:
+            file.seek(at)
+            head = file.read(16)
+            length, kind = int.from_bytes(head[:4], "big"), head[4:8]
+            if length == 1:
+                length = int.from_bytes(head[8:], "big")
+            if length < 8 or at + length > size_bytes:
+                break
+            # A moof tells of the mdat behind it and is worth nothing without that.
+            if kind == b"moof":
+                fragmented = True
+            else:
+                good = at + length
+            at += length
+    return good if fragmented else size_bytes
+
+
+def content_of(path: Path) -> VideoContent | None:
+    """Which frames of a video are whole; None where it cannot be read at all."""
+    import av
+
+    try:
+        size_bytes = path.stat().st_size
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            tick_s = float(stream.time_base)
+            times_s = []
+            for entry in stream.index_entries:
+                if entry.pos + entry.size > size_bytes:
+                    break
+                times_s.append(entry.timestamp * tick_s)
+            return VideoContent(tuple(times_s), stream.width, stream.height)
+    except (av.error.FFmpegError, OSError, IndexError) as error:
+        _log.info("%s cannot be read: %s", path, error)
+        return None
+
+
+def index_lines(video: Path, content: VideoContent, recorded: list[FrameRef], clock: SessionClock) -> bytes | None:
+    """The side index that fits the frames of a video; None where the one that is there does.
+
+    ``recorded`` are the frames of its camera as the record tells, by stamp. Lines that are there are kept as they are;
+    frames without one get theirs from the record.
+    """
+    path = index_path(video)
+    try:
+        lines = path.read_bytes().split(b"\n")
+        times = read_frame_times(path)
+    except (OSError, ValueError):
+        lines, times = [], FrameTimes.none()
+    if lines and times.count == len(content.times_s) and len(lines) == times.count + 2 and not lines[-1]:
+        return None
+    kept = min(times.count, len(content.times_s))
+    head = lines[0] if kept else INDEX_HEAD.rstrip("\n").encode()
+    rows = [*lines[1 : kept + 1]]
+    if kept < len(content.times_s):
+        rows += _missing_lines(content, kept, times, recorded, clock)
+    return b"\n".join([head, *rows, b""])
+
+
+def _missing_lines(
+    content: VideoContent, kept: int, times: FrameTimes, recorded: list[FrameRef], clock: SessionClock
+) -> list[bytes]:
+    of_size = [ref for ref in recorded if _even_size(ref) == (content.width_px, content.height_px)] or recorded
+    if kept:
+        zero_ns = int(times.stamps_ns[0]) - round(float(times.video_s[0]) * 1e9)
+    else:
+        zero_ns = of_size[0].stamp_ns if of_size else clock.started_ns
+    stamps_ns = [ref.stamp_ns for ref in of_size]
+    rows = []
+    for number in range(kept, len(content.times_s)):
+        stamp_ns, robot_stamp, sequence = zero_ns + round(content.times_s[number] * 1e9), "", ""
+        at = bisect_left(stamps_ns, stamp_ns - _SAME_FRAME_NS)
+        if at < len(of_size) and abs(stamps_ns[at] - stamp_ns) <= _SAME_FRAME_NS:
+            ref = of_size[at]
+            stamp_ns, sequence = ref.stamp_ns, str(ref.sequence)
+            robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
+        rows.append(
+            f"{number},{content.times_s[number]:.6f},{stamp_ns},{robot_stamp},{clock.utc(stamp_ns)},{sequence}".encode()
+        )
+    return rows
+
+
+def _even_size(ref: FrameRef) -> tuple[int, int]:
+    return ref.width_px // 2 * 2, ref.height_px // 2 * 2

@@ -1,0 +1,462 @@
+"""Repairs a session whose recording was cut off, so that all that was saved of it can be used; nothing is overwritten.
+
+What is replaced lies on in the folder ``recovered`` as it was found.
+"""
+
+import json
+import logging
+import os
+import shutil
+import time
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
+from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
+from caris_desktop.domain.sensing import AudioBlock, FrameRef
+from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
+from caris_desktop.recording.recorder.audio_file import AudioInfo
+from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
+from caris_desktop.recording.recorder.media_writer import VideoInfo
+from caris_desktop.recording.session import mcap_blocks, media_repair
+from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
+from caris_desktop.recording.session.frame_times import index_path, read_frame_times
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files, write_manifest
+from caris_desktop.recording.session.mcap_blocks import BlockIndex
+from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
+from caris_desktop.recording.session.session_header import SessionError, SessionTimes, inside, read_header, times_of
+from caris_desktop.recording.session.video_names import camera_of_video
+
+_log = logging.getLogger(__name__)
+KEPT_FOLDER = "recovered"
+_EVENTS = "events.mcap"
+_REWRITTEN = f".{_EVENTS}.part"
+# Sessions of version 1 were closed without a manifest.
+_MANIFEST_SINCE = 2
+_LOOKED_AT = (FrameRef, AudioBlock, Gap, RecordingPaused, SessionEnded)
+
+
+@dataclass(frozen=True, slots=True)
+class RepairReport:
+    """``sentences`` say what was done, or why it could not be, in words for people; empty where all was well."""
+
+    repaired: bool
+    sentences: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class _Record:
+    """What the events of a session say of the rest of it."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    dropped: Counter[str] = field(default_factory=Counter)
+    frames: dict[str, list[FrameRef]] = field(default_factory=dict)
+    sounds: dict[str, AudioBlock] = field(default_factory=dict)
+    pauses: list[RecordingPaused] = field(default_factory=list)
+    ended: SessionEnded | None = None
+    newest_utc_ns: int = 0
+
+
+def needs_repair(folder: Path) -> bool:
+    """Whether a session was not closed properly, or is just being recorded. Raises SessionError."""
+    header = read_header(folder)
+    return bool(_wanting(folder, header, times_of(header, folder)))
+
+
+def repair_session(folder: Path) -> RepairReport:
+    """Repair the session in ``folder`` if it needs it. As often as one likes; a kill in the middle does no harm.
+
+    Raises
+    ------
+    SessionError
+        If ``folder`` is no session that this program can read, or one that is still being recorded.
+    """
+    header = read_header(folder)
+    wanting = _wanting(folder, header, times_of(header, folder))
+    if not wanting:
+        return RepairReport(False)
+    try:
+        lock = hold(folder)
+    except FolderHeldError as error:
+        if wanting == "manifest":
+            return RepairReport(False)  # the recorder is just making it
+        raise SessionError(
+            f"{folder} is still being recorded, or is being repaired at this moment. Open it once that has ended."
+        ) from error
+    except OSError as error:
+        return RepairReport(
+            False,
+            (
+                f"The recording was cut off and could not be repaired, because {folder} cannot be written "
+                f"({error.strerror or error}). It is shown as it was left.",
+            ),
+        )
+    with lock:
+        try:
+            return _Repair(folder).run()
+        except OSError as error:
+            _log.exception("repairing %s", folder)
+            why = "the disk has no room for it" if no_room(error) else str(error.strerror or error)
+            return RepairReport(
+                False,
+                (
+                    f"The recording was cut off and could not be repaired: {why}. "
+                    "It is shown as it was left; nothing of it was changed for the worse.",
+                ),
+            )
+        finally:
+            _remove(folder / _REWRITTEN)
+
+
+def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Literal["", "end", "manifest"]:
+    """What a session lacks: a proper end, or no more than its manifest."""
+    try:
+        if times.ended_ns is None or not mcap_blocks.has_summary(folder / _EVENTS):
+            return "end"
+    except OSError as error:
+        raise SessionError(f"{folder / _EVENTS} cannot be read: {error.strerror or error}.") from error
+    lacks_manifest = header["format_version"] >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
+    return "manifest" if lacks_manifest else ""
+
+
+class _Repair:
+    """One repair, with the folder held. Every step leaves a session that the next attempt can go on from."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._header = read_header(folder)
+        self._times = times_of(self._header, folder)
+        self._sentences: list[str] = []
+        self._record = _Record()
+        self._ended_ns = 0
+        self._reason = ""
+        self._damaged_bytes: int | None = None
+
+    def run(self) -> RepairReport:
+        wanting = _wanting(self._folder, self._header, self._times)
+        if not wanting:
+            return RepairReport(False)  # somebody else was quicker
+        begun_s = time.monotonic()
+        if wanting == "end":
+            self._repair_events()
+            sounds = self._repair_sounds()
+            videos = self._repair_videos()
+            self._keep_leftovers()
+            self._write_header(videos, sounds)
+        else:
+            self._sentences.append("The list of checksums was missing and has been made.")
+        write_manifest(self._folder)
+        for sentence in self._sentences:
+            _log.info("%s: %s", self._folder, sentence)
+        _log.info("%s: repaired in %.1f s", self._folder, time.monotonic() - begun_s)
+        return RepairReport(True, tuple(self._sentences))
+
+    # Events
+
+    def _repair_events(self) -> None:
+        path = self._folder / _EVENTS
+        with path.open("rb") as file:
+            magic = file.read(len(mcap_blocks.MAGIC))
+            broken = not mcap_blocks.has_summary(path)
+            index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
+            if broken and not index.count and magic != mcap_blocks.MAGIC[: len(magic)]:
+                raise SessionError(f"{path} is no record of events: nothing in it can be read. Nothing was changed.")
+            if broken:
+                self._rewrite_events(file, index)
+            else:
+                for number in range(index.count):
+                    try:
+                        self._look_at(index, mcap_blocks.read_block(file, index, number))
+                    except mcap_blocks.DamagedBlockError:
+                        _log.warning("%s: the block at byte %d is damaged", path, index.offsets[number])
+        if not broken:
+            self._settle_end()
+        if self._kept(_EVENTS):
+            self._tell_of_events()
+
+    def _rewrite_events(self, file: Any, index: BlockIndex) -> None:
+        self._damaged_bytes = index.damaged_bytes
+        part = self._folder / _REWRITTEN
+        part.unlink(missing_ok=True)
+        for number in range(index.count):
+            self._record.newest_utc_ns = max(self._record.newest_utc_ns, int(index.ends_utc_ns[number]))
+        target = DiskFile(part)
+        try:
+            end = self._end_event(index, file)
+            rewrite(file, index, target, added=end, look_at=lambda content: self._look_at(index, content))
+            target.sync()
+        finally:
+            target.close()
+        if end is not None:
+            self._record.counts[BY_TYPE[SessionEnded].name] += 1
+        self._keep(self._folder / _EVENTS)
+        part.replace(self._folder / _EVENTS)
+        _sync_folder(self._folder)
+
+    def _end_event(self, index: BlockIndex, file: Any) -> AddedMessage | None:
+        """The end of the session, where the record does not tell it."""
+        spec = BY_TYPE[SessionEnded]
+        for channel, its in index.channels.items():
+            for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
+                self._look_at(index, mcap_blocks.read_block(file, index, number), only=channel)
+        self._settle_end()
+        if self._record.ended is not None:
+            self._record = _Record(newest_utc_ns=self._record.newest_utc_ns)
+            return None
+        event = SessionEnded(self._ended_ns, self._folder.name, self._reason)
+        ended_utc_ns = self._times.clock.anchor.utc_ns_at(self._ended_ns)
+        return AddedMessage(
+            topic=f"/{spec.name}",
+            schema_name=f"caris.{SessionEnded.__name__}",
+            schema=json.dumps(json_schema(SessionEnded)).encode(),
+            data=json.dumps(to_jsonable(event), separators=(",", ":")).encode(),
+            log_ns=max(self._record.newest_utc_ns, ended_utc_ns),
+            publish_ns=ended_utc_ns,
+        )
+
+    def _settle_end(self) -> None:
+        anchor = self._times.clock.anchor
+        newest_ns = self._record.newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns
+        if self._times.ended_ns is not None:
+            self._ended_ns, self._reason = self._times.ended_ns, self._times.reason
+        elif self._record.ended is not None:
+            self._ended_ns, self._reason = self._record.ended.stamp_ns, self._record.ended.reason
+        else:
+            self._ended_ns, self._reason = max(newest_ns, self._times.clock.started_ns), "recovered"
+
+    def _look_at(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
+        record = self._record
+        for message in mcap_blocks.messages_of(content):
+            channel = index.channels.get(message.channel)
+            if channel is None or (only is not None and message.channel != only):
+                continue
+            spec = spec_of_topic(channel.topic)
+            record.counts[channel.topic.removeprefix("/") if spec is None else spec.name] += 1
+            record.newest_utc_ns = max(record.newest_utc_ns, message.log_ns)
+            if spec is None or spec.value_type not in _LOOKED_AT:
+                continue
+            try:
+                value = from_jsonable(spec.value_type, json.loads(content[message.start : message.end]))
+            except (ValueError, RecursionError):
+                continue
+            match value:
+                case FrameRef():
+                    record.frames.setdefault(value.camera, []).append(value)
+                case Gap():
+                    record.dropped[value.stream] += value.count
+                case AudioBlock():
+                    record.sounds.setdefault(value.file_name, value)
+                case RecordingPaused():
+                    record.pauses.append(value)
+                case SessionEnded():
+                    record.ended = value
+
+    def _tell_of_events(self) -> None:
+        if self._damaged_bytes is None:
+            # An earlier attempt came so far and was cut off itself.
+            with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
+                self._damaged_bytes = mcap_blocks.scan(original).damaged_bytes
+        lost = f", but for {self._damaged_bytes} bytes at the break" if self._damaged_bytes else ""
+        self._sentences.append(
+            f"The recording was cut off after {self._times.clock.session_s(self._ended_ns):.1f} s. All "
+            f"{sum(self._record.counts.values())} values that were saved are there{lost}; their index was made anew."
+        )
+
+    # Sound and video
+
+    def _repair_sounds(self) -> list[dict[str, Any]]:
+        sounds = []
+        for path in sorted(self._folder.glob("audio-*.wav")):
+            if not inside(self._folder, path.name):
+                continue
+            try:
+                sound = media_repair.repair_wav(path)
+            except ValueError as error:
+                self._sentences.append(f"{path.name} was left as it is: {error}.")
+                continue
+            if sound.repaired:
+                self._sentences.append(f"{path.name} lacked its length; it holds {sound.duration_s:.1f} s of sound.")
+            first = self._record.sounds.get(path.name)
+            rate_hz = max(1, sound.sample_rate_hz)
+            source = path.stem.removeprefix("audio-") if first is None else first.source
+            first_ns = self._times.clock.started_ns
+            if first is not None:
+                first_ns = first.stamp_ns - first.first_sample * 1_000_000_000 // rate_hz
+            last_ns = first_ns + sound.samples * 1_000_000_000 // rate_hz
+            info = AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
+            sounds.append(asdict(info))
+        return sounds
+
+    def _repair_videos(self) -> list[dict[str, Any]]:
+        told = {
+            str(entry.get("file_name")): entry for entry in self._header.get("videos") or () if isinstance(entry, dict)
+        }
+        videos = []
+        for frames in self._record.frames.values():
+            frames.sort(key=lambda ref: ref.stamp_ns)
+        for path in sorted(self._folder.glob("video-*.mp4")):
+            if inside(self._folder, path.name):
+                video = self._repair_video(path, told.get(path.name, {}))
+                if video is not None:
+                    videos.append(video)
+        self._count_lost_frames(videos)
+        return videos
+
+    def _repair_video(self, path: Path, told: dict[str, Any]) -> dict[str, Any] | None:
+        self._cut_tail(path)
+        content = media_repair.content_of(path)
+        if content is None or not content.times_s:
+            self._sentences.append(f"{path.name} holds no whole picture; it was left as it is.")
+            return None
+        camera = str(told.get("camera") or camera_of_video(path.name, self._record.frames))
+        recorded = self._record.frames.get(camera, [])
+        index = index_path(path)
+        lines = media_repair.index_lines(path, content, recorded, self._times.clock)
+        if lines is not None:
+            if index.exists():
+                self._keep(index)
+            replace_file(index, lines, durable=True)
+            self._sentences.append(f"The frame times of {path.name} were brought in line with its pictures.")
+        stamps_ns = read_frame_times(index).stamps_ns
+        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+        shown = set(stamps_ns.tolist())
+        info = VideoInfo(
+            file_name=path.name,
+            camera=camera,
+            frames=len(stamps_ns),
+            width_px=content.width_px,
+            height_px=content.height_px,
+            first_stamp_ns=first_ns,
+            last_stamp_ns=last_ns,
+            index_file=index.name,
+            encoder="",
+            rate_hz=round((len(stamps_ns) - 1) / max(1e-9, (last_ns - first_ns) / 1e9), 3),
+            left_out=sum(first_ns < ref.stamp_ns < last_ns and ref.stamp_ns not in shown for ref in recorded),
+        )
+        return {**told, **asdict(info)}
+
+    def _cut_tail(self, path: Path) -> None:
+        """Half a fragment at the end of a video is no use and makes some players fail: it is put aside."""
+        whole = media_repair.whole_bytes(path)
+        if whole in (0, path.stat().st_size):
+            return
+        with path.open("rb") as file:
+            file.seek(whole)
+            tail = file.read()
+        kept = self._folder / KEPT_FOLDER / f"{path.name}.tail"
+        kept.parent.mkdir(exist_ok=True)
+        if not (kept.exists() and kept.read_bytes() == tail):
+            replace_file(_unused(kept), tail, durable=True)
+        with path.open("rb+") as file:
+            file.truncate(whole)
+            os.fsync(file.fileno())
+        self._sentences.append(f"{path.name} broke off within its last part, which is now {KEPT_FOLDER}/{kept.name}.")
+
+    def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
+        """Frames that the record tells of and that came after the last whole part of the video."""
+        for camera, frames in self._record.frames.items():
+            last_ns = max((video["last_stamp_ns"] for video in videos if video["camera"] == camera), default=0)
+            lost = sum(ref.stamp_ns > last_ns for ref in frames)
+            if lost:
+                self._record.dropped[BY_TYPE[FrameRef].name] += lost
+                from_ns = max(last_ns, frames[0].stamp_ns)
+                lost_s = (frames[-1].stamp_ns - from_ns) / 1e9
+                self._sentences.append(f"The last {lost} pictures of camera {camera} ({lost_s:.1f} s) were not saved.")
+
+    # The rest
+
+    def _keep_leftovers(self) -> None:
+        """Files that were half written: out of the way, not thrown away."""
+        for path in sorted(self._folder.rglob(".*.part")):
+            if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
+                kept = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
+                kept.parent.mkdir(exist_ok=True)
+                path.replace(kept)
+                self._sentences.append(f"A half-written file was moved to {KEPT_FOLDER}/{kept.name}.")
+
+    def _write_header(self, videos: list[dict[str, Any]], sounds: list[dict[str, Any]]) -> None:
+        clock, before = self._times.clock, self._header
+        earlier = before.get("repairs")
+        data = {
+            **before,
+            "ended_ns": self._ended_ns,
+            "ended_utc": clock.utc(self._ended_ns),
+            "duration_s": round(clock.session_s(self._ended_ns), 3),
+            "reason": self._reason,
+            "counts": dict(sorted(self._record.counts.items())),
+            "dropped": dict(sorted(self._record.dropped.items())),
+            "pauses": self._pauses(),
+            "videos": videos,
+            "audio": sounds,
+            "files": [
+                {"name": name, "bytes": (self._folder / name).stat().st_size}
+                for name in session_files(self._folder)
+                if name != "session.json"
+            ],
+            "repairs": [*(earlier if isinstance(earlier, list) else ()), *self._sentences],
+        }
+        if not (self._folder / KEPT_FOLDER / "session.json.original").exists():
+            self._keep(self._folder / "session.json")
+        text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        replace_file(self._folder / "session.json", text.encode("utf-8", "replace"), durable=True)
+
+    def _pauses(self) -> list[dict[str, int | None]]:
+        pauses: list[dict[str, int | None]] = []
+        for event in self._record.pauses:
+            if event.paused:
+                pauses.append({"paused_ns": event.stamp_ns, "resumed_ns": None})
+            elif pauses:
+                pauses[-1]["resumed_ns"] = event.stamp_ns
+        return pauses
+
+    def _kept(self, name: str) -> str:
+        """The name under which the newest original of a file is kept; empty where there is none."""
+        found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
+        return found[-1].name if found else ""
+
+    def _keep(self, path: Path) -> None:
+        """Keep a file that is about to be replaced, as it is."""
+        kept_folder = self._folder / KEPT_FOLDER
+        kept_folder.mkdir(exist_ok=True)
+        for kept in kept_folder.glob(f"{path.name}.original*"):
+            if kept.samefile(path):
+                return  # an earlier attempt came so far
+        kept = _unused(kept_folder / f"{path.name}.original")
+        try:
+            os.link(path, kept)
+        except OSError:
+            # Disks for carrying about have no hard links.
+            part = kept.with_name(f".{kept.name}.part")
+            part.unlink(missing_ok=True)
+            shutil.copyfile(path, part)
+            with part.open("rb+") as file:
+                os.fsync(file.fileno())
+            part.replace(kept)
+        _sync_folder(kept_folder)
+
+
+def _unused(path: Path) -> Path:
+    number, candidate = 2, path
+    while candidate.exists():
+        candidate, number = path.with_name(f"{path.name}-{number}"), number + 1
+    return candidate
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        _log.debug("%s stays behind", path, exc_info=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk, where the system knows how."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

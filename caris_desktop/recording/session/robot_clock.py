@@ -1,0 +1,248 @@
+"""When the robot measured something, on the session clock: its own stamps, mapped by the offsets the link measured.
+
+The link tells once a second how far the robot's clock is ahead of the session clock, with a bound for the error.
+Afterwards both neighbours of an estimate are known, so a line through those around it takes out their noise; the
+bound that was measured is kept.
+"""
+
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.events import LinkQuality
+from caris_desktop.recording.session.session_reader import Session
+
+# Far above any crystal: what a clock may gain or lose between two estimates without having been set.
+DRIFT_LIMIT = 1e-3
+_WINDOW_S = 20.0
+# Of a clock that runs unevenly (a simulation's) every estimate looks like a step; those are not fitted but joined.
+_UNEVEN_SHARE = 0.2
+_UNKNOWN_ABOVE_NS = 1_000_000_000
+_LEAST_UNCERTAINTY_NS = 1_000.0
+_NEVER_MS = 2**63 / 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A moment on the session clock; the truth lies within ``uncertainty_ns`` of it."""
+
+    stamp_ns: int
+    uncertainty_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSummary:
+    """One session's robot clock in figures: robot minus session clock at the first estimate, what it gained on it
+    since, and the largest uncertainty. ``utc_offset_s`` is how far it was ahead of this computer's UTC then.
+    """
+
+    estimates: int
+    times_set: int
+    utc_offset_s: float
+    drift_ms_per_min: float
+    uncertainty_ms: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """A stretch in which the robot's clock was not set. Session and robot times rise; all relative to the first."""
+
+    first_session_ns: int
+    first_robot_ns: int
+    session_ns: list[float]
+    robot_ns: list[float]
+    uncertainty_ns: list[float]
+    rate_at_start: float
+    rate_at_end: float
+
+    def measured(self, robot_stamp_ns: int) -> Measured:
+        robot_ns = float(robot_stamp_ns - self.first_robot_ns)
+        after = bisect_right(self.robot_ns, robot_ns)
+        if after == 0 or after == len(self.robot_ns):
+            edge, rate = (0, self.rate_at_start) if after == 0 else (-1, self.rate_at_end)
+            away_ns = (robot_ns - self.robot_ns[edge]) / (1.0 + rate)
+            session_ns = self.session_ns[edge] + away_ns
+            uncertainty_ns = self.uncertainty_ns[edge] + DRIFT_LIMIT * abs(away_ns)
+        else:
+            before = after - 1
+            span_ns = self.robot_ns[after] - self.robot_ns[before]
+            share = (robot_ns - self.robot_ns[before]) / span_ns
+            session_ns = _between(self.session_ns, before, share)
+            # Half way between two estimates the clock may have left the straight line by this much.
+            sag_ns = 4.0 * share * (1.0 - share) * 0.25 * DRIFT_LIMIT * span_ns
+            uncertainty_ns = _between(self.uncertainty_ns, before, share) + sag_ns
+        return Measured(self.first_session_ns + round(session_ns), math.ceil(uncertainty_ns))
+
+
+class RobotClock:
+    """Maps stamps of the robot's clock to the session clock."""
+
+    def __init__(self, qualities: Iterable[LinkQuality]) -> None:
+        known = sorted(
+            {
+                quality.stamp_ns: (quality.clock_offset_ms, quality.clock_uncertainty_ms)
+                for quality in qualities
+                if _is_number(quality.clock_offset_ms) and _is_number(quality.clock_uncertainty_ms)
+            }.items()
+        )
+        at_ns = [stamp_ns for stamp_ns, _ in known]
+        # Whole numbers first: nanoseconds since 1970 do not fit a float.
+        offset_ns = [round(offset_ms * 1e6) for _, (offset_ms, _) in known if offset_ms is not None]
+        uncertainty_ns = [max(_LEAST_UNCERTAINTY_NS, (bound or 0.0) * 1e6) for _, (_, bound) in known]
+        self._runs = _runs(at_ns, offset_ns, uncertainty_ns)
+        self._starts_ns = [run.first_session_ns for run in self._runs]
+
+    def __bool__(self) -> bool:
+        return bool(self._runs)
+
+    def measured(self, robot_stamp_ns: int | None, *, arrival_ns: int) -> Measured | None:
+        """When a value that arrived at ``arrival_ns`` was measured; None where that is not known to a second.
+
+        A clock that was set told some times twice: the value is taken to have been on its way as shortly as it can.
+        """
+        if robot_stamp_ns is None or not self._runs:
+            return None
+        here = max(0, bisect_right(self._starts_ns, arrival_ns) - 1)
+        best = self._runs[here].measured(robot_stamp_ns)
+        for other in self._runs[max(0, here - 1) : here] + self._runs[here + 1 : here + 2]:
+            candidate = other.measured(robot_stamp_ns)
+            if _way_ns(candidate, arrival_ns) < _way_ns(best, arrival_ns):
+                best = candidate
+        return best if best.uncertainty_ns <= _UNKNOWN_ABOVE_NS else None
+
+    def summary(self, *, utc_ns_at: int, session_ns_at: int) -> ClockSummary | None:
+        """Figures for a report; the two arguments are one moment in UTC and on the session clock. None: no estimate."""
+        if not self._runs:
+            return None
+        first, last = self._runs[0], self._runs[-1]
+        ahead_ns = (first.first_robot_ns - utc_ns_at) - (first.first_session_ns - session_ns_at)
+        longest = max(self._runs, key=lambda run: run.session_ns[-1])
+        gained_ns = (longest.robot_ns[-1] - longest.robot_ns[0]) - longest.session_ns[-1]
+        lasted_min = longest.session_ns[-1] / 60e9
+        return ClockSummary(
+            estimates=sum(len(run.session_ns) for run in self._runs),
+            times_set=len(self._runs) - 1,
+            utc_offset_s=(ahead_ns + first.robot_ns[0]) / 1e9,
+            drift_ms_per_min=gained_ns / 1e6 / lasted_min if lasted_min else last.rate_at_end * 60e3,
+            uncertainty_ms=max(max(run.uncertainty_ns) for run in self._runs) / 1e6,
+        )
+
+
+def robot_clock(session: Session) -> RobotClock:
+    """The robot's clock during a session; one that knows nothing where the link measured nothing. SessionError."""
+    return RobotClock(value for _, value in session.values("event/link_quality"))
+
+
+def _is_number(value: float | None) -> bool:
+    """Whether it is one, and no more milliseconds than 64 bits hold as nanoseconds: what is infinite is neither."""
+    return value is not None and abs(value) < _NEVER_MS
+
+
+def _between(values: list[float], before: int, share: float) -> float:
+    return values[before] + share * (values[before + 1] - values[before])
+
+
+def _way_ns(measured: Measured, arrival_ns: int) -> float:
+    """How long a value was on its way; one that came before it was measured is the less likely the earlier it came."""
+    way_ns = arrival_ns - measured.stamp_ns
+    return way_ns if way_ns >= -measured.uncertainty_ns else -1e3 * way_ns
+
+
+def _runs(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float]) -> list[_Run]:
+    set_at = [
+        index
+        for index in range(1, len(at_ns))
+        if abs(offset_ns[index] - offset_ns[index - 1])
+        > 2 * DRIFT_LIMIT * (at_ns[index] - at_ns[index - 1]) + uncertainty_ns[index] + uncertainty_ns[index - 1]
+    ]
+    uneven = len(set_at) > max(2, _UNEVEN_SHARE * len(at_ns))
+    bounds = [0, *([] if uneven else set_at), len(at_ns)]
+    return [
+        _run(at_ns[begin:end], offset_ns[begin:end], uncertainty_ns[begin:end], fitted=not uneven)
+        for begin, end in itertools.pairwise(bounds)
+        if end > begin
+    ]
+
+
+def _run(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float], *, fitted: bool) -> _Run:
+    session_ns = np.array([stamp_ns - at_ns[0] for stamp_ns in at_ns], dtype=np.float64)
+    measured_ns = np.array([offset - offset_ns[0] for offset in offset_ns], dtype=np.float64)
+    bound_ns = np.array(uncertainty_ns, dtype=np.float64)
+    if fitted:
+        smooth_ns, rates = _lines(session_ns, measured_ns, bound_ns)
+        # The truth lies within the bounds of what was measured, so that is where the line has to pass.
+        lower_ns, upper_ns = _bounds(session_ns, measured_ns, bound_ns)
+        offset = np.clip(smooth_ns, lower_ns, upper_ns)
+        uncertainty = np.maximum(upper_ns - offset, offset - lower_ns)
+        robot_ns = np.maximum.accumulate(session_ns + offset)
+    else:
+        rates = np.zeros_like(session_ns)
+        robot_ns = np.maximum.accumulate(session_ns + measured_ns)
+        bend_ns = np.zeros_like(session_ns)
+        if len(session_ns) > 2:
+            bend_ns[1:-1] = np.abs(np.diff(session_ns + measured_ns, 2))
+        uncertainty = bound_ns + bend_ns + (robot_ns - session_ns - measured_ns)
+    return _Run(
+        at_ns[0],
+        at_ns[0] + offset_ns[0],
+        session_ns.tolist(),
+        robot_ns.tolist(),
+        uncertainty.tolist(),
+        float(rates[0]),
+        float(rates[-1]),
+    )
+
+
+def _bounds(
+    at_ns: NDArray[np.float64], offset_ns: NDArray[np.float64], bound_ns: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Between what the offset was at each estimate: an uncertain one is bounded by better ones before and after it."""
+    lower_ns, upper_ns = offset_ns - bound_ns, offset_ns + bound_ns
+    for order in (range(1, len(at_ns)), range(len(at_ns) - 2, -1, -1)):
+        for index in order:
+            neighbour = index - 1 if order.step > 0 else index + 1
+            drift_ns = DRIFT_LIMIT * abs(at_ns[index] - at_ns[neighbour])
+            lower_ns[index] = max(lower_ns[index], lower_ns[neighbour] - drift_ns)
+            upper_ns[index] = min(upper_ns[index], upper_ns[neighbour] + drift_ns)
+    # Nothing agrees with all of a clock that drifts more than any should; each then stands for itself.
+    contrary = lower_ns > upper_ns
+    lower_ns[contrary] = (offset_ns - bound_ns)[contrary]
+    upper_ns[contrary] = (offset_ns + bound_ns)[contrary]
+    return lower_ns, upper_ns
+
+
+def _lines(
+    at_ns: NDArray[np.float64], offset_ns: NDArray[np.float64], bound_ns: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """For each estimate the line through those within the window around it: its value there and its rate."""
+    values, rates = offset_ns.copy(), np.zeros_like(offset_ns)
+    begin = np.searchsorted(at_ns, at_ns - _WINDOW_S * 1e9, side="left")
+    end = np.searchsorted(at_ns, at_ns + _WINDOW_S * 1e9, side="right")
+    for index in range(len(at_ns)):
+        window = slice(int(begin[index]), int(end[index]))
+        if window.stop - window.start < 3:
+            continue
+        away_s = (at_ns[window] - at_ns[index]) / 1e9
+        weight = 1.0 / bound_ns[window] ** 2
+        value, rate = _line(away_s, offset_ns[window], weight)
+        # Once more without those that are far off for what was said of them.
+        strange = np.abs(offset_ns[window] - value - rate * away_s) / bound_ns[window]
+        weight = np.where(strange > max(1.0, 3.0 * float(np.median(strange))), 0.0, weight)
+        if np.count_nonzero(weight) >= 3:
+            value, rate = _line(away_s, offset_ns[window], weight)
+        values[index] = value
+        rates[index] = min(DRIFT_LIMIT, max(-DRIFT_LIMIT, rate / 1e9))
+    return values, rates
+
+
+def _line(x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[float, float]:
+    total = float(weight.sum())
+    mean_x, mean_y = float(weight @ x) / total, float(weight @ y) / total
+    spread = float(weight @ (x - mean_x) ** 2)
+    rate = float(weight @ ((x - mean_x) * (y - mean_y))) / spread if spread > 0.0 else 0.0
+    return mean_y - rate * mean_x, rate

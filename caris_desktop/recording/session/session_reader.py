@@ -1,0 +1,173 @@
+"""Reads a session folder, also one that was cut off in the middle."""
+
+import json
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.events import SessionEnded
+from caris_desktop.domain.schema import from_jsonable
+from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.mcap_blocks import BlockIndex
+from caris_desktop.recording.session.recovery import repair_session
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
+
+__all__ = ["Session", "SessionError", "open_session"]
+_log = logging.getLogger(__name__)
+_EVENTS = "events.mcap"
+# An end that nobody chose: the record stops where something broke.
+_RECOVERED = "recovered"
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One recorded session. ``header`` is ``session.json`` as it is on disk.
+
+    Where the recorder was killed, ``closed_properly`` is False; ``reason`` is then ``recovered``, or empty as long as
+    nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
+    for people, what opening it has repaired, or why it could not.
+    """
+
+    folder: Path
+    header: dict[str, Any]
+    clock: SessionClock
+    ended_ns: int
+    closed_properly: bool
+    reason: str
+    notices: tuple[str, ...] = ()
+
+    @property
+    def started_ns(self) -> int:
+        return self.clock.started_ns
+
+    @property
+    def duration_s(self) -> float:
+        return max(0.0, self.clock.session_s(self.ended_ns))
+
+    @property
+    def trial(self) -> dict[str, str]:
+        trial = self.header.get("trial")
+        return {str(key): str(value) for key, value in trial.items()} if isinstance(trial, dict) else {}
+
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """What was ever repaired of it, in words for people."""
+        told = self.header.get("repairs")
+        return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
+
+    def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
+        """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
+
+        Values of streams that this program does not know, and values that do not fit their type, are left out and
+        logged.
+
+        Raises
+        ------
+        KeyError
+            If a name is not in the stream table.
+        """
+        return ((spec, value) for _, spec, value in self.arrivals(*streams))
+
+    def arrivals(self, *streams: str) -> Iterator[tuple[int, StreamSpec, Any]]:
+        """As :meth:`values`, each with the moment it reached the console, on the session clock."""
+        wanted = {BY_NAME[name].name for name in streams}
+        anchor = self.clock.anchor
+        return _values(self.folder / _EVENTS, wanted, anchor.monotonic_ns - anchor.utc_ns)
+
+
+def open_session(folder: Path, *, repair: bool = True) -> Session:
+    """Open a session; one that was not closed properly is repaired first, and ``notices`` says what was done.
+
+    Without ``repair`` nothing on the disk is touched, and a session that is still being recorded can be looked at.
+
+    Raises
+    ------
+    SessionError
+        If ``folder`` is no session that this program can read, or, to be repaired, one that is still being recorded.
+    """
+    header = read_header(folder)
+    times = times_of(header, folder)
+    notices: tuple[str, ...] = ()
+    if repair:
+        report = repair_session(folder)
+        notices = report.sentences
+        if report.repaired:
+            header = read_header(folder)
+            times = times_of(header, folder)
+    clock = times.clock
+    if times.ended_ns is not None:
+        return Session(folder, header, clock, times.ended_ns, times.reason != _RECOVERED, times.reason, notices)
+    newest_ns = _newest_ns(folder / _EVENTS, clock)
+    session = Session(folder, header, clock, newest_ns, False, "", notices)
+    for _, end in session.values(BY_TYPE[SessionEnded].name):
+        return Session(folder, header, clock, end.stamp_ns, end.reason != _RECOVERED, end.reason, notices)
+    return session
+
+
+def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
+    """Makes values of a recorded channel's topic and data; None, told once for each kind, where they do not fit."""
+    unusable: set[str] = set()
+
+    def read(topic: str, data: bytes) -> tuple[StreamSpec, Any] | None:
+        spec = spec_of_topic(topic)
+        name = spec.name if spec is not None else topic
+        try:
+            if spec is None:
+                raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream
+            return spec, from_jsonable(spec.value_type, json.loads(data))
+        except (ValueError, RecursionError) as error:
+            if name not in unusable:
+                _log.warning("%s: values of %s are left out: %s", path, name, error)
+            unusable.add(name)
+            return None
+
+    return read
+
+
+def _index_of(path: Path) -> BlockIndex:
+    try:
+        return mcap_blocks.read_index(path)
+    except OSError as error:
+        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+
+
+def _newest_ns(path: Path, clock: SessionClock) -> int:
+    """When the last that was saved had arrived."""
+    ends_utc_ns = _index_of(path).ends_utc_ns
+    anchor = clock.anchor
+    newest_utc_ns = int(ends_utc_ns.max()) if len(ends_utc_ns) else 0
+    return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
+
+
+def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+    index = _index_of(path)
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if index.damaged_bytes:
+        _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
+    topics = {number: channel.topic for number, channel in index.channels.items()}
+    if wanted:
+        specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
+        topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in wanted}
+    numbers = {number for channel in topics for number in index.blocks_of.get(channel, ())}
+    read = value_reader(path)
+    with file:
+        for number in sorted(numbers):
+            try:
+                content = mcap_blocks.read_block(file, index, number)
+            except mcap_blocks.DamagedBlockError as error:
+                _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
+                continue
+            except OSError as error:
+                raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+            for message in mcap_blocks.messages_of(content):
+                topic = topics.get(message.channel)
+                found = None if topic is None else read(topic, content[message.start : message.end])
+                if found is not None:
+                    yield message.log_ns + session_from_utc_ns, *found

@@ -1,0 +1,115 @@
+"""What was said in a session: one value for each utterance, put together from the events that report on it."""
+
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from caris_desktop.domain.events import RecordingPaused, Speaker, UtteranceChanged, UtteranceOrigin, UtteranceState
+from caris_desktop.recording.session.session_reader import Session
+
+_ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
+
+
+@dataclass(frozen=True, slots=True)
+class SpokenUtterance:
+    """One utterance. Times are those of the session clock.
+
+    ``start_ns`` and ``end_ns`` are None where nothing was said: it was still waiting when it was dropped, the voice
+    failed, or the session ended first. ``state`` is the last one recorded: ``started`` with an ``end_ns`` means that
+    the end itself was not recorded, and ``end_ns`` is then when the recording paused or ended, or the same speaker
+    went on. ``requested_ns`` is None for what was heard rather than asked for.
+    """
+
+    utterance_id: str
+    speaker: Speaker
+    text: str
+    origin: UtteranceOrigin
+    requested_ns: int | None
+    start_ns: int | None
+    end_ns: int | None
+    state: UtteranceState
+    voice: str = ""
+    detail: str = ""
+
+    @property
+    def said(self) -> bool:
+        """Whether at least a part of it was said."""
+        return self.start_ns is not None
+
+
+def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
+    """Every utterance of a session, in the order in which they began (or were asked for). Raises SessionError."""
+    events = [value for _, value in session.values("event/utterance_changed", "event/recording_paused")]
+    return spoken_of(
+        (event for event in events if isinstance(event, UtteranceChanged)),
+        ended_ns=session.ended_ns,
+        paused_ns=[event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused],
+    )
+
+
+def spoken_of(
+    events: Iterable[UtteranceChanged], *, ended_ns: int, paused_ns: Iterable[int] = ()
+) -> tuple[SpokenUtterance, ...]:
+    """Fold ``events``, in the order of recording. ``paused_ns`` are the moments from which nothing was recorded."""
+    utterances: dict[str, SpokenUtterance] = {}
+    for event in events:
+        known = utterances.get(event.utterance_id)
+        utterances[event.utterance_id] = _with(known or _unknown(event), event)
+    ordered = sorted(utterances.values(), key=_begins_ns)
+    breaks_ns = sorted([*paused_ns, ended_ns])
+    starts_ns: dict[str, list[int]] = {}
+    for utterance in ordered:
+        if utterance.start_ns is not None:
+            starts_ns.setdefault(utterance.speaker, []).append(utterance.start_ns)
+    return tuple(_ended(utterance, starts_ns.get(utterance.speaker, []), breaks_ns) for utterance in ordered)
+
+
+def _unknown(event: UtteranceChanged) -> SpokenUtterance:
+    return SpokenUtterance(
+        event.utterance_id, event.speaker, event.text, event.origin, None, None, None, "requested", event.voice
+    )
+
+
+def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
+    requested_ns, start_ns, end_ns = known.requested_ns, known.start_ns, known.end_ns
+    match event.state:
+        case "requested":
+            requested_ns = event.stamp_ns if requested_ns is None else requested_ns
+        case "started":
+            start_ns = event.stamp_ns if start_ns is None else start_ns
+        case "finished":
+            # What a recogniser heard may come as one finished event: a moment, whose beginning nobody told.
+            start_ns = event.stamp_ns if start_ns is None else start_ns
+            end_ns = event.stamp_ns
+        case "interrupted" | "failed":
+            end_ns = None if start_ns is None else event.stamp_ns
+    return replace(
+        known,
+        speaker=event.speaker,
+        text=event.text or known.text,
+        origin=event.origin,
+        requested_ns=requested_ns,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        state=known.state if known.state in _ENDED and event.state not in _ENDED else event.state,
+        voice=event.voice or known.voice,
+        detail=event.detail or known.detail,
+    )
+
+
+def _begins_ns(utterance: SpokenUtterance) -> int:
+    for stamp_ns in (utterance.start_ns, utterance.requested_ns, utterance.end_ns):
+        if stamp_ns is not None:
+            return stamp_ns
+    return 0
+
+
+def _ended(utterance: SpokenUtterance, starts_ns: list[int], breaks_ns: list[int]) -> SpokenUtterance:
+    if utterance.start_ns is None or utterance.end_ns is not None:
+        return utterance
+    later_ns = [
+        moments_ns[index]
+        for moments_ns in (starts_ns, breaks_ns)
+        if (index := bisect_right(moments_ns, utterance.start_ns)) < len(moments_ns)
+    ]
+    return replace(utterance, end_ns=min(later_ns, default=utterance.start_ns))

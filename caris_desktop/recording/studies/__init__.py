@@ -1,0 +1,1 @@
+"""Many sessions: finding them, and figures over all of them."""

@@ -1,0 +1,67 @@
+"""What the record of a session lacks, in words: for reports, where a gap must not look like silence."""
+
+from collections import Counter
+
+from caris_desktop.domain.events import Gap
+from caris_desktop.recording.studies.measures import Measures, SessionFacts
+
+_STREAMS = {
+    "frame": "video frames",
+    "audio": "blocks of sound",
+    "scan": "LIDAR scans",
+    "odometry": "odometry values",
+    "pose": "poses",
+    "map": "maps",
+    "people": "lists of the people in view",
+}
+
+
+def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
+    """A sentence for each thing that a reader could look for in vain; empty where the record is whole."""
+    session = facts.session
+    sentences = []
+    if not session.closed_properly:
+        sentences.append("The recording was cut off: what happened after the last saved moment is not in it.")
+    sentences += session.repairs
+    if session.reason == "disk_full":
+        sentences.append("The recording ended because the disk was full.")
+    if measures.pauses:
+        times = "once" if measures.pauses == 1 else f"{measures.pauses} times"
+        sentences.append(f"The recording was paused {times}, for {measures.paused_s:.1f} s in all.")
+    sentences += _gaps(facts)
+    if not any(utterance.speaker == "participant" for utterance in facts.utterances):
+        sentences.append("Nothing that participants said is in the record, so there are no response times.")
+    if not _kept(facts, "videos", "video-*"):
+        sentences.append("There is no video.")
+    if not _kept(facts, "audio", "audio-*"):
+        sentences.append("There is no sound.")
+    if not facts.odometry_ns.size:
+        sentences.append(
+            "The robot told no odometry: the distance is that of its pose in the map."
+            if facts.pose_ns.size
+            else "The robot told neither odometry nor its pose: there is no distance and no trajectory."
+        )
+    if measures.clock is None:
+        sentences.append("The offset of the robot's clock was not measured: its own stamps cannot be compared.")
+    return tuple(sentences)
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """``no stops``, ``1 stop``, ``3 stops``."""
+    return f"{'no' if count == 0 else count} {one if count == 1 else many or one + 's'}"
+
+
+def stream_words(stream: str) -> str:
+    """The values of a stream in plain words."""
+    return _STREAMS.get(stream, f"values of {stream.removeprefix('event/').replace('_', ' ')}")
+
+
+def _gaps(facts: SessionFacts) -> list[str]:
+    missing: Counter[tuple[str, str]] = Counter()
+    for gap in facts.of(Gap):
+        missing[(gap.stream, gap.reason)] += gap.count
+    return [f"{count} {stream_words(stream)} are missing: {reason}." for (stream, reason), count in missing.items()]
+
+
+def _kept(facts: SessionFacts, header_key: str, pattern: str) -> bool:
+    return bool(facts.session.header.get(header_key)) or any(facts.session.folder.glob(pattern))

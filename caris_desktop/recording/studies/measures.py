@@ -1,0 +1,717 @@
+"""What can be counted and timed in a session: one definition of each figure, for report, methods sheet and statistics.
+
+Times are those of the session clock; what was recorded before and after a pause is never joined to one figure.
+"""
+
+import itertools
+import math
+import statistics
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    CommandSent,
+    DriveEnded,
+    EmergencyStopChanged,
+    Gap,
+    GoalChanged,
+    GuardChanged,
+    GuardState,
+    LinkChanged,
+    LinkQuality,
+    LlmExchange,
+    Marked,
+    PersonAppeared,
+    PersonLeft,
+    PhotoTaken,
+    Problem,
+    RecordingPaused,
+    RobotChosen,
+    ScenarioOpened,
+    Speaker,
+    StopRequested,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import Odometry, RobotPose
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.session.marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
+
+T = TypeVar("T")
+
+RESPONSE_LIMIT_S = 30.0
+"""What the robot says later than this after a participant is not taken for a response."""
+COMMAND_HOLDS_S = 0.3
+"""A velocity command counts as driving until the next one, but no longer than this."""
+PLAUSIBLE_SPEED_MPS = 5.0
+"""A faster step of the odometry is a jump of its origin, not a way that was driven."""
+
+_EVENTS = (
+    AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged, LinkQuality, LlmExchange,
+    Marked, PersonAppeared, PersonLeft, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
+    StopRequested, UtteranceChanged,
+)  # fmt: skip
+LlmUse = Literal["said", "edited", "dismissed", "unused"]
+
+
+# What a session holds
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A stretch of the session in which something was so."""
+
+    start_ns: int
+    end_ns: int
+    label: str
+
+    @property
+    def duration_s(self) -> float:
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionFacts:
+    """What the figures are computed from, read once.
+
+    ``commands`` has a row for each velocity command: forward, left (m/s), turn (rad/s), with its moment in
+    ``command_ns`` and its source in ``command_sources``. ``odometry`` has x, y (m), speed (m/s), turn (rad/s) at
+    ``odometry_ns``, ``poses`` x, y (m), heading (rad) in the map at ``pose_ns``. Each in the order of time.
+    """
+
+    session: Session
+    utterances: tuple[SpokenUtterance, ...]
+    marks: tuple[FinalMark, ...]
+    pauses: tuple[Stretch, ...]
+    command_ns: NDArray[np.int64]
+    commands: NDArray[np.float64]
+    command_sources: tuple[str, ...]
+    odometry_ns: NDArray[np.int64]
+    odometry: NDArray[np.float64]
+    pose_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    events: dict[type[Any], tuple[Any, ...]]
+
+    def of(self, kind: type[T]) -> tuple[T, ...]:
+        """The events of one kind, in the order of recording."""
+        return self.events.get(kind, ())
+
+
+def read_facts(session: Session, progress: Callable[[float], None] = lambda _: None) -> SessionFacts:
+    """Read what the figures need, in one pass. ``progress`` may raise to cancel. Raises SessionError."""
+    events: dict[type[Any], list[Any]] = {kind: [] for kind in (*_EVENTS, CommandSent, Odometry, RobotPose)}
+    span_ns = max(1, session.ended_ns - session.started_ns)
+    for number, (_, value) in enumerate(session.values(*(BY_TYPE[kind].name for kind in events))):
+        events[type(value)].append(value)
+        if number % 2000 == 0:
+            progress(min(1.0, max(0.0, (value.stamp_ns - session.started_ns) / span_ns)))
+    commands = _in_time(events.pop(CommandSent))
+    odometry = _in_time(events.pop(Odometry))
+    poses = _in_time(events.pop(RobotPose))
+    return SessionFacts(
+        session=session,
+        utterances=spoken_of(
+            events[UtteranceChanged],
+            ended_ns=session.ended_ns,
+            paused_ns=[event.stamp_ns for event in events[RecordingPaused] if event.paused],
+        ),
+        marks=final_marks_of(events[Marked], ended_ns=session.ended_ns),
+        pauses=_pauses(events[RecordingPaused], session.ended_ns),
+        command_ns=_stamps(commands),
+        commands=_rows([_twist(item) for item in commands], 3),
+        command_sources=tuple(item.source for item in commands),
+        odometry_ns=_stamps(odometry),
+        odometry=_rows([_odometry(item) for item in odometry], 4),
+        pose_ns=_stamps(poses),
+        poses=_rows([_pose(item.pose_in_map) for item in poses], 3),
+        events={kind: tuple(values) for kind, values in events.items()},
+    )
+
+
+def _in_time(values: list[T]) -> list[T]:
+    return sorted(values, key=lambda value: value.stamp_ns)  # type: ignore[attr-defined]  # all of the table have it
+
+
+def _stamps(values: Sequence[Any]) -> NDArray[np.int64]:
+    return np.array([value.stamp_ns for value in values], np.int64)
+
+
+def _rows(rows: list[tuple[float, ...]], columns: int) -> NDArray[np.float64]:
+    return np.array(rows, np.float64).reshape(-1, columns)
+
+
+def _twist(command: CommandSent) -> tuple[float, ...]:
+    return command.twist.forward_mps, command.twist.left_mps, command.twist.turn_radps
+
+
+def _odometry(value: Odometry) -> tuple[float, ...]:
+    pose, twist = value.pose_in_odom, value.twist
+    return pose.x_m, pose.y_m, math.hypot(twist.forward_mps, twist.left_mps), twist.turn_radps
+
+
+def _pose(pose: Pose2D) -> tuple[float, ...]:
+    return pose.x_m, pose.y_m, pose.heading_rad
+
+
+def _pauses(events: Iterable[RecordingPaused], ended_ns: int) -> tuple[Stretch, ...]:
+    pauses: list[Stretch] = []
+    began_ns: int | None = None
+    for event in events:
+        if event.paused and began_ns is None:
+            began_ns = event.stamp_ns
+        elif not event.paused and began_ns is not None:
+            pauses.append(Stretch(began_ns, event.stamp_ns, "Paused"))
+            began_ns = None
+    if began_ns is not None and began_ns < ended_ns:
+        pauses.append(Stretch(began_ns, ended_ns, "Paused"))
+    return tuple(pauses)
+
+
+# Figures
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How values are distributed. ``sd`` is that of a sample, None for a single value."""
+
+    n: int
+    mean: float
+    sd: float | None
+    median: float
+    smallest: float
+    largest: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread | None":
+        """None for no values."""
+        if not values:
+            return None
+        return cls(
+            n=len(values),
+            mean=statistics.fmean(values),
+            sd=statistics.stdev(values) if len(values) > 1 else None,
+            median=statistics.median(values),
+            smallest=min(values),
+            largest=max(values),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The robot's or the wizard's answer to something: ``delay_s`` from the end of that to ``at_ns``."""
+
+    at_ns: int
+    delay_s: float
+    utterance: SpokenUtterance
+
+
+@dataclass(frozen=True, slots=True)
+class Talk:
+    """What one speaker said. ``speech_s`` is the sum of its utterances."""
+
+    utterances: int
+    words: int
+    speech_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUse:
+    """The exchanges with one language model, and what the wizard did with its answers."""
+
+    provider: str
+    model: str
+    version: str
+    asked: int
+    answered: int
+    cancelled: int
+    failed: int
+    said: int
+    edited: int
+    dismissed: int
+    unused: int
+    first_token_s: tuple[float, ...]
+    answer_s: tuple[float, ...]
+
+    @property
+    def accepted_fraction(self) -> float | None:
+        """Of the answers, how many were said, as they were or edited. None where there was no answer."""
+        return (self.said + self.edited) / self.answered if self.answered else None
+
+
+@dataclass(frozen=True, slots=True)
+class Driving:
+    """How the robot moved. ``seconds_by_source`` is time with a command other than zero; ``max_speed_mps`` and
+    ``distance_m`` are None where the robot told neither odometry nor pose.
+    """
+
+    distance_m: float | None
+    max_speed_mps: float | None
+    seconds_by_source: dict[str, float]
+    stops: int
+    emergency_stops: int
+    ended_by_itself: dict[str, int]
+    goals: dict[str, int]
+    navigating_s: float
+    guard_interventions: int
+    guard_s: dict[GuardState, float]
+
+    @property
+    def driving_s(self) -> float:
+        return sum(self.seconds_by_source.values())
+
+
+@dataclass(frozen=True, slots=True)
+class ClockAccuracy:
+    """How well the robot's clock is known: of the pings that told its offset."""
+
+    measurements: int
+    first_offset_ms: float
+    last_offset_ms: float
+    median_uncertainty_ms: float | None
+    largest_uncertainty_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """The figures of one session. Counters are in the order of first occurrence, or by label."""
+
+    recorded_s: float
+    paused_s: float
+    pauses: int
+    responses: tuple[Reply, ...]
+    content_responses: tuple[Reply, ...]
+    reactions: tuple[Reply, ...]
+    talk: dict[Speaker, Talk]
+    origins: dict[str, int]
+    unsaid: int
+    interrupted: int
+    models: tuple[ModelUse, ...]
+    driving: Driving
+    marks: dict[str, int]
+    notes: int
+    errors: dict[str, int]
+    link_trouble_s: float
+    link_losses: int
+    round_trip_ms: Spread | None
+    clock: ClockAccuracy | None
+    lost: dict[str, int]
+    problems: dict[str, int]
+    people: int
+    photos: int
+
+    @property
+    def wizard_errors(self) -> int:
+        return sum(self.errors.values())
+
+    @property
+    def errors_per_10_min(self) -> float | None:
+        return per_10_min(self.wizard_errors, self.recorded_s)
+
+    @property
+    def response_times_s(self) -> tuple[float, ...]:
+        return tuple(reply.delay_s for reply in self.responses)
+
+
+def measure(facts: SessionFacts) -> Measures:
+    """All figures of a session."""
+    session = facts.session
+    paused_s = sum(pause.duration_s for pause in facts.pauses)
+    recorded_s = max(0.0, session.duration_s - paused_s)
+    said = [utterance for utterance in facts.utterances if utterance.said]
+    robot = [utterance for utterance in facts.utterances if utterance.speaker == "robot"]
+    quality = facts.of(LinkQuality)
+    lost: Counter[str] = Counter()
+    for gap in facts.of(Gap):
+        lost[gap.stream] += gap.count
+    trouble = link_trouble(facts.of(LinkChanged), session.ended_ns)
+    return Measures(
+        recorded_s=recorded_s,
+        paused_s=paused_s,
+        pauses=len(facts.pauses),
+        responses=response_times(said, facts.pauses),
+        content_responses=response_times([item for item in said if item.origin != "filler"], facts.pauses),
+        reactions=reaction_times(facts.utterances, facts.of(LlmExchange), facts.pauses),
+        talk=talk(said),
+        origins=dict(Counter(utterance.origin for utterance in robot if utterance.said)),
+        unsaid=sum(not utterance.said for utterance in robot),
+        interrupted=sum(utterance.said and utterance.state == "interrupted" for utterance in robot),
+        models=model_use(facts.of(LlmExchange), facts.of(AnswerUsed)),
+        driving=_driving(facts),
+        marks=dict(Counter(mark.label for mark in facts.marks if mark.kind == "mark")),
+        notes=sum(mark.kind == "note" for mark in facts.marks),
+        errors=dict(Counter(mark.label for mark in facts.marks if mark.kind == "wizard_error")),
+        link_trouble_s=sum(stretch.duration_s for stretch in trouble),
+        link_losses=sum(stretch.label == "lost" for stretch in trouble),
+        round_trip_ms=Spread.of([value.round_trip_ms for value in quality if math.isfinite(value.round_trip_ms)]),
+        clock=_clock_accuracy(quality),
+        lost=dict(lost),
+        problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
+        people=len({event.person_id for event in facts.of(PersonAppeared)}),
+        photos=len(facts.of(PhotoTaken)),
+    )
+
+
+def measure_session(session: Session) -> Measures:
+    """All figures of a session, read now. Raises SessionError."""
+    return measure(read_facts(session))
+
+
+def per_10_min(count: int, seconds: float) -> float | None:
+    """A rate; None for no time at all."""
+    return count * 600.0 / seconds if seconds > 0.0 else None
+
+
+def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Stretch] = ()) -> tuple[Reply, ...]:
+    """Where the robot speaks right after a participant: from the end of the one to the beginning of the other.
+
+    Left out: a robot that begins before the participant has ended, that comes later than ``RESPONSE_LIMIT_S``, and
+    one after a pause of the recording.
+    """
+    turns = [item for item in said if item.speaker in ("participant", "robot") and item.start_ns is not None]
+    turns.sort(key=lambda item: (item.start_ns or 0, item.speaker == "robot"))
+    replies = []
+    for before, after in itertools.pairwise(turns):
+        if before.speaker == "participant" and after.speaker == "robot":
+            replies += _reply(before.end_ns, after.start_ns, after, pauses)
+    return tuple(replies)
+
+
+def reaction_times(
+    utterances: Iterable[SpokenUtterance], exchanges: Iterable[LlmExchange], pauses: Sequence[Stretch] = ()
+) -> tuple[Reply, ...]:
+    """How fast the wizard acts: from the end of a participant's utterance, or the arrival of a language model's
+    answer, whichever was last, to the next request to say something. Limits as for :func:`response_times`.
+    """
+    happened: list[tuple[int, int, SpokenUtterance | None]] = []
+    for item in utterances:
+        if item.speaker == "participant" and item.end_ns is not None:
+            happened.append((item.end_ns, 0, None))
+        elif item.speaker == "robot" and item.requested_ns is not None:
+            happened.append((item.requested_ns, 1, item))
+    happened += [(exchange.stamp_ns, 0, None) for exchange in exchanges if exchange.outcome == "answered"]
+    happened.sort(key=lambda moment: moment[:2])
+    replies = []
+    for (before_ns, _, before), (after_ns, _, after) in itertools.pairwise(happened):
+        if before is None and after is not None:
+            replies += _reply(before_ns, after_ns, after, pauses)
+    return tuple(replies)
+
+
+def _reply(end_ns: int | None, at_ns: int | None, utterance: SpokenUtterance, pauses: Sequence[Stretch]) -> list[Reply]:
+    if end_ns is None or at_ns is None:
+        return []
+    delay_s = (at_ns - end_ns) / 1e9
+    paused = any(pause.start_ns < at_ns and pause.end_ns > end_ns for pause in pauses)
+    return [Reply(at_ns, delay_s, utterance)] if 0.0 <= delay_s <= RESPONSE_LIMIT_S and not paused else []
+
+
+def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
+    """How much each speaker said, in the order participant, robot, wizard."""
+    by_speaker: dict[Speaker, list[SpokenUtterance]] = {"participant": [], "robot": [], "wizard": []}
+    for utterance in said:
+        by_speaker[utterance.speaker].append(utterance)
+    return {
+        speaker: Talk(
+            utterances=len(items),
+            words=sum(len(item.text.split()) for item in items),
+            speech_s=sum(((item.end_ns or 0) - (item.start_ns or 0)) / 1e9 for item in items),
+        )
+        for speaker, items in by_speaker.items()
+        if items
+    }
+
+
+def answer_uses(exchanges: Iterable[LlmExchange], uses: Iterable[AnswerUsed]) -> dict[str, LlmUse]:
+    """What became of each answer, by exchange: said if it ever was said as it stood, else edited, else dismissed."""
+    by_exchange: dict[str, set[str]] = {}
+    for use in uses:
+        by_exchange.setdefault(use.exchange_id, set()).add(use.use)
+    became: dict[str, LlmUse] = {}
+    for exchange in exchanges:
+        made = by_exchange.get(exchange.exchange_id, set())
+        became[exchange.exchange_id] = (
+            "said" if "said" in made else "edited" if "edited" in made else "dismissed" if made else "unused"
+        )
+    return became
+
+
+def model_use(exchanges: Sequence[LlmExchange], uses: Iterable[AnswerUsed]) -> tuple[ModelUse, ...]:
+    """The exchanges of each model and version, in the order in which they were first asked."""
+    became = answer_uses(exchanges, uses)
+    groups: dict[tuple[str, str, str], list[LlmExchange]] = {}
+    for exchange in exchanges:
+        groups.setdefault((exchange.provider, exchange.model, exchange.model_version), []).append(exchange)
+    table = []
+    for (provider, model, version), group in groups.items():
+        outcomes = Counter(exchange.outcome for exchange in group)
+        answered = [exchange for exchange in group if exchange.outcome == "answered"]
+        made = Counter(became[exchange.exchange_id] for exchange in answered)
+        first = [item for item in answered if item.first_token_ns is not None]
+        table.append(
+            ModelUse(
+                provider=provider,
+                model=model,
+                version=version,
+                asked=len(group),
+                answered=outcomes["answered"],
+                cancelled=outcomes["cancelled"],
+                failed=outcomes["failed"],
+                said=made["said"],
+                edited=made["edited"],
+                dismissed=made["dismissed"],
+                unused=made["unused"],
+                first_token_s=tuple(((item.first_token_ns or 0) - item.asked_ns) / 1e9 for item in first),
+                answer_s=tuple((item.stamp_ns - item.asked_ns) / 1e9 for item in answered),
+            )
+        )
+    return tuple(table)
+
+
+def link_trouble(changes: Iterable[LinkChanged], ended_ns: int) -> tuple[Stretch, ...]:
+    """When the control link did not stand, once it had been connected; a link that was closed on purpose is none."""
+    return tuple(
+        stretch
+        for stretch in _states(
+            [(event.stamp_ns, event.state) for event in _since_connected(changes) if event.link == "control"], ended_ns
+        )
+        if stretch.label in ("trouble", "lost", "connecting")
+    )
+
+
+def _since_connected(changes: Iterable[LinkChanged]) -> list[LinkChanged]:
+    control = [event for event in changes if event.link == "control"]
+    first = next((number for number, event in enumerate(control) if event.state == "connected"), len(control))
+    return control[first:]
+
+
+def driving_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
+    """When the wizard drove, by source: commands other than zero, each until the next one."""
+    stretches: list[Stretch] = []
+    for start_ns, end_ns, source in _commanded(facts):
+        last = stretches[-1] if stretches else None
+        if last is not None and last.label == source and start_ns - last.end_ns <= 0:
+            stretches[-1] = Stretch(last.start_ns, end_ns, source)
+        else:
+            stretches.append(Stretch(start_ns, end_ns, source))
+    return tuple(stretches)
+
+
+def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
+    if facts.command_ns.size < 2:
+        return []
+    moving = (facts.commands != 0.0).any(axis=1)
+    held_ns = np.minimum(np.diff(facts.command_ns), int(COMMAND_HOLDS_S * 1e9))
+    return [
+        (int(facts.command_ns[index]), int(facts.command_ns[index] + held_ns[index]), facts.command_sources[index])
+        for index in np.flatnonzero(moving[:-1])
+    ]
+
+
+def goal_stretches(goals: Iterable[GoalChanged], ended_ns: int) -> tuple[Stretch, ...]:
+    """When the robot was on its way by itself; ``label`` is the outcome, ``unfinished`` where the session ended first.
+
+    Goals that were refused at once are none.
+    """
+    histories: dict[str, list[GoalChanged]] = {}
+    for event in goals:
+        histories.setdefault(event.goal_id, []).append(event)
+    stretches = []
+    for history in histories.values():
+        last = history[-1]
+        if last.state in ("requested", "active"):
+            stretches.append(Stretch(history[0].stamp_ns, max(ended_ns, history[0].stamp_ns), "unfinished"))
+        elif len(history) > 1:
+            stretches.append(Stretch(history[0].stamp_ns, last.stamp_ns, last.state))
+    return tuple(sorted(stretches, key=lambda stretch: stretch.start_ns))
+
+
+def presence(facts: SessionFacts) -> tuple[Stretch, ...]:
+    """When each person was there; ``label`` is the person's id."""
+    present: dict[str, int] = {}
+    stretches = []
+    happened: list[PersonAppeared | PersonLeft] = [*facts.of(PersonAppeared), *facts.of(PersonLeft)]
+    happened.sort(key=lambda event: event.stamp_ns)
+    for event in happened:
+        if isinstance(event, PersonAppeared):
+            present.setdefault(event.person_id, event.stamp_ns)
+        elif event.person_id in present:
+            stretches.append(Stretch(present.pop(event.person_id), event.stamp_ns, event.person_id))
+    ended_ns = facts.session.ended_ns
+    stretches += [Stretch(start_ns, max(start_ns, ended_ns), person_id) for person_id, start_ns in present.items()]
+    return tuple(sorted(stretches, key=lambda stretch: stretch.start_ns))
+
+
+def _driving(facts: SessionFacts) -> Driving:
+    seconds: dict[str, float] = {}
+    for start_ns, end_ns, source in _commanded(facts):
+        seconds[source] = seconds.get(source, 0.0) + (end_ns - start_ns) / 1e9
+    goals: dict[str, str] = {event.goal_id: event.state for event in facts.of(GoalChanged)}
+    ended_ns = facts.session.ended_ns
+    guard = _states([(event.stamp_ns, event.state) for event in facts.of(GuardChanged)], ended_ns)
+    guard_s: dict[GuardState, float] = {}
+    for event, stretch in zip(facts.of(GuardChanged), guard, strict=True):
+        guard_s[event.state] = guard_s.get(event.state, 0.0) + stretch.duration_s
+    distance_m: float | None = None
+    speed_mps: float | None = None
+    if facts.odometry_ns.size:
+        distance_m, speed_mps = way_m(facts.odometry_ns, facts.odometry[:, :2]), float(facts.odometry[:, 2].max())
+    elif facts.pose_ns.size:
+        distance_m = way_m(facts.pose_ns, facts.poses[:, :2])
+    return Driving(
+        distance_m=distance_m,
+        max_speed_mps=speed_mps,
+        seconds_by_source=seconds,
+        stops=len(facts.of(StopRequested)),
+        emergency_stops=_rises([event.latched for event in facts.of(EmergencyStopChanged)]),
+        ended_by_itself=dict(Counter(event.reason for event in facts.of(DriveEnded))),
+        goals=dict(Counter("unfinished" if state in ("requested", "active") else state for state in goals.values())),
+        navigating_s=covered_s(goal_stretches(facts.of(GoalChanged), ended_ns)),
+        guard_interventions=_rises([event.state in ("slowing", "blocked") for event in facts.of(GuardChanged)]),
+        guard_s=guard_s,
+    )
+
+
+def way_m(stamps_ns: NDArray[np.int64], points_m: NDArray[np.float64]) -> float:
+    """The length of the way through the points, shape (n, 2), without jumps that no robot makes."""
+    steps_m = np.hypot(*np.diff(points_m, axis=0).T)
+    seconds = np.diff(stamps_ns) / 1e9
+    return float(steps_m[steps_m <= PLAUSIBLE_SPEED_MPS * seconds].sum())
+
+
+def covered_s(stretches: Iterable[Stretch]) -> float:
+    """The time in which at least one of them was."""
+    total_ns = until_ns = 0
+    for stretch in sorted(stretches, key=lambda item: item.start_ns):
+        total_ns += max(0, stretch.end_ns - max(stretch.start_ns, until_ns))
+        until_ns = max(until_ns, stretch.end_ns)
+    return total_ns / 1e9
+
+
+def _states(changes: Sequence[tuple[int, str]], ended_ns: int) -> list[Stretch]:
+    """Each state until the next change."""
+    ends_ns = [stamp_ns for stamp_ns, _ in changes[1:]] + [ended_ns]
+    return (
+        [
+            Stretch(start_ns, max(start_ns, end_ns), state)
+            for (start_ns, state), end_ns in zip(changes, ends_ns, strict=True)
+        ]
+        if changes
+        else []
+    )
+
+
+def _rises(states: Sequence[bool]) -> int:
+    return sum(now and not before for before, now in zip([False, *states], states, strict=False))
+
+
+def _clock_accuracy(quality: Sequence[LinkQuality]) -> ClockAccuracy | None:
+    offsets = [value.clock_offset_ms for value in quality if value.clock_offset_ms is not None]
+    uncertainties = [value.clock_uncertainty_ms for value in quality if value.clock_uncertainty_ms is not None]
+    if not offsets:
+        return None
+    return ClockAccuracy(
+        measurements=len(offsets),
+        first_offset_ms=offsets[0],
+        last_offset_ms=offsets[-1],
+        median_uncertainty_ms=statistics.median(uncertainties) if uncertainties else None,
+        largest_uncertainty_ms=max(uncertainties) if uncertainties else None,
+    )
+
+
+def nearest_index(stamps_ns: NDArray[np.int64], at_ns: int) -> int | None:
+    """The last value at or before ``at_ns``, the first one where all come later; None where there are none."""
+    if not stamps_ns.size:
+        return None
+    return max(0, bisect_left(stamps_ns, at_ns + 1) - 1)
+
+
+# The figures as one row of a table
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of a session as a number. ``of`` gives None where the session does not tell it."""
+
+    name: str
+    unit: str
+    description: str
+    of: Callable[[Measures], float | None]
+
+
+def _speech_s(speaker: Speaker) -> Callable[[Measures], float]:
+    return lambda measures: measures.talk[speaker].speech_s if speaker in measures.talk else 0.0
+
+
+def _utterances(speaker: Speaker) -> Callable[[Measures], float]:
+    return lambda measures: measures.talk[speaker].utterances if speaker in measures.talk else 0
+
+
+def _from(origin: str) -> Callable[[Measures], float]:
+    return lambda measures: measures.origins.get(origin, 0)
+
+
+def _median(replies: Iterable[Reply]) -> float | None:
+    delays_s = [reply.delay_s for reply in replies]
+    return statistics.median(delays_s) if delays_s else None
+
+
+def _accepted(measures: Measures) -> float | None:
+    answered = sum(model.answered for model in measures.models)
+    return sum(model.said + model.edited for model in measures.models) / answered if answered else None
+
+
+FIGURES: tuple[Figure, ...] = (
+    Figure("recorded_s", "s", "Time recorded, without pauses.", lambda m: m.recorded_s),
+    Figure("paused_s", "s", "Time for which the recording was paused.", lambda m: m.paused_s),
+    Figure("responses", "", "How often the robot answered a participant.", lambda m: len(m.responses)),
+    Figure(
+        "response_time_s", "s", "Median time from the end of a participant's utterance to the robot's answer.",
+        lambda m: _median(m.responses),
+    ),
+    Figure(
+        "content_response_time_s", "s", "The same to the first answer that is no filler.",
+        lambda m: _median(m.content_responses),
+    ),
+    Figure(
+        "reaction_time_s", "s",
+        "Median time from the end of a participant's utterance, or a language model's answer, to the wizard's request.",
+        lambda m: _median(m.reactions),
+    ),
+    Figure("participant_talk_s", "s", "How long participants spoke.", _speech_s("participant")),
+    Figure("robot_talk_s", "s", "How long the robot spoke.", _speech_s("robot")),
+    Figure("participant_utterances", "", "What participants said, in utterances.", _utterances("participant")),
+    Figure("robot_utterances", "", "What the robot said, in utterances.", _utterances("robot")),
+    Figure("typed_utterances", "", "Robot utterances that the wizard typed.", _from("typed")),
+    Figure("phrase_utterances", "", "Robot utterances from the scenario's phrases.", _from("phrase")),
+    Figure("filler_utterances", "", "Robot utterances that fill a wait.", _from("filler")),
+    Figure("assistant_utterances", "", "Robot utterances from the language model.", _from("assistant")),
+    Figure("suggestion_utterances", "", "Robot utterances from suggested replies.", _from("suggestion")),
+    Figure("llm_exchanges", "", "Questions to a language model.", lambda m: sum(model.asked for model in m.models)),
+    Figure("llm_accepted_fraction", "0-1", "Of its answers, how many were said, edited or not.", _accepted),
+    Figure("distance_m", "m", "The way the robot made, by its odometry (else its pose).",
+           lambda m: m.driving.distance_m),
+    Figure("driving_s", "s", "Time in which the wizard drove.", lambda m: m.driving.driving_s),
+    Figure("max_speed_mps", "m/s", "The highest speed, by the robot's odometry.", lambda m: m.driving.max_speed_mps),
+    Figure("stops", "", "How often the wizard pressed stop.", lambda m: m.driving.stops),
+    Figure("emergency_stops", "", "How often the emergency stop was set.", lambda m: m.driving.emergency_stops),
+    Figure("goals", "", "Navigation goals.", lambda m: sum(m.driving.goals.values())),
+    Figure("goals_reached", "", "Navigation goals that were reached.", lambda m: m.driving.goals.get("reached", 0)),
+    Figure("guard_interventions", "", "How often the obstacle guard slowed or stopped the robot.",
+           lambda m: m.driving.guard_interventions),
+    Figure("marks", "", "Marks of the wizard.", lambda m: sum(m.marks.values())),
+    Figure("wizard_errors", "", "Errors that the wizard marked.", lambda m: m.wizard_errors),
+    Figure("wizard_errors_per_10_min", "1/10 min", "The same for ten minutes.", lambda m: m.errors_per_10_min),
+    Figure("link_trouble_s", "s", "Time in which the robot could not be reached.", lambda m: m.link_trouble_s),
+    Figure("lost_values", "", "Values that were not recorded.", lambda m: sum(m.lost.values())),
+    Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
+    Figure("people", "", "People seen.", lambda m: m.people),
+)  # fmt: skip

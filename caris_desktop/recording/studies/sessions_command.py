@@ -1,0 +1,120 @@
+"""``caris-desktop sessions``: the sessions of a study as a list, and where in them something was said."""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from caris_desktop.recording.exporters.drawings import clock_text
+from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery, StudyIndex
+
+_CANCELLED = 130
+_FILTERS = (
+    ("participant", "sessions of this participant"),
+    ("condition", "sessions of this condition"),
+    ("wizard", "sessions of this wizard"),
+    ("scenario", "sessions with this scenario (its title)"),
+    ("purpose", "sessions for this purpose, such as practice"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", type=Path, help="folder of a study, or of its sessions")
+    parser.add_argument(
+        "--search", default="", metavar="TEXT", help="words said, noted or marked; the beginnings of words are enough"
+    )
+    for name, meaning in _FILTERS:
+        parser.add_argument(f"--{name}", default="", metavar="NAME", help=f"{meaning}; * stands for anything")
+    parser.add_argument("--rebuild", action="store_true", help="forget the index and read every session again")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status: 0 when something was found, 1 when not or when the study cannot be read, 130 cancelled."""
+    if not args.study.is_dir():
+        print(f"{args.study} is no folder.", file=sys.stderr)
+        return 1
+    query = SessionQuery(text=args.search, **{name: getattr(args, name) for name, _ in _FILTERS})
+    index = StudyIndex.of_study(args.study)
+    try:
+        (index.rebuild if args.rebuild else index.update)(_show if sys.stderr.isatty() else lambda _: None)
+        entries = index.sessions(query)
+        hits = index.search(query) if args.search else ()
+        unreadable = index.unreadable()
+    except OSError as error:
+        print(f"{args.study} cannot be read: {error.strerror or error}.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nCancelled. What was read is kept for the next time.", file=sys.stderr)
+        return _CANCELLED
+    finally:
+        index.close()
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")
+    if index.message:
+        print(index.message, file=sys.stderr)
+    for broken in unreadable:
+        print(broken.trouble, file=sys.stderr)
+    if not entries:
+        print("No session fits." if args.search or query != SessionQuery() else f"{args.study} holds no sessions.")
+        return 1
+    print("\n".join(_hits(entries, hits) if args.search else _list(entries)))
+    return 0
+
+
+def _list(entries: Sequence[SessionEntry]) -> list[str]:
+    rows = [("started (UTC)", "session", "participant", "condition", "trial", "wizard", "scenario", "length", "said",
+             "marks", "problems", "size", "")]  # fmt: skip
+    rows += [
+        (
+            entry.started_utc[:16].replace("T", " "),
+            entry.folder.name,
+            entry.participant,
+            entry.condition,
+            entry.trial,
+            entry.wizard,
+            entry.scenario,
+            clock_text(entry.duration_s),
+            str(entry.utterances),
+            str(entry.marks),
+            str(entry.problems),
+            f"{entry.size_bytes / 1e6:.1f} MB",
+            ", ".join(word for word in (entry.purpose, "" if entry.closed_properly else "not closed properly") if word),
+        )
+        for entry in entries
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = [
+        "  ".join(
+            text.rjust(width) if 7 <= column <= 11 else text.ljust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    count = len(entries)
+    return [*lines, f"{count} session{'' if count == 1 else 's'}"]
+
+
+def _hits(entries: Sequence[SessionEntry], hits: Sequence[SearchHit]) -> list[str]:
+    by_folder: dict[Path, list[SearchHit]] = {}
+    for hit in hits:
+        by_folder.setdefault(hit.folder, []).append(hit)
+    lines = []
+    for entry in entries:
+        about = ", ".join(part for part in (entry.participant, entry.condition, entry.wizard) if part)
+        lines.append(f"{entry.folder.name}{f'  ({about})' if about else ''}")
+        lines += [
+            f"  {clock_text(hit.session_s):>8}  {hit.kind.replace('_', ' ')}: {hit.snippet}"
+            for hit in by_folder.get(entry.folder, ())
+        ]
+    found = sum(len(of_session) for of_session in by_folder.values())
+    count = len(entries)
+    places = f"{found} place{'' if found == 1 else 's'}"
+    return [*lines, f"{places} in {count} session{'' if count == 1 else 's'}"]
+
+
+def _show(fraction: float) -> None:
+    width = min(40, max(10, shutil.get_terminal_size().columns - 30))
+    bar = "#" * round(fraction * width)
+    sys.stderr.write(f"\rReading sessions [{bar:<{width}}] {fraction:4.0%}")
+    sys.stderr.flush()

@@ -1,0 +1,321 @@
+"""Statistics over all sessions of a study: each one exported to Parquet once, then DuckDB over all of them.
+
+The folder that is made holds the tables, the results as CSV, and the SQL that made them, to go on from.
+"""
+
+import csv
+import json
+import logging
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caris_desktop import __version__
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.recording.export import ExportContext, ExportError, export_session
+from caris_desktop.recording.recorder.disk_file import replace_file
+from caris_desktop.recording.studies.measures import FIGURES
+from caris_desktop.recording.studies.study_index import content_signature, session_folders, sessions_dir_of
+
+_log = logging.getLogger(__name__)
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 1
+_MARKER = "statistics.json"
+_MAX_MARKER_BYTES = 64 * 1024 * 1024
+# Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
+_TABLES: dict[str, dict[str, str]] = {
+    "session": {"key": "VARCHAR", "value": "VARCHAR"},
+    "utterances": {
+        "speaker": "VARCHAR", "origin": "VARCHAR", "said": "BOOLEAN", "requested_ns": "BIGINT", "start_ns": "BIGINT",
+        "end_ns": "BIGINT", "text": "VARCHAR",
+    },
+    "annotations": {"coder": "VARCHAR", "tier": "VARCHAR", "value": "VARCHAR", "duration_s": "DOUBLE"},
+    "marks": {"stamp_ns": "BIGINT", "label": "VARCHAR", "kind": "VARCHAR", "duration_s": "DOUBLE"},
+    "odometry": {
+        "stamp_ns": "BIGINT", "pose_in_odom_x_m": "DOUBLE", "pose_in_odom_y_m": "DOUBLE",
+        "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
+    },
+    "pose": {"stamp_ns": "BIGINT", "pose_in_map_x_m": "DOUBLE", "pose_in_map_y_m": "DOUBLE"},
+    "event_recording_paused": {"stamp_ns": "BIGINT", "paused": "BOOLEAN"},
+    "event_llm_exchange": {"stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR"},
+    "event_answer_used": {"exchange_id": "VARCHAR", "use": "VARCHAR"},
+    "event_command_sent": {
+        "stamp_ns": "BIGINT", "source": "VARCHAR", "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
+        "twist_turn_radps": "DOUBLE",
+    },
+    "event_link_changed": {"stamp_ns": "BIGINT", "link": "VARCHAR", "state": "VARCHAR"},
+    "event_stop_requested": {"stamp_ns": "BIGINT"},
+    "event_emergency_stop_changed": {"stamp_ns": "BIGINT", "latched": "BOOLEAN"},
+    "event_goal_changed": {"stamp_ns": "BIGINT", "goal_id": "VARCHAR", "state": "VARCHAR"},
+    "event_guard_changed": {"stamp_ns": "BIGINT", "state": "VARCHAR"},
+    "event_gap": {"count": "BIGINT"},
+    "event_problem": {"stamp_ns": "BIGINT"},
+    "event_person_appeared": {"person_id": "VARCHAR"},
+}  # fmt: skip
+_UNITS = {
+    **{figure.name: (figure.unit, figure.description) for figure in FIGURES},
+    "each_response_time_s": ("s", "Every response time, of all sessions together."),
+    "each_reaction_time_s": ("s", "Every reaction time of the wizard, of all sessions together."),
+}
+
+
+class StatisticsError(Exception):
+    """Statistics that were not made; the text is for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class SummaryRow:
+    """One figure over the sessions of a condition, or over all where ``condition`` is None.
+
+    ``n`` counts the sessions that tell it. ``sd`` is that of a sample, None for a single value.
+    """
+
+    condition: str | None
+    measure: str
+    unit: str
+    description: str
+    n: int
+    mean: float
+    sd: float | None
+    median: float
+    smallest: float
+    largest: float
+
+
+@dataclass(frozen=True, slots=True)
+class StudyStatistics:
+    """What was made: ``measures`` has a row for each session, ``problems`` a sentence for each left out."""
+
+    out: Path
+    sessions: int
+    exported: int
+    summary: tuple[SummaryRow, ...]
+    measures: tuple[dict[str, Any], ...]
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StatisticsProgress:
+    """How far it is, 0..1, and with what, in words."""
+
+    fraction: float
+    what: str
+
+
+def study_statistics(
+    study: Path, out: Path, progress: Callable[[StatisticsProgress], None] = lambda _: None
+) -> StudyStatistics:
+    """Bring the tables in ``out`` up to date and compute everything. ``progress`` may raise to cancel.
+
+    Sessions that did not change since the last time are not exported again.
+
+    Raises
+    ------
+    StatisticsError
+        If the study has no sessions, or ``out`` holds something else or cannot be written.
+    """
+    try:
+        folders = session_folders(sessions_dir_of(study))
+    except OSError as error:
+        raise StatisticsError(f"{study} cannot be read: {error.strerror or error}.") from error
+    if not folders:
+        raise StatisticsError(f"{study} holds no sessions: nothing to compute.")
+    try:
+        known = _prepare(out)
+        exported, problems = _export(folders, out, known, progress)
+        progress(StatisticsProgress(0.95, "computing"))
+        summary, measures = _compute(out)
+    except OSError as error:
+        raise StatisticsError(f"The statistics in {out} failed: {error.strerror or error}.") from error
+    if not measures:
+        raise StatisticsError(f"No session of {study} could be read. {' '.join(problems)}")
+    progress(StatisticsProgress(1.0, "done"))
+    return StudyStatistics(out, len(measures), exported, summary, measures, tuple(problems))
+
+
+# The tables
+
+
+def _prepare(out: Path) -> dict[str, str]:
+    """The sessions that ``out`` has tables of, with their signatures."""
+    if any((folder / "session.json").exists() for folder in (out.absolute(), *out.absolute().parents)):
+        raise StatisticsError(f"{out} lies inside a recorded session. Nothing was written; choose another folder.")
+    if not out.exists():
+        out.mkdir(parents=True)
+    elif not out.is_dir():
+        raise StatisticsError(f"{out} is a file. Nothing was written; choose another folder.")
+    marker = out / _MARKER
+    if not marker.exists():
+        if any(out.iterdir()):
+            raise StatisticsError(f"{out} holds other files. Nothing was written; choose another folder.")
+        _save(out, {})
+        return {}
+    try:
+        with marker.open("rb") as file:
+            data = json.loads(file.read(_MAX_MARKER_BYTES))
+        ours = data["format"] == _FORMAT
+        known = {str(name): str(signature) for name, signature in data["sessions"].items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        _log.exception("%s", marker)
+        ours = False
+    if not ours:
+        raise StatisticsError(f"{marker} is damaged. Nothing was written; choose another folder, or delete this one.")
+    if data.get("format_version") != _FORMAT_VERSION or data.get("program_version") != __version__:
+        # Another version may make other columns.
+        return dict.fromkeys(known, "")
+    return known
+
+
+def _save(out: Path, known: dict[str, str]) -> None:
+    head = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "program_version": __version__}
+    text = json.dumps({**head, "sessions": dict(sorted(known.items()))}, indent=1) + "\n"
+    replace_file(out / _MARKER, text.encode(), durable=False)
+
+
+def _export(
+    folders: list[Path], out: Path, known: dict[str, str], progress: Callable[[StatisticsProgress], None]
+) -> tuple[int, list[str]]:
+    """Bring ``out/tables`` and ``known`` up to date; how many were exported, and what went wrong."""
+    tables = out / "tables"
+    tables.mkdir(exist_ok=True)
+    names = {folder.name for folder in folders}
+    for name in [name for name in known if name not in names]:
+        _remove(tables / name)
+        del known[name]
+    # After the sessions that are gone, and before anything else may end this.
+    _save(out, known)
+    exported, problems = 0, []
+    for number, folder in enumerate(folders):
+        target = tables / folder.name
+        signature = content_signature(folder)
+
+        def tell(fraction: float, *, number: int = number, name: str = folder.name) -> None:
+            progress(StatisticsProgress(0.95 * (number + fraction) / len(folders), f"{name} to tables"))
+
+        tell(0.0)
+        if known.get(folder.name) == signature and target.is_dir():
+            continue
+        _remove(target)
+        known.pop(folder.name, None)
+        try:
+            export_session(folder, "parquet", target, ExportContext(progress=tell))
+        except ExportError as error:
+            problems.append(f"{folder.name}: {error}")
+        else:
+            exported += 1
+            # Opening may have repaired it.
+            known[folder.name] = content_signature(folder)
+        _save(out, known)
+    return exported, problems
+
+
+def _remove(folder: Path) -> None:
+    if folder.is_dir():
+        shutil.rmtree(folder)
+
+
+# The queries
+
+
+def queries(out: Path, *, tables: str = "tables") -> str:
+    """The SQL: the tables that there are, then the queries over them. ``tables`` is how the files' folder is named."""
+    text = (resources_dir() / "queries" / "statistics.sql").read_text(encoding="utf-8")
+    lines = ["-- The tables. Those that no session has are empty."]
+    for name, columns in _TABLES.items():
+        if any((out / "tables").glob(f"*/{name}.parquet")):
+            source = f"FROM read_parquet({_quoted(f'{tables}/*/{name}.parquet')}, union_by_name = true)"
+        else:
+            typed = {**dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR"), **columns}
+            source = (
+                f"SELECT {', '.join(f'NULL::{kind} AS {_named(column)}' for column, kind in typed.items())} LIMIT 0"
+            )
+        lines.append(f"CREATE VIEW {name} AS {source};")
+    return f"{text.rstrip()}\n".replace("-- The sessions, with", "\n".join([*lines, "", "-- The sessions, with"]), 1)
+
+
+def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:
+    import duckdb
+
+    try:
+        with duckdb.connect(":memory:") as database:
+            # The tables and nothing else of this computer, whatever a query says.
+            tables = (out / "tables").resolve()
+            database.execute(f"SET allowed_directories = [{_quoted(f'{tables}/')}]")
+            database.execute("SET enable_external_access = false")
+            database.execute("SET lock_configuration = true")
+            database.execute(queries(out, tables=str(tables)))
+            measures = _rows(database, "SELECT * FROM measures ORDER BY session")
+            rows = _rows(database, "SELECT * FROM summary")
+            labels = _rows(database, "SELECT * FROM labels")
+            codes = _rows(database, "SELECT * FROM codes")
+    except duckdb.Error as error:
+        _log.exception("the statistics of %s", out)
+        raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
+    summary = tuple(
+        SummaryRow(
+            condition=None if row["of"] == "study" else str(row["condition"] or ""),
+            measure=row["measure"],
+            unit=_UNITS[row["measure"]][0],
+            description=_UNITS[row["measure"]][1],
+            n=row["n"],
+            mean=row["mean"],
+            sd=row["sd"],
+            median=row["median"],
+            smallest=row["min"],
+            largest=row["max"],
+        )
+        for row in rows
+    )
+    order = {name: number for number, name in enumerate(_UNITS)}
+    summary = tuple(
+        sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
+    )
+    _write_csv(out / "measures.csv", measures)
+    _write_csv(out / "labels.csv", labels)
+    _write_csv(out / "codes.csv", codes)
+    _write_csv(
+        out / "summary.csv",
+        [
+            {
+                "of": "study" if row.condition is None else "condition",
+                "condition": row.condition,
+                "measure": row.measure,
+                "unit": row.unit,
+                "n": row.n,
+                "mean": row.mean,
+                "sd": row.sd,
+                "median": row.median,
+                "min": row.smallest,
+                "max": row.largest,
+                "description": row.description,
+            }
+            for row in summary
+        ],
+    )
+    replace_file(out / "queries.sql", queries(out).encode(), durable=False)
+    return summary, tuple(measures)
+
+
+def _rows(database: Any, query: str) -> list[dict[str, Any]]:
+    cursor = database.execute(query)
+    names = [column[0] for column in cursor.description]
+    return [dict(zip(names, row, strict=True)) for row in cursor.fetchall()]
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    partial = path.with_name(f".{path.name}.part")
+    with partial.open("w", encoding="utf-8", newline="") as file:
+        if rows:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+    partial.replace(path)
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _named(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'

@@ -1,0 +1,86 @@
+"""``caris-desktop statistics``: figures of all sessions of a study, of each condition, and the SQL behind them."""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from caris_desktop.recording.studies.statistics import StatisticsError, StatisticsProgress, SummaryRow, study_statistics
+from caris_desktop.recording.studies.study_index import study_dir_of
+
+_CANCELLED = 130
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", type=Path, help="folder of a study, or of its sessions")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="folder for tables and results (default: statistics in the study folder); made, or brought up to date",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status: 0 when computed, 1 when not or when sessions were left out (stderr says which), 130 cancelled."""
+    shows = sys.stderr.isatty()
+    try:
+        out = args.out or study_dir_of(args.study) / "statistics"
+        made = study_statistics(args.study, out, _show if shows else lambda _: None)
+    except StatisticsError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nCancelled. What was exported is kept for the next time.", file=sys.stderr)
+        return _CANCELLED
+    finally:
+        if shows:
+            sys.stderr.write("\r\033[K")
+    for problem in made.problems:
+        print(problem, file=sys.stderr)
+    conditions = list(dict.fromkeys(row.condition for row in made.summary))
+    for condition in conditions:
+        rows = [row for row in made.summary if row.condition == condition]
+        title = "All sessions" if condition is None else f"Condition {condition or '(none)'}"
+        print(f"{title}\n{as_table(rows)}\n")
+    print(
+        f"{made.sessions} sessions, {made.exported} of them read now. Results in {made.out}: summary.csv, measures.csv,"
+        " labels.csv, codes.csv; the SQL in queries.sql. Practice sessions are in measures.csv only."
+    )
+    return 1 if made.problems else 0
+
+
+def as_table(rows: Sequence[SummaryRow]) -> str:
+    """Lines for a terminal, columns aligned."""
+    cells = [("measure", "unit", "n", "mean", "sd", "median", "min", "max")]
+    cells += [
+        (
+            row.measure,
+            row.unit,
+            str(row.n),
+            _number(row.mean),
+            "" if row.sd is None else _number(row.sd),
+            _number(row.median),
+            _number(row.smallest),
+            _number(row.largest),
+        )
+        for row in rows
+    ]
+    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
+    return "\n".join(
+        "  ".join(
+            text.ljust(width) if column < 2 else text.rjust(width)
+            for column, (text, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in cells
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}".removesuffix(".00") if abs(value) < 1e6 else f"{value:.3g}"
+
+
+def _show(progress: StatisticsProgress) -> None:
+    room = max(20, shutil.get_terminal_size().columns - 8)
+    sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
+    sys.stderr.flush()

@@ -1,0 +1,588 @@
+"""Finds sessions of a study by what heads them and by what was said in them: an index that the folders can rebuild."""
+
+import fnmatch
+import logging
+import os
+import re
+import sqlite3
+import unicodedata
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused, UtteranceChanged
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.session.folder_lock import is_held
+from caris_desktop.recording.session.marks import final_marks_of
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.utterances import spoken_of
+
+_log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+DATABASE_NAME = "session-index.sqlite"
+_APPLICATION_ID = 0x43415249
+_SCHEMA_VERSION = 1
+_BUSY_MS = 2000
+_SNIPPET_CHARACTERS = 160
+_MAX_WORDS = 40
+_NEVER_NS = 2**63
+_SCHEMA = """
+CREATE TABLE session (
+    id INTEGER PRIMARY KEY,
+    name TEXT NOT NULL UNIQUE,
+    signature TEXT NOT NULL,
+    trouble TEXT NOT NULL,
+    started_utc TEXT NOT NULL,
+    duration_s REAL NOT NULL,
+    participant TEXT NOT NULL,
+    condition TEXT NOT NULL,
+    trial TEXT NOT NULL,
+    recording TEXT NOT NULL,
+    wizard TEXT NOT NULL,
+    scenario TEXT NOT NULL,
+    purpose TEXT NOT NULL,
+    closed_properly INTEGER NOT NULL,
+    size_bytes INTEGER NOT NULL,
+    utterances INTEGER NOT NULL,
+    marks INTEGER NOT NULL,
+    problems INTEGER NOT NULL
+);
+CREATE TABLE item (
+    id INTEGER PRIMARY KEY,
+    session_id INTEGER NOT NULL REFERENCES session (id),
+    at_ns INTEGER NOT NULL,
+    session_s REAL NOT NULL,
+    kind TEXT NOT NULL,
+    text TEXT NOT NULL
+);
+CREATE INDEX item_of_session ON item (session_id);
+CREATE VIRTUAL TABLE item_text USING fts5 (
+    text, content = 'item', content_rowid = 'id', tokenize = 'unicode61 remove_diacritics 2', prefix = '2 3'
+);
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEntry:
+    """One session as the list shows it."""
+
+    folder: Path
+    started_utc: str
+    duration_s: float
+    participant: str = ""
+    condition: str = ""
+    trial: str = ""
+    recording: str = ""
+    wizard: str = ""
+    scenario: str = ""
+    purpose: str = ""
+    closed_properly: bool = True
+    size_bytes: int = 0
+    utterances: int = 0
+    marks: int = 0
+    problems: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class SessionQuery:
+    """What to find; empty fields do not matter. ``text`` is searched in everything said, noted and marked.
+
+    The other fields are compared whole, whatever their case; ``*`` stands for anything. Of ``text`` each word must
+    begin a word of one utterance, note or mark.
+    """
+
+    text: str = ""
+    participant: str = ""
+    condition: str = ""
+    wizard: str = ""
+    scenario: str = ""
+    purpose: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchHit:
+    """Where a text was found: ``at_ns`` of that session's clock. ``snippet`` has the words around it."""
+
+    folder: Path
+    at_ns: int
+    session_s: float
+    kind: str
+    snippet: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadableSession:
+    """A folder that looks like a session and cannot be read; ``trouble`` says why."""
+
+    folder: Path
+    trouble: str
+
+
+_FIELDS = ("participant", "condition", "wizard", "scenario", "purpose")
+_ENTRY_COLUMNS = (
+    "name", "started_utc", "duration_s", "participant", "condition", "trial", "recording", "wizard", "scenario",
+    "purpose", "closed_properly", "size_bytes", "utterances", "marks", "problems",
+)  # fmt: skip
+
+
+def sessions_dir_of(study: Path) -> Path:
+    """Where the sessions of a study lie; ``study`` may be that folder itself."""
+    return study / "sessions" if (study / "sessions").is_dir() else study
+
+
+def study_dir_of(path: Path) -> Path:
+    """The study's own folder, where ``path`` is that or the folder of its sessions."""
+    return path.absolute().parent if path.absolute().name == "sessions" and sessions_dir_of(path) == path else path
+
+
+def session_folders(sessions_dir: Path) -> list[Path]:
+    """The folders in ``sessions_dir`` that hold a ``session.json``, by name. Raises OSError."""
+    with os.scandir(sessions_dir) as entries:
+        names = sorted(
+            entry.name
+            for entry in entries
+            if not entry.name.startswith(".")
+            and entry.is_dir(follow_symlinks=False)
+            and os.path.isfile(f"{entry.path}/session.json")  # noqa: PTH113 - asked of every session at each opening
+        )
+    return [sessions_dir / name for name in names]
+
+
+def _no_progress(_fraction: float) -> None:
+    """Nobody watches."""
+
+
+class StudyIndex:
+    """The index of the sessions in one folder. Any thread, one at a time. Never changes a session.
+
+    ``message`` says for people why the index is kept in memory only, or why it was made anew; empty when all is well.
+    """
+
+    def __init__(self, sessions_dir: Path, database: Path) -> None:
+        """Opens the index, or makes it; :meth:`update` fills it."""
+        self.message = ""
+        self._sessions_dir = sessions_dir
+        self._path = database
+        self._database = self._open()
+
+    @classmethod
+    def of_study(cls, study: Path) -> "StudyIndex":
+        """The index that a study folder keeps beside its sessions."""
+        return cls(sessions_dir_of(study), study_dir_of(study) / DATABASE_NAME)
+
+    def close(self) -> None:
+        self._database.close()
+
+    def update(self, progress: Callable[[float], None] = _no_progress) -> None:
+        """Read sessions that are new or changed, forget those that are gone. ``progress`` may raise to cancel.
+
+        What was read before stays in the index then.
+
+        Raises
+        ------
+        OSError
+            If the folder of the sessions cannot be read.
+        """
+        self._whole(lambda: self._update(progress))
+
+    def rebuild(self, progress: Callable[[float], None] = _no_progress) -> None:
+        """Forget everything and read all sessions again. Raises OSError as :meth:`update`."""
+
+        def anew() -> None:
+            with self._database:
+                self._forget(self._database.execute("SELECT id FROM session").fetchall())
+            self._update(progress)
+
+        self._whole(anew)
+
+    def sessions(self, query: SessionQuery | None = None) -> tuple[SessionEntry, ...]:
+        """The sessions that fit, newest first."""
+        query = query or SessionQuery()
+        words = _words(query.text)
+        if query.text.strip() and not words:
+            return ()
+        condition, arguments = _header_condition(query)
+        if words:
+            matching, its_arguments = _text_condition(words)
+            condition += f" AND s.id IN (SELECT i.session_id FROM item i WHERE {matching})"  # noqa: S608 - likewise
+            arguments += its_arguments
+        sql = (
+            f"SELECT {', '.join(f's.{column}' for column in _ENTRY_COLUMNS)} FROM session s"  # noqa: S608 - no values in it
+            f" WHERE s.trouble = '' AND {condition} ORDER BY s.started_utc DESC, s.name DESC"
+        )
+        rows = self._whole(lambda: self._database.execute(sql, arguments).fetchall())
+        return tuple(self._entry(row) for row in rows)
+
+    def search(self, query: SessionQuery, *, limit: int = 500) -> tuple[SearchHit, ...]:
+        """Where the text was found: newest session first, each in the order of time, at most ``limit`` hits."""
+        words = _words(query.text)
+        if not words:
+            return ()
+        condition, arguments = _header_condition(query)
+        matching, its_arguments = _text_condition(words)
+        sql = (
+            "SELECT s.name, i.at_ns, i.session_s, i.kind, i.text FROM item i JOIN session s ON s.id = i.session_id"  # noqa: S608 - no values in it
+            f" WHERE {matching} AND s.trouble = '' AND {condition}"
+            " ORDER BY s.started_utc DESC, s.name DESC, i.at_ns, i.id LIMIT ?"
+        )
+        rows = self._whole(lambda: self._database.execute(sql, [*its_arguments, *arguments, limit]).fetchall())
+        return tuple(
+            SearchHit(self._sessions_dir / name, at_ns, session_s, kind, _snippet(text, words))
+            for name, at_ns, session_s, kind, text in rows
+        )
+
+    def unreadable(self) -> tuple[UnreadableSession, ...]:
+        """Folders that hold a ``session.json`` and yet cannot be read."""
+        sql = "SELECT name, trouble FROM session WHERE trouble != '' ORDER BY name"
+        rows = self._whole(lambda: self._database.execute(sql).fetchall())
+        return tuple(UnreadableSession(self._sessions_dir / name, trouble) for name, trouble in rows)
+
+    # Reading the folders
+
+    def _update(self, progress: Callable[[float], None]) -> None:
+        progress(0.0)
+        folders = {folder.name: folder for folder in session_folders(self._sessions_dir)}
+        for name in [name for name in folders if _storable(name) != name]:
+            _log.warning("%r is not in the index: its name is no text", str(folders.pop(name)))
+        known = dict(self._database.execute("SELECT name, signature FROM session").fetchall())
+        gone = [name for name in known if name not in folders]
+        signatures = {name: content_signature(folder) for name, folder in folders.items()}
+        changed = [
+            name
+            for name, folder in folders.items()
+            # One that is being recorded changes all the time: it is read when it is new, and when it has ended.
+            if known.get(name) != signatures[name] and not (name in known and is_held(folder))
+        ]
+        with self._database:
+            for name in gone:
+                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
+        for number, name in enumerate(changed, start=1):
+            entry, items, trouble = _read(folders[name])
+            with self._database:
+                # Somebody else may keep the same index up to date.
+                self._database.execute("BEGIN IMMEDIATE")
+                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
+                self._add(name, signatures[name], entry, items, trouble)
+            progress(number / len(changed))
+        progress(1.0)
+
+    def _forget(self, rows: Sequence[tuple[int]]) -> None:
+        for (row,) in rows:
+            self._database.execute(
+                "INSERT INTO item_text (item_text, rowid, text)"
+                " SELECT 'delete', id, text FROM item WHERE session_id = ?",
+                (row,),
+            )
+            self._database.execute("DELETE FROM item WHERE session_id = ?", (row,))
+            self._database.execute("DELETE FROM session WHERE id = ?", (row,))
+
+    def _add(self, name: str, signature: str, entry: SessionEntry, items: Sequence["_Item"], trouble: str) -> None:
+        values = [name, *(getattr(entry, column) for column in _ENTRY_COLUMNS[1:])]
+        columns = ", ".join(_ENTRY_COLUMNS)
+        row = self._database.execute(
+            f"INSERT INTO session (signature, trouble, {columns}) VALUES (?, ?{', ?' * len(values)})",  # noqa: S608 - no values in it
+            [signature, trouble, *values],
+        ).lastrowid
+        for item in items:
+            item_row = self._database.execute(
+                "INSERT INTO item (session_id, at_ns, session_s, kind, text) VALUES (?, ?, ?, ?, ?)",
+                (row, item.at_ns, item.session_s, item.kind, item.text),
+            ).lastrowid
+            self._database.execute("INSERT INTO item_text (rowid, text) VALUES (?, ?)", (item_row, item.text))
+
+    def _entry(self, row: tuple[Any, ...]) -> SessionEntry:
+        values = dict(zip(_ENTRY_COLUMNS, row, strict=True))
+        values["folder"] = self._sessions_dir / values.pop("name")
+        values["closed_properly"] = bool(values["closed_properly"])
+        return SessionEntry(**values)
+
+    # The database
+
+    def _whole(self, act: Callable[[], T]) -> T:
+        """``act``, and once more with a new index where the database turns out to be damaged or not writable."""
+        try:
+            return act()
+        except sqlite3.Error as error:
+            _log.warning("%s: %s", self._path, error)
+            self._database.close()
+            self._database = self._anew(error) if _is_damage(error) else self._in_memory(str(error))
+            self._update(_no_progress)
+            return act()
+
+    def _open(self) -> sqlite3.Connection:
+        database: sqlite3.Connection | None = None
+        try:
+            database = _connected(str(self._path))
+            foreign = _prepare(database)
+        except sqlite3.Error as error:
+            if database is not None:
+                database.close()
+            return self._anew(error) if _is_damage(error) else self._in_memory(str(error))
+        if foreign:
+            database.close()
+            return self._in_memory("it is a database of something else")
+        return database
+
+    def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
+        """An empty index where the damaged one lay."""
+        _log.warning("%s is made anew: %s", self._path, damage)
+        database: sqlite3.Connection | None = None
+        try:
+            _put_aside(self._path)
+            database = _connected(str(self._path))
+            _prepare(database)
+        except (OSError, sqlite3.Error) as error:
+            if database is not None:
+                database.close()
+            return self._in_memory(str(error))
+        self.message = "The index of the sessions was damaged and has been made anew from their folders."
+        return database
+
+    def _in_memory(self, reason: str) -> sqlite3.Connection:
+        _log.warning("%s cannot be used: %s", self._path, reason)
+        self.message = (
+            f"The index of the sessions cannot be kept in {self._path} ({reason}). Finding sessions works, but the"
+            " folders are read again each time. Choose a study folder that you may write to."
+        )
+        database = _connected(":memory:")
+        _prepare(database)
+        return database
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    """One text that can be found."""
+
+    at_ns: int
+    session_s: float
+    kind: str
+    text: str
+
+
+def _connected(path: str) -> sqlite3.Connection:
+    database = sqlite3.connect(path, timeout=_BUSY_MS / 1000, check_same_thread=False)
+    database.create_function("fits", 2, _fits, deterministic=True)
+    return database
+
+
+def _prepare(database: sqlite3.Connection) -> bool:
+    """Make the tables where there are none of this version. True: the database is somebody else's."""
+    (application,) = database.execute("PRAGMA application_id").fetchone()
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and application != _APPLICATION_ID:
+        return True
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA synchronous = NORMAL")
+    if tables and version == _SCHEMA_VERSION:
+        # Proves that it can be written to, which an open database on a read-only disk cannot.
+        database.execute(f"PRAGMA user_version = {_SCHEMA_VERSION}")
+        return False
+    with database:
+        database.execute("BEGIN IMMEDIATE")
+        if database.execute("PRAGMA user_version").fetchone() == (_SCHEMA_VERSION,):
+            # Somebody else made them meanwhile.
+            return False
+        for table in ("item_text", "item", "session"):
+            database.execute(f"DROP TABLE IF EXISTS {table}")
+        for statement in _SCHEMA.split(";\n"):
+            database.execute(statement)
+        database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+        database.execute(f"PRAGMA user_version = {_SCHEMA_VERSION}")
+    return False
+
+
+def _is_damage(error: sqlite3.Error) -> bool:
+    """Whether the file itself is broken, rather than locked, not writable, or the disk full."""
+    code = getattr(error, "sqlite_errorcode", None)
+    broken = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+    return code is not None and (code & 0xFF) in broken
+
+
+def _put_aside(path: Path) -> None:
+    """Nothing is lost by it, but a file that is no index of ours is not ours to delete. Raises OSError."""
+    path.replace(path.with_name(f"{path.name}.damaged"))
+    for suffix in ("-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+
+
+# One session
+
+
+def content_signature(folder: Path) -> str:
+    """Changes whenever something may have changed in what is told of a session: its head, events or annotations."""
+    # Asked of every session each time a study is opened, hence without a Path for each file.
+    names = ["session.json", "events.mcap"]
+    try:
+        with os.scandir(folder / "annotations") as entries:
+            names += sorted(f"annotations/{entry.name}" for entry in entries if entry.name.endswith(".json"))
+    except OSError:
+        # Nobody has coded the session; what cannot be read now has no signature until it can.
+        pass
+    return _storable("|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names))
+
+
+def _age_and_size(path: str) -> str:
+    try:
+        status = os.stat(path)  # noqa: PTH116 - as said above
+    except OSError:
+        return "-"
+    return f"{status.st_mtime_ns}:{status.st_size}"
+
+
+def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
+    """What the index keeps of one session, and why it cannot be read if so."""
+    try:
+        return *_content(folder), ""
+    except (SessionError, OSError) as error:
+        _log.info("%s is not in the index: %s", folder, error)
+        trouble = str(error)
+    except Exception as error:
+        # Whatever somebody's file does to a reader, the other sessions of the study are to be found.
+        _log.exception("%s is not in the index", folder)
+        trouble = f"{folder} cannot be read ({type(error).__name__}: {error}). The log has the details."
+    return SessionEntry(folder, "", 0.0), [], _storable(trouble)
+
+
+def _content(folder: Path) -> tuple[SessionEntry, list[_Item]]:
+    """Raises SessionError, OSError, and ValueError for moments that no index can hold."""
+    session = open_session(folder, repair=False)
+    items = list(_items(session))
+    if not all(abs(at_ns) < _NEVER_NS for at_ns in (session.started_ns, *(item.at_ns for item in items))):
+        raise ValueError("a moment that is none")
+    trial = {key: _storable(value) for key, value in session.trial.items()}
+    scenario = session.header.get("scenario")
+    entry = SessionEntry(
+        folder=folder,
+        started_utc=session.clock.utc(session.started_ns),
+        duration_s=session.duration_s,
+        scenario=_storable(str(scenario.get("title") or "")) if isinstance(scenario, dict) else "",
+        closed_properly=session.closed_properly,
+        size_bytes=_size_bytes(folder),
+        utterances=sum(item.kind in _UTTERANCES for item in items),
+        marks=sum(item.kind in _MARKS for item in items),
+        problems=sum(item.kind == "problem" for item in items),
+        **{
+            name: trial.get(name, "")
+            for name in ("participant", "condition", "trial", "recording", "wizard", "purpose")
+        },
+    )
+    heading = " ".join(
+        part
+        for part in (folder.name, entry.participant, entry.condition, entry.trial, entry.recording, entry.wizard,
+                     entry.scenario, entry.purpose, trial.get("study", ""))
+        if part
+    )  # fmt: skip
+    items.insert(0, _Item(session.started_ns, 0.0, "session", heading))
+    return entry, items
+
+
+_UTTERANCES = ("robot", "participant", "wizard")
+_MARKS = ("mark", "wizard_error", "note")
+_TOLD_BY = (
+    "event/utterance_changed", "event/recording_paused", "event/marked", "event/llm_exchange", "event/problem",
+)  # fmt: skip
+
+
+def _items(session: Session) -> Iterator[_Item]:
+    def item(at_ns: int, kind: str, text: str) -> _Item:
+        return _Item(at_ns, session.clock.session_s(at_ns), kind, _storable(text))
+
+    # One pass: a session that was cut off has no index to jump by.
+    events = [value for _, value in session.values(*_TOLD_BY)]
+    paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
+    utterances = [event for event in events if isinstance(event, UtteranceChanged)]
+    for utterance in spoken_of(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns):
+        if utterance.start_ns is not None:
+            yield item(utterance.start_ns, utterance.speaker, utterance.text)
+    for mark in final_marks_of((event for event in events if isinstance(event, Marked)), ended_ns=session.ended_ns):
+        yield item(mark.start_ns, mark.kind, " ".join(part for part in (mark.label, mark.note) if part))
+    for event in events:
+        if isinstance(event, LlmExchange):
+            asked = event.messages[-1].content if event.messages else ""
+            yield item(event.asked_ns, "assistant", f"{asked}\n{event.answer}".strip())
+        elif isinstance(event, Problem):
+            yield item(event.stamp_ns, "problem", f"{event.what} {event.meaning}".strip())
+    yield from _annotations(session)
+
+
+def _annotations(session: Session) -> Iterator[_Item]:
+    try:
+        document = load_documents(session.folder, on_damaged=lambda what: _log.warning("not in the index: %s", what))
+    except AnnotationError as error:
+        _log.warning("not in the index: %s", error)
+        return
+    for annotation in document.annotations:
+        if annotation.value.strip():
+            at_ns = session.started_ns + annotation.start_ms * 1_000_000
+            yield _Item(at_ns, annotation.start_ms / 1000, "annotation", _storable(annotation.value))
+
+
+def _storable(text: str) -> str:
+    """Without what UTF-8 or SQLite cannot hold: half a character that an input method left behind, a zero."""
+    return text.encode("utf-8", "replace").decode().replace("\0", " ")
+
+
+def _size_bytes(folder: Path) -> int:
+    return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+# Queries
+
+
+def _fits(value: str, pattern: str) -> bool:
+    return fnmatch.fnmatchcase(value.casefold(), re.sub(r"([\[?])", r"[\1]", pattern.casefold()))
+
+
+def _header_condition(query: SessionQuery) -> tuple[str, list[Any]]:
+    given = [(name, getattr(query, name).strip()) for name in _FIELDS]
+    given = [(name, pattern) for name, pattern in given if pattern]
+    condition = " AND ".join(["1", *(f"fits(s.{name}, ?)" for name, _ in given)])
+    return condition, [pattern for _, pattern in given]
+
+
+def _words(text: str) -> list[str]:
+    """The words of what a user typed, whatever signs are between them."""
+    words = [word for word in _storable(text).split() if any(character.isalnum() for character in word)]
+    return words[:_MAX_WORDS]
+
+
+def _text_condition(words: Sequence[str]) -> tuple[str, list[Any]]:
+    """SQL for ``item i``: every word begins a word of the text. Signs that FTS5 takes for operators are quoted."""
+    conditions, arguments = [], []
+    spaced = [word for word in words if not _UNSPACED.search(word)]
+    if spaced:
+        conditions.append("i.id IN (SELECT rowid FROM item_text WHERE item_text MATCH ?)")
+        arguments.append(" AND ".join('"' + word.replace('"', '""') + '"*' for word in spaced))
+    for word in words:
+        if word not in spaced:
+            conditions.append("instr(i.text, ?)")
+            arguments.append(word)
+    return " AND ".join(conditions), arguments
+
+
+# Scripts that put no space between words, so that no word begins there for the index: Thai to Khmer, Chinese, Japanese.
+_UNSPACED = re.compile("[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u3040-\u30ff\u3400-\u9fff\uf900-\ufaff]")
+
+
+def _plain(text: str) -> str:
+    """Without case and accents, character for character."""
+    return "".join((unicodedata.normalize("NFKD", character).casefold() or " ")[0] for character in text)
+
+
+def _snippet(text: str, words: Sequence[str]) -> str:
+    """At most a line or two of ``text`` with the first of the words in it."""
+    text = " ".join(text.split())
+    if len(text) <= _SNIPPET_CHARACTERS:
+        return text
+    plain = _plain(text)
+    places = [plain.find(_plain(word.strip("\"'()[]*.,:;!?"))) for word in words]
+    first = min((place for place in places if place >= 0), default=0)
+    start = max(0, min(first - _SNIPPET_CHARACTERS // 3, len(text) - _SNIPPET_CHARACTERS))
+    end = start + _SNIPPET_CHARACTERS
+    start = text.find(" ", start, first) + 1 if start else 0
+    end = text.rfind(" ", first, end) if text.rfind(" ", first, end) > first and end < len(text) else end
+    return f"{'…' if start else ''}{text[start:end].strip()}{'…' if end < len(text) else ''}"

@@ -1,0 +1,299 @@
+"""Tiers and overview made from the record."""
+
+import json
+import wave
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain import streams
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    CommandSent,
+    EmergencyStopChanged,
+    GoalChanged,
+    LinkChanged,
+    LinkQuality,
+    Marked,
+    PersonAppeared,
+    PersonLeft,
+    RecordingPaused,
+    ScenarioOpened,
+    StopRequested,
+)
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
+from caris_desktop.recording.annotation.session_tiers import scenario_labels, session_tiers
+from caris_desktop.recording.session.session_reader import Session, open_session
+from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
+
+
+def told(folder: Path, values: list[Any], *, lasts_s: float = 60.0, **fields: Any) -> Session:
+    return open_session(tell(folder / "s", values, lasts_s=lasts_s, **fields))
+
+
+def rows(document: AnnotationDocument) -> dict[str, list[tuple[int, int, str]]]:
+    editing.check_document(document)
+    return {
+        tier.name: [(item.start_ms, item.end_ms, item.value) for item in document.of_tier(tier.tier_id)]
+        for tier in document.tiers
+    }
+
+
+def vocabulary(document: AnnotationDocument, name: str) -> list[str]:
+    return [entry.value for entry in editing.vocabulary_of(document, name).entries]
+
+
+def test_what_was_said_becomes_tiers_by_speaker(tmp_path: Path) -> None:
+    values = [
+        *heard(1, 2.0, 3.5, "Hi there"),
+        # One begins before the other has ended: two people talk at once.
+        *heard(2, 3.0, 4.0, "Me too\nhere"),
+        *said(1, 4.0, 4.2, 6.0, "Welcome.", origin="phrase"),
+        *said(2, 6.0, 6.0, 7.25, "This way."),
+    ]
+    document = session_tiers(told(tmp_path, values))
+    found = rows(document)
+    assert found["Participant speech"] == [(2000, 3500, "Hi there")]
+    assert found["Participant speech (2)"] == [(3000, 4000, "Me too\nhere")]
+    assert found["Robot speech"] == [(4200, 6000, "Welcome."), (6000, 7250, "This way.")]
+    assert found["Robot speech origin"] == [(4200, 6000, "phrase"), (6000, 7250, "typed")]
+    assert [tier.participant for tier in document.tiers][:3] == ["P07", "P07", "Robot"]
+    assert all(tier.coder == "" for tier in document.tiers)
+    assert document.duration_ms == 60_000
+
+
+def test_marks_errors_and_notes(tmp_path: Path) -> None:
+    values = [
+        ScenarioOpened(at(-1), "x.yaml", "Tour", "0" * 64, "recording:\n  labels: [Laughs, Confused]\n"),
+        Marked(at(10.0), "Laughs", mark_id="a", start_ns=at(7.0)),
+        Marked(at(10.0), "Own label", mark_id="b"),
+        Marked(at(10.0), "Confused", mark_id="b2"),
+        Marked(at(10.1), "Laughs", mark_id="c"),
+        Marked(at(20.0), "Confused", mark_id="d", state="open"),
+        Marked(at(25.0), "Confused", mark_id="d", end_ns=at(25.0), note="at the arm"),
+        Marked(at(21.0), "Laughs", mark_id="e"),
+        Marked(at(30.0), "slip", "wizard_error", mark_id="f"),
+        Marked(at(35.0), "", "wizard_error", mark_id="f2"),
+        Marked(at(40.0), "", "note", mark_id="g", note="Asks twice"),
+        Marked(at(41.0), "Laughs", mark_id="h"),
+        Marked(at(42.0), "Laughs", mark_id="h", state="withdrawn"),
+        Marked(at(60.0), "Laughs", mark_id="i"),
+    ]
+    document = session_tiers(told(tmp_path, values))
+    found = rows(document)
+    # Moments are made wider, less where another follows; what overlaps goes on a second tier.
+    assert found["Wizard marks"] == [
+        (7000, 7200, "Laughs"),
+        (10_000, 10_100, "Own label"),
+        (10_100, 10_300, "Laughs"),
+        (20_000, 25_000, "Confused"),
+        (59_999, 60_000, "Laughs"),
+    ]
+    assert found["Wizard marks (2)"] == [(10_000, 10_200, "Confused"), (21_000, 21_200, "Laughs")]
+    assert found["Wizard errors"] == [(30_000, 30_200, "slip"), (35_000, 35_200, "unspecified")]
+    assert found["Notes"] == [(20_000, 25_000, "at the arm"), (40_000, 40_200, "Asks twice")]
+    assert vocabulary(document, "Wizard marks") == ["Laughs", "Confused", "Own label"]
+    assert vocabulary(document, "Wizard errors") == ["slip", "late", "wrong branch", "unspecified"]
+    assert found["Scenario"] == [(0, 60_000, "Tour")]
+
+
+def test_motion_and_who_drove(tmp_path: Path) -> None:
+    values: list[Any] = [
+        *drive(5.0, 7.0, 0.4),
+        *drive(7.0, 8.0, 0.0, 0.5, source="gamepad"),
+        *drive(20.0, 21.0, -0.2, source="gamepad"),
+        # The last words of a link that broke: nothing was commanded half a second later.
+        CommandSent(at(30.0), 900, Twist2D(forward_mps=0.3), "keyboard"),
+        RecordingPaused(at(40.0), True),
+        RecordingPaused(at(50.0), False),
+        GoalChanged(at(32.0), "g", "requested", Pose2D(1, 2, 0), "Kitchen"),
+        GoalChanged(at(36.5), "g", "reached", Pose2D(1, 2, 0), "Kitchen"),
+    ]
+    found = rows(session_tiers(told(tmp_path, values)))
+    assert found["Motion"] == [
+        (0, 5000, "standing"),
+        (5000, 7000, "forward"),
+        (7000, 8000, "turning"),
+        (8000, 20_000, "standing"),
+        (20_000, 21_000, "backward"),
+        (21_000, 30_000, "standing"),
+        (30_000, 30_500, "forward"),
+        (30_500, 40_000, "standing"),
+        (50_000, 60_000, "standing"),
+    ]
+    assert found["Driving source"] == [
+        (5000, 7000, "keyboard"),
+        (7000, 8000, "gamepad"),
+        (20_000, 21_000, "gamepad"),
+        (30_000, 30_500, "keyboard"),
+    ]
+    assert found["Navigation goals"] == [(32_000, 36_500, "Kitchen: reached")]
+    assert found["Pauses"] == [(40_000, 50_000, "paused")]
+
+
+def test_people_assistant_and_trouble(tmp_path: Path) -> None:
+    values = [
+        PersonAppeared(at(5.0), "p-2", 4),
+        PersonLeft(at(10.0), "p-1", 1),
+        PersonLeft(at(20.0), "p-2", 4),
+        exchange(1, 12.0, 13.5, "Hello."),
+        AnswerUsed(at(15.0), "x-1", "edited", "Hello!"),
+        LinkChanged(at(-1.0), "control", "connected", "ws://a"),
+        LinkChanged(at(30.0), "control", "lost", "ws://a", "no answer"),
+        LinkChanged(at(31.0), "media", "trouble", "ws://a"),
+        LinkChanged(at(33.0), "control", "connected", "ws://a"),
+        LinkChanged(at(34.0), "media", "connected", "ws://a"),
+        EmergencyStopChanged(at(45.0), True, "wizard"),
+        EmergencyStopChanged(at(47.0), False, "wizard"),
+        LinkQuality(at(46.0), 3.0),
+    ]
+    folder = tell(tmp_path / "s", values, lasts_s=60.0)
+    people = [{"person_id": "p-9", "first_seen_s": 1.0, "last_seen_s": 59.0}, {"person_id": "p-1", "first_seen_s": 0.0}]
+    (folder / "people.json").write_text(json.dumps({"people": people[:1]}))
+    found = rows(session_tiers(open_session(folder)))
+    assert found["People present"] == [
+        (0, 1000, "1"),
+        (1000, 5000, "2"),
+        (5000, 10_000, "3"),
+        (10_000, 20_000, "2"),
+        (20_000, 59_000, "1"),
+    ]
+    assert found["Person 1"] == [(5000, 20_000, "present")]
+    assert found["LLM exchanges"] == [(12_000, 13_500, "Hello.")]
+    assert found["LLM answer use"] == [(15_000, 15_200, "edited")]
+    assert found["Link trouble"] == [(30_000, 33_000, "control: lost (no answer)")]
+    assert found["Link trouble (2)"] == [(31_000, 34_000, "media: trouble")]
+    assert found["Emergency stop"] == [(45_000, 47_000, "set by wizard")]
+    # What is measured every second would bury the rest.
+    assert not [name for name in found if "quality" in name.lower()]
+    (folder / "people.json").write_text(json.dumps({"people": people}))
+    assert "Person 3" not in rows(session_tiers(open_session(folder)))
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionAsked:
+    """A kind of event that this program does not have."""
+
+    stamp_ns: int
+    question: str
+    answer_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RoundPlayed:
+    """One that lasts."""
+
+    stamp_ns: int
+    start_ns: int
+    end_ns: int
+    player: str
+    points: float
+
+
+def test_an_event_type_declared_in_the_stream_table_is_a_tier(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind, name in ((QuestionAsked, "event/question_asked"), (RoundPlayed, "event/round_played")):
+        spec = streams.StreamSpec(name, kind, streams.Delivery.LOSSLESS)
+        monkeypatch.setitem(streams.BY_TYPE, kind, spec)
+        monkeypatch.setitem(streams.BY_NAME, name, spec)
+    values: list[Any] = [
+        QuestionAsked(at(1.0), "How old are you?", "q-1"),
+        QuestionAsked(at(1.0), "Why?"),
+        RoundPlayed(at(9.0), at(4.0), at(9.0), "P07", 2.5),
+        StopRequested(at(3.0)),
+    ]
+    found = rows(session_tiers(told(tmp_path, values)))
+    assert found["Question asked"] == [(1000, 1200, "How old are you? | Why?")]
+    assert found["Round played"] == [(4000, 9000, "player: P07, points: 2.5")]
+    assert found["Stop requested"] == [(3000, 3200, "Stop requested")]
+
+
+def test_labels_of_a_scenario_that_cannot_be_read_are_none() -> None:
+    for content in ("", "recording: [", "recording: {labels: 3}", "a: &a [*a]", "!!python/object/apply:os.system [ls]"):
+        assert scenario_labels(content) == ()
+
+
+def write_wav(path: Path, samples: Any, rate: int = 1000, channels: int = 1) -> None:
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(channels)
+        file.setsampwidth(2)
+        file.setframerate(rate)
+        file.writeframes(np.asarray(samples, "<i2").tobytes())
+
+
+def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
+    values: list[Any] = [
+        *heard(1, 2.0, 3.0, "Hi"),
+        *said(1, 3.0, 3.5, 4.0, "Hello"),
+        Marked(at(10.0), "late", "wizard_error", mark_id="a", start_ns=at(3.2)),
+        *(Odometry(at(number / 100), None, Pose2D(0, 0, 0), Twist2D(0.5, 0, -0.25)) for number in range(500)),
+        # Two seconds of sound, a pause of three, one second of sound.
+        *(
+            AudioBlock(at(1.0 + number / 5), "microphone", "audio-m.wav", number * 200, 200, 1000)
+            for number in range(10)
+        ),
+        *(AudioBlock(at(6.0 + n / 5), "microphone", "audio-m.wav", 2000 + n * 200, 200, 1000) for n in range(5)),
+        AudioBlock(at(0.0), "gone", "audio-gone.wav", 0, 100, 1000),
+        AudioBlock(at(0.0), "far", "../events.mcap", 0, 100, 1000),
+    ]
+    folder = tell(
+        tmp_path / "s",
+        values,
+        lasts_s=60.0,
+        videos=[{"camera": "front", "file_name": "video-front.mp4"}, {"camera": "rear", "file_name": "video-rear.mp4"}],
+    )
+    (folder / "video-front.mp4").write_bytes(b"x")
+    samples = np.zeros(3000)
+    samples[500] = 16384
+    samples[2500:2520] = -32768
+    write_wav(folder / "audio-m.wav", samples)
+    heard_fractions: list[float] = []
+    overview = build_overview(open_session(folder), heard_fractions.append)
+    assert [(moment.kind, moment.at_ns, moment.text) for moment in overview.moments] == [
+        ("utterance", at(2.0), "participant: Hi"),
+        ("mark", at(3.2), "late"),
+        ("utterance", at(3.5), "robot: Hello"),
+    ]
+    assert overview.cameras == ("front",)
+    (waveform,) = overview.waveforms
+    assert (waveform.source, waveform.first_ns, waveform.bucket_ns) == ("microphone", at(1.0), BUCKET_NS)
+    loud_s = (
+        np.flatnonzero(np.abs(waveform.peaks).max(axis=1) > 0.1) * BUCKET_NS + waveform.first_ns - STARTED_NS
+    ) / 1e9
+    assert loud_s == pytest.approx([1.5, 6.5], abs=0.0201)
+    assert (waveform.peaks.max(), waveform.peaks.min()) == (0.5, -1.0)
+    assert overview.speed.dtype == np.float32
+    assert overview.speed[:, 1:].tolist() == [[0.5, -0.25]] * 100
+    assert overview.speed[:3, 0].tolist() == pytest.approx([0.0, 0.05, 0.1])
+    assert heard_fractions[-1] == 1.0
+    assert heard_fractions == sorted(heard_fractions)
+
+
+def test_the_speed_comes_from_poses_where_there_is_no_odometry(tmp_path: Path) -> None:
+    values = [RobotPose(at(number / 10), None, Pose2D(number / 50, 0, 0)) for number in range(100)]
+    speed = build_overview(told(tmp_path, values)).speed
+    assert speed[:, 1] == pytest.approx(0.2, abs=1e-4)
+    commands = build_overview(told(tmp_path / "c", list(drive(1.0, 3.0, 0.4)))).speed
+    assert (commands[0].tolist(), commands[-1, 1]) == ([1.0, pytest.approx(0.4), 0.0], 0.0)
+
+
+def test_a_whole_tour_keeps_the_rules(tmp_path: Path) -> None:
+    found = rows(session_tiers(told(tmp_path, tour(3, minutes=4.0), lasts_s=240.0)))
+    assert {"Participant speech", "Robot speech", "Wizard marks", "Motion", "Navigation goals", "Pauses"} <= set(found)
+
+
+def test_whoever_does_not_want_to_wait_ends_it(tmp_path: Path) -> None:
+    class CancelledError(Exception):
+        pass
+
+    def cancel(_fraction: float) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        build_overview(told(tmp_path, []), cancel)

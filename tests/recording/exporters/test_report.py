@@ -1,0 +1,318 @@
+"""Report and methods sheet: what they say, that nothing said becomes markup, that they need nothing else."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    ChatMessage,
+    LlmExchange,
+    Marked,
+    PhotoTaken,
+    Problem,
+    RobotChosen,
+    UtteranceChanged,
+)
+from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.export import ExportContext, export_session
+from caris_desktop.recording.exporters.methods import write_methods_of_study
+from caris_desktop.recording.exporters.methods_sheet import methods_sheet
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.studies.measures import measure_session
+from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, tell, tour
+
+_VOID = {"meta", "img", "br", "hr", "input", "link"}
+EVIL = '</title><script>alert("1")</script><img src=x onerror=alert(2)> & "quoted" \'single\''
+
+
+class Page(HTMLParser):
+    """Parses a page and fails on anything that is not closed, or closed in another order."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style",):
+            self.texts.append(" ".join(data.split()))
+
+    @property
+    def text(self) -> str:
+        return " ".join(text for text in self.texts if text)
+
+    def check_self_contained(self) -> None:
+        assert not {tag for tag, _ in self.tags} & {"script", "iframe", "object", "link", "form"}
+        for _, attributes in self.tags:
+            assert not [name for name in attributes if name.startswith("on")]
+            for name in ("src", "href"):
+                assert (attributes.get(name) or "data:").startswith("data:")
+
+
+@pytest.fixture(scope="module")
+def toured(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    folder = tell(tmp_path_factory.mktemp("report") / "sessions" / "s1", tour(3, minutes=4), lasts_s=240)
+    coded = AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), (Annotation("x", "t", 2500, 9000, "at the robot"),))
+    save_coder(folder, coded, "Ann")
+    return open_session(folder)
+
+
+def report_of(folder: Path, out: Path) -> Page:
+    assert export_session(folder, "html", out) == [out / "report.html"]
+    page = Page(out / "report.html")
+    page.check_self_contained()
+    return page
+
+
+def drawings(page: Path) -> list[ElementTree.Element]:
+    return [
+        ElementTree.fromstring(svg)  # noqa: S314 - our own
+        for svg in re.findall(r'<svg xmlns=.*?class="drawing[a-z ]*">.*?</svg>', page.read_text(encoding="utf-8"))
+    ]
+
+
+def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None:
+    page = report_of(toured.folder, tmp_path / "out")
+    measures = measure_session(toured)
+    for words in (
+        "Participant P07, humour, trial 3",
+        "21 November 2026, 10:00 UTC",
+        "Simulated robot",
+        "Tour guide",
+        f"{len(measures.responses)}",
+        "The recording was paused once, for 10.0 s in all.",
+        "12 video frames are missing: the video encoder could not keep up.",
+        "Wants to touch it & <try>.",
+        "The robot does not answer. Driving has stopped.",
+        "smollm2-135m, q8_0 (embedded)",
+        "Gaze",
+        "emergency stop",
+    ):
+        assert words in page.text
+    # In the transcript, and with its time as a hint of the time line.
+    fillers = measures.origins["filler"]
+    assert len([item for item in page.texts if item == "Let me think..."]) == fillers
+    assert len([item for item in page.texts if re.fullmatch(r"\d:\d\d to \d:\d\d Let me think...", item)]) == fillers
+    out = drawings(tmp_path / "out" / "report.html")
+    titles = [drawing[0].text or "" for drawing in out]
+    assert titles[:2] == ["What happened from 0:00 to 4:00", "The way of the robot on the map"]
+    response_titles = [title for title in titles if title.startswith("Response time")]
+    assert f"{len(measures.responses)} values" in response_titles[0]
+
+
+def test_the_time_line_is_to_scale(toured: Session, tmp_path: Path) -> None:
+    report_of(toured.folder, tmp_path / "out")
+    line = drawings(tmp_path / "out" / "report.html")[0]
+    space = "{http://www.w3.org/2000/svg}"
+    plot = line.find(f"{space}rect[@class='plot']")
+    assert plot is not None
+    left_px, width_px = float(plot.get("x", "")), float(plot.get("width", ""))
+    (coded,) = line.findall(f".//{space}rect[@class='coder']")
+    assert float(coded.get("x", "")) == pytest.approx(left_px + width_px * 2.5 / 240, abs=0.02)
+    assert float(coded.get("width", "")) == pytest.approx(width_px * 6.5 / 240, abs=0.02)
+    (pause,) = line.findall(f".//{space}rect[@class='pause']")
+    assert float(pause.get("x", "")) == pytest.approx(left_px + width_px * 210 / 240, abs=0.02)
+
+
+def test_a_long_session_is_drawn_in_strips(tmp_path: Path) -> None:
+    folder = tell(tmp_path / "s", [*heard(1, 10, 12, "Early"), *heard(2, 3000, 3002, "Late")], lasts_s=3300)
+    report_of(folder, tmp_path / "out")
+    every = drawings(tmp_path / "out" / "report.html")
+    strips = [drawing for drawing in every if "What happened" in (drawing[0].text or "")]
+    assert [drawing[0].text for drawing in strips] == [
+        f"What happened from {begin} to {end}"
+        for begin, end in (
+            ("0:00", "10:00"), ("10:00", "20:00"), ("20:00", "30:00"), ("30:00", "40:00"), ("40:00", "50:00"),
+            ("50:00", "55:00"),
+        )
+    ]  # fmt: skip
+    assert ["Late" in "".join(drawing.itertext()) for drawing in strips] == [False] * 5 + [True]
+
+
+def test_nothing_that_was_said_becomes_markup(tmp_path: Path) -> None:
+    values: list[Any] = [
+        *heard(1, 1.0, 2.0, EVIL),
+        *said(2, 2.5, 3.0, 4.0, EVIL),
+        UtteranceChanged(at(5.0), "u", "robot", "half \ud83d and \x00 \x1b[31m", "typed", "started", detail=EVIL),
+        Marked(at(6.0), EVIL, mark_id="m", note=EVIL),
+        Marked(at(6.0), EVIL, "wizard_error", "e"),
+        Problem(at(7.0), "error", EVIL, EVIL, EVIL),
+        RobotChosen(at(0.0), "r", EVIL, "ws://"),
+        exchange(1, 8.0, 9.0, EVIL, model=EVIL, messages=(ChatMessage("system", EVIL), ChatMessage("user", EVIL))),
+        PhotoTaken(at(9.0), "front", 1, "../../../etc/passwd"),
+        PhotoTaken(at(9.5), "front", 1, EVIL),
+    ]
+    folder = tell(tmp_path / "s", values, lasts_s=12, trial={"participant": EVIL, "wizard": EVIL, "condition": EVIL})
+    page = report_of(folder, tmp_path / "out")
+    assert EVIL in page.text
+    assert "root:" not in page.text
+    written = export_session(folder, "methods", tmp_path / "methods")
+    sheet = Page(tmp_path / "methods" / "methods.html")
+    sheet.check_self_contained()
+    assert sorted(path.name for path in written) == ["methods.html", "methods.md"]
+    markdown = (tmp_path / "methods" / "methods.md").read_text(encoding="utf-8")
+    outside_the_appendix = re.sub(r"(?s)^```.*?^```", "", markdown, flags=re.MULTILINE)
+    assert not re.search(r"(?<!\\)<", outside_the_appendix)
+    assert EVIL in markdown
+
+
+def test_photos_are_in_the_page(tmp_path: Path) -> None:
+    folder = tell(tmp_path / "s", [PhotoTaken(at(3.0), "front", 7, "photos/0001.png"),
+                                   PhotoTaken(at(4.0), "front", 8, "photos/gone.png")], lasts_s=10)  # fmt: skip
+    (folder / "photos").mkdir()
+    cv2.imwrite(str(folder / "photos" / "0001.png"), np.full((720, 1280, 3), (200, 40, 40), np.uint8))
+    page = report_of(folder, tmp_path / "out")
+    (photo,) = [attributes["src"] for tag, attributes in page.tags if tag == "img"]
+    assert photo is not None
+    assert photo.startswith("data:image/jpeg;base64,")
+    assert "2 photos" in page.text
+    assert "cannot be shown" in page.text
+
+
+def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
+    page = report_of(tell(tmp_path / "a", [], lasts_s=0.0, trial={}), tmp_path / "out-a")
+    assert "Nothing that was said is in the record." in page.text
+    assert "The robot told neither odometry nor its pose" in page.text
+    page = report_of(tell(tmp_path / "b", heard(1, 1.0, 2.0, "Hi"), lasts_s=3.0, closed=False), tmp_path / "out-b")
+    assert "The recording was cut off" in page.text
+
+
+# The methods sheet
+
+
+def paragraph(*values: Any, tmp_path: Path, lasts_s: float = 60.0, **trial: str) -> str:
+    folder = tell(tmp_path / "sessions" / "s", list(values), lasts_s=lasts_s, trial={**TRIAL, **trial})
+    return methods_sheet([open_session(folder)]).paragraph
+
+
+def test_the_sheet_names_where_each_answer_is_from_and_what_is_left_to_fill_in(toured: Session) -> None:
+    sheet = methods_sheet([toured])
+    answers = {item.question: item for section in sheet.sections for item in section.items}
+    sources = {source for item in answers.values() for source in item.sources}
+    assert {source for source in sources if not source.startswith(("session.json", "events.mcap"))} <= set(BY_NAME)
+    for item in answers.values():
+        assert item.answer or item.by_hand, item.question
+        assert not item.answer or item.sources, item.question
+    assert answers["Who were they?"].answer == ""
+    assert answers["Where did it take place?"].by_hand
+    assert "One wizard: Mia (one session)." in answers["How many wizards?"].answer
+    measures = measure_session(toured)
+    (model,) = measures.models
+    assert f"accepted {model.said + model.edited} " in answers["How many of its answers were used?"].answer
+    assert "temperature 0.3" in answers["With which parameters?"].answer
+    assert "+2.000 s from the computer's UTC" in answers["Which clocks, and how exact?"].answer
+    assert "drifted by at most 50.4 ms per minute" in answers["Which clocks, and how exact?"].answer
+    assert "12 video frames were not recorded." in answers["What was lost?"].answer
+    (prompt,) = sheet.appendices
+    assert prompt.text == "You are a friendly robot guide.\nAnswer in one short sentence."
+
+
+def test_the_paragraph_for_nothing_at_all(tmp_path: Path) -> None:
+    folder = tell(tmp_path / "s", [], lasts_s=30.0, trial={}, robot={})
+    assert methods_sheet([open_session(folder)]).paragraph == (
+        "The robot ([robot]) was controlled by [number of] wizards with CARIS Desktop (version 0.test) in one session"
+        " (30.0 s recorded). [Participants: age, gender, recruitment.] [Training of the wizard.]"
+        " The robot was not driven. The wizard marked no errors of their own."
+    )
+
+
+def test_the_paragraph_for_one_of_each(tmp_path: Path) -> None:
+    text = paragraph(
+        RobotChosen(at(0), "tiago", "TIAGo", "ws://"),
+        *heard(1, 1.0, 2.0, "Hi"),
+        *said(1, 2.5, 3.0, 4.0, "Hello."),
+        exchange(1, 5.0, 6.0, "Hello."),
+        AnswerUsed(at(7), "x-1", "said", "Hello."),
+        *drive(10.0, 12.0, 0.3),
+        Marked(at(13), "slip", "wizard_error", "e"),
+        tmp_path=tmp_path,
+    )
+    assert text == (
+        "The robot (TIAGo) was controlled by one wizard with CARIS Desktop (version 0.test) in one session with one"
+        " participant (1 min 00 s recorded). [Participants: age, gender, recruitment.] [Training of the wizard.]"
+        " The robot made one utterance (100% typed by the wizard). The median time from the end of a participant's"
+        " utterance to the robot's next words was 1.00 s (n = 1). The robot was driven by hand for 2.0 s."
+        " The language model smollm2-135m, q8_0 (embedded; max_tokens 48, temperature 0.3) was asked once to propose"
+        " what the robot could say; its answer was used as it was by the wizard."
+        " The wizard marked one error of their own (slip: 1; 10.0 per 10 minutes)."
+    )
+
+
+def test_the_paragraph_for_many(tmp_path: Path) -> None:
+    exchanges: list[LlmExchange | AnswerUsed] = []
+    for number in range(14):
+        exchanges.append(exchange(number, number + 1.0, number + 1.5, "Yes.", model_version=""))
+        if number < 3:
+            exchanges.append(AnswerUsed(at(number + 1.6), f"x-{number}", "said" if number else "edited", "Yes."))
+    exchanges[0] = replace(exchanges[0], parameters={"temperature": 0.9})
+    text = paragraph(
+        *exchanges,
+        *(event for number in range(3) for event in heard(number, 20.0 + 4 * number, 21.0 + 4 * number, "Go")),
+        *(event for number in range(3) for event in said(number, 22.0 + 4 * number, 22.1 + 4 * number, 23.0, "OK")),
+        Marked(at(40), "slip", "wizard_error", "e1"),
+        Marked(at(41), "late", "wizard_error", "e2"),
+        Marked(at(42), "late", "wizard_error", "e3"),
+        tmp_path=tmp_path,
+        participant="",
+    )  # fmt: skip
+    assert "in one session (1 min 00 s recorded)" in text
+    assert "was asked 14 times" in text
+    assert "(embedded; temperature 0.9; max_tokens 48, temperature 0.3)" in text
+    assert "of its 14 answers, the wizard used three (21%, one of them edited)." in text
+    assert "marked three errors of their own (late: 2, slip: 1; 30.0 per 10 minutes)" in text
+
+
+def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> None:
+    sessions_dir = tmp_path / "sessions"
+    tell(sessions_dir / "p1", [], lasts_s=600, trial={"wizard": "Mia", "purpose": "practice"}, later_s=0)
+    tell(sessions_dir / "p2", [], lasts_s=300, trial={"wizard": "mia ", "purpose": "Practice"}, later_s=3600)
+    tell(sessions_dir / "p3", [], lasts_s=900, trial={"wizard": "Tom", "purpose": "practice"}, later_s=3600)
+    tell(sessions_dir / "p4", [], lasts_s=900, trial={"wizard": "Mia", "purpose": "practice"}, later_s=90000)
+    for number, wizard in enumerate(("Mia", "Mia", "Noor")):
+        tell(sessions_dir / f"s{number}", heard(1, 1, 2, "Hi"), lasts_s=120, later_s=7200 + 3600 * number,
+             trial={"wizard": wizard, "participant": f"P{number}", "condition": "AB"[number % 2]})  # fmt: skip
+    one = methods_sheet([open_session(sessions_dir / "s1")])
+    assert "The wizard had practised with the program for 15 min 00 s before the first session." in one.paragraph
+    out = tmp_path / "out"
+    out.mkdir()
+    everything = [open_session(folder) for folder in sorted(sessions_dir.iterdir())]
+    steps: list[float] = []
+    written = write_methods_of_study(everything, out, ExportContext(progress=steps.append))
+    assert [path.name for path in written] == ["methods.md", "methods.html"]
+    assert steps == sorted(steps)
+    assert steps[-1] == 1.0
+    text = (out / "methods.md").read_text(encoding="utf-8")
+    assert "Mia: 15 min 00 s in two practice sessions. Of Noor no practice session is in the record." in text
+    assert "Two wizards: Mia (two sessions) and Noor (one session)." in text
+    assert "Three participants in three sessions." in text
+    assert "A: 2, B: 1" in text
+    assert "6 min 00 s in three sessions; 2 min 00 s each; four practice sessions were left out." in text
+    assert "was controlled by two wizards with" in text
+    assert "One of the two wizards had practised with the program for 15 min 00 s before the first session." in text
+    page = Page(out / "methods.html")
+    page.check_self_contained()

@@ -1,0 +1,112 @@
+"""Files of a running session, without a disk that is really full (that is tested with the recorder)."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.recording.recorder.disk_file import DiskFile, Reserve, replace_file
+
+
+def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = DiskFile(tmp_path / "f")
+    file.write(b"front body")
+    file.hold_back()
+    file.seek(0)
+    file.write(b"FRONT")
+    file.seek(0, os.SEEK_END)
+    file.write(b" index")
+    assert (tmp_path / "f").read_bytes() == b"front body"
+    seen_at_sync: list[bytes] = []
+    monkeypatch.setattr(os, "fdatasync", lambda _descriptor: seen_at_sync.append((tmp_path / "f").read_bytes()))
+    file.commit()
+    assert seen_at_sync == [b"front body index"]
+    assert (tmp_path / "f").read_bytes() == b"FRONT body index"
+    file.close()
+
+
+def test_an_index_that_finds_no_room_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = DiskFile(tmp_path / "f")
+    file.write(b"front body")
+    file.hold_back()
+    file.seek(0)
+    file.write(b"FRONT")
+    file.seek(0, os.SEEK_END)
+    file.write(b" index")
+    write = os.write
+
+    def write_three_bytes(descriptor: int, data: memoryview) -> int:
+        if os.lseek(descriptor, 0, os.SEEK_CUR) >= 13:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data[:3])
+
+    monkeypatch.setattr(os, "write", write_three_bytes)
+    with pytest.raises(OSError, match="No space left"):
+        file.commit()
+    assert (tmp_path / "f").read_bytes() == b"front body"
+    file.close()
+
+
+def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reserve = Reserve(tmp_path, 4096)
+    assert not any(tmp_path.iterdir())
+    file = DiskFile(tmp_path / "f", on_full=reserve.release)
+    write = os.write
+
+    def write_while_there_is_room(descriptor: int, data: memoryview) -> int:
+        if reserve.held and os.lseek(descriptor, 0, os.SEEK_CUR) >= 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data[:4])
+
+    monkeypatch.setattr(os, "write", write_while_there_is_room)
+    file.write(b"a whole record")
+    assert (tmp_path / "f").read_bytes() == b"a whole record"
+    assert not reserve.held
+    assert not reserve.release()
+    file.close()
+
+
+def test_a_reserve_is_given_back_step_by_step_down_to_what_is_to_be_kept(tmp_path: Path) -> None:
+    reserve = Reserve(tmp_path, 10_000, steps=4)
+    left = []
+    while reserve.release_step(keep_bytes=1500):
+        left.append(reserve.left_bytes)
+    assert left == [7500, 5000, 2500, 1500]
+    assert reserve.release()
+    assert not reserve.release_step()
+    assert reserve.left_bytes == 0
+
+
+def test_a_file_can_be_patched_and_extended_while_it_grows(tmp_path: Path) -> None:
+    file = DiskFile(tmp_path / "f")
+    file.write(b"head body")
+    file.patch(0, b"HEAD")
+    file.extend_to(12)
+    file.write(b"tail")
+    assert (tmp_path / "f").read_bytes() == b"HEAD body\0\0\0tail"
+    assert file.sync()
+    assert not file.sync()
+    file.write(b"!")
+    assert file.sync()
+    file.close()
+    assert not file.sync()
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_file(tmp_path / "f", b"old", durable=False)
+
+    def fail(_descriptor: int, _data: memoryview) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", fail)
+        with pytest.raises(OSError, match="No space left"):
+            replace_file(tmp_path / "f", b"new", durable=True)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f", b"old")]
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "f").write_bytes(b"precious")
+    with pytest.raises(FileExistsError):
+        DiskFile(tmp_path / "f")

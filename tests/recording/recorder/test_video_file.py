@@ -1,0 +1,148 @@
+"""Video files: names, odd sizes, uneven times, a kill in the middle, and the index beside them."""
+
+import csv
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import pytest
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
+from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.session.session_clock import SessionClock
+from tests.recording.driving import picture
+from tests.recording.recorder.test_recorder_process import video_times_s
+
+SECOND = 1_000_000_000
+CLOCK = SessionClock(ClockAnchor(monotonic_ns=0, utc_ns=1_795_000_000 * SECOND), started_ns=SECOND)
+
+
+def write(path: Path, stamps_ms: list[int], *, width_px: int = 64, height_px: int = 48) -> VideoFile:
+    video = VideoFile(path, width_px=width_px, height_px=height_px, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+    for number, stamp_ms in enumerate(stamps_ms):
+        image_bgr = picture(number, width_px=width_px, height_px=height_px)
+        robot_stamp_ns = 7 * SECOND + number if number % 2 else None
+        stamp_ns = SECOND + stamp_ms * 1_000_000
+        video.write(image_bgr, FrameRef(stamp_ns, robot_stamp_ns, "front", "r", 0, 100 + number, width_px, height_px))
+    return video
+
+
+def index_of(video: Path) -> list[dict[str, Any]]:
+    with video.with_suffix(".frames.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize(
+    ("camera", "name"),
+    [
+        ("front", "video-front.mp4"),
+        ("../../etc/passwd", "video-etc-passwd.mp4"),
+        ("", "video-camera.mp4"),
+        ("..", "video-camera.mp4"),
+        ("a/b\\c:d", "video-a-b-c-d.mp4"),
+        ("x" * 300, f"video-{'x' * 40}.mp4"),
+    ],
+)
+def test_file_names_stay_in_the_folder(camera: str, name: str) -> None:
+    assert video_file_name(camera, set()) == name
+    assert video_file_name(camera, {name}) == name.replace(".mp4", "-2.mp4")
+
+
+def test_uneven_and_equal_times_and_odd_sizes(tmp_path: Path) -> None:
+    stamps_ms = [0, 10, 10, 300, 301, 2000, 2600]
+    write(tmp_path / "v.mp4", stamps_ms, width_px=65, height_px=47).close()
+    times_s, keys_s = video_times_s(tmp_path / "v.mp4")
+    assert times_s == pytest.approx([stamp_ms / 1000 for stamp_ms in stamps_ms], abs=0.001)
+    assert keys_s == pytest.approx([0.0, 2.0, 2.6])
+    with av.open(str(tmp_path / "v.mp4")) as container:
+        stream = container.streams.video[0]
+        assert (stream.width, stream.height, stream.frames) == (64, 46, len(stamps_ms))
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert container.duration / av.time_base == pytest.approx(2.6, abs=0.2)
+
+
+def test_a_closed_video_is_an_ordinary_mp4_and_an_abandoned_one_is_readable(tmp_path: Path) -> None:
+    stamps_ms = list(range(0, 3000, 66))
+    write(tmp_path / "closed.mp4", stamps_ms).close()
+    write(tmp_path / "abandoned.mp4", stamps_ms).abandon()
+    assert b"moof" not in boxes(tmp_path / "closed.mp4")
+    assert b"moof" in boxes(tmp_path / "abandoned.mp4")
+    assert len(video_times_s(tmp_path / "closed.mp4")[0]) == len(stamps_ms)
+    times_s = video_times_s(tmp_path / "abandoned.mp4")[0]
+    assert 0 <= (len(stamps_ms) - len(times_s)) * 0.066 <= 0.5
+    assert [float(row["video_s"]) for row in index_of(tmp_path / "abandoned.mp4")] == pytest.approx(times_s, abs=1e-4)
+
+
+def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tmp_path: Path) -> None:
+    stamps_ms = [0, 10, 10, 300, 301, 900, 2000, 2600]
+    video = write(tmp_path / "video-front.mp4", stamps_ms)
+    # As after a kill: what is in the video now is in the index too.
+    with av.open(str(tmp_path / "video-front.mp4")) as container:
+        assert sum(1 for _ in container.decode(video=0)) <= len(index_of(video.path))
+    assert len(index_of(video.path)) == len(stamps_ms) - 1
+    video.close()
+    rows = index_of(video.path)
+    assert [int(row["frame"]) for row in rows] == list(range(len(stamps_ms)))
+    assert [int(row["stamp_ns"]) - SECOND for row in rows] == [stamp_ms * 1_000_000 for stamp_ms in stamps_ms]
+    assert [row["robot_stamp_ns"] for row in rows][:3] == ["", "7000000001", ""]
+    assert rows[3]["utc"] == CLOCK.utc(SECOND + 300_000_000)
+    assert [int(row["sequence"]) for row in rows] == list(range(100, 108))
+    assert [float(row["video_s"]) for row in rows] == pytest.approx(video_times_s(video.path)[0], abs=1e-4)
+    assert video.frames == len(stamps_ms)
+    assert video.lost == 0
+
+
+def test_an_encoder_is_used_only_if_it_really_makes_a_video() -> None:
+    assert works(FASTEST)
+    assert works(x264("veryfast"))
+    assert not works(Encoder("h264_of_another_world", ()))
+    # It can do it, but holds frames back: a kill would cost them.
+    assert not works(Encoder("libx264", (("preset", "medium"), ("rc-lookahead", "40"))))
+    encoders = Encoders((Encoder("h264_of_another_world", ()), FASTEST))
+    encoders.probe()
+    assert encoders.choose(64, 48, fast=True) == (FASTEST,)
+
+
+def test_an_encoder_that_failed_is_not_chosen_again() -> None:
+    card = Encoder("libx264", (("preset", "ultrafast"), ("tune", "zerolatency")), title="a card")
+    encoders = Encoders((card,))
+    encoders.probe()
+    assert encoders.choose(64, 48, fast=True) == (card, FASTEST)
+    encoders.note_failure(card)
+    assert encoders.choose(64, 48, fast=True) == (FASTEST,)
+
+
+def test_a_file_that_no_encoder_opens_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="another_world"):
+        VideoFile(
+            tmp_path / "v.mp4",
+            width_px=64,
+            height_px=48,
+            encoder=Encoder("h264_of_another_world", ()),
+            clock=CLOCK,
+            on_full=lambda: False,
+        )
+    assert not any(tmp_path.iterdir())
+
+
+def boxes(path: Path) -> set[bytes]:
+    data, offset, found = path.read_bytes(), 0, set()
+    while offset + 8 <= len(data):
+        size = int.from_bytes(data[offset : offset + 4], "big")
+        if size == 1:
+            size = int.from_bytes(data[offset + 8 : offset + 16], "big")
+        found.add(data[offset + 4 : offset + 8])
+        offset += size
+    return found
+
+
+def test_seeking_lands_where_asked(tmp_path: Path) -> None:
+    write(tmp_path / "v.mp4", list(range(0, 6000, 66))).close()
+    with av.open(str(tmp_path / "v.mp4")) as container:
+        stream = container.streams.video[0]
+        container.seek(int(Fraction(4) / stream.time_base), stream=stream)
+        frame = next(container.decode(stream))
+        assert 3.5 <= frame.time <= 4.0

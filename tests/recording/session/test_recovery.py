@@ -1,0 +1,292 @@
+"""Repairing sessions that were cut off: what comes back, what is kept, and what happens when the repair is cut off."""
+
+import json
+import shutil
+import subprocess
+import sys
+import wave
+from hashlib import sha256
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from caris_desktop.domain.events import SessionEnded
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.folder_lock import hold
+from caris_desktop.recording.session.frame_times import read_frame_times
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
+from caris_desktop.recording.session.recovery import needs_repair, repair_session
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from tests.support.recorded_session import MadeSession
+
+REPOSITORY = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def folder(killed_session: MadeSession, tmp_path: Path) -> Path:
+    """A killed session of one's own."""
+    shutil.copytree(killed_session.folder, tmp_path / "session")
+    return tmp_path / "session"
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def labels(session: Session) -> list[str]:
+    return [value.label for _, value in session.values("event/marked")]
+
+
+def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
+    folder: Path, killed_session: MadeSession
+) -> None:
+    found = digests(folder)
+    assert needs_repair(folder)
+    session = open_session(folder)
+    assert not needs_repair(folder)
+    assert (session.reason, session.closed_properly) == ("recovered", False)
+    assert "cut off after" in session.notices[0]
+    assert session.header["repairs"] == list(session.notices)
+
+    read = list(session.arrivals())
+    assert [(arrived_ns, type(value)) for arrived_ns, _, value in read[:-1]] == [
+        (arrived_ns, type(value)) for arrived_ns, value in killed_session.values
+    ]
+    comparable = [(value, sent) for (_, _, value), (_, sent) in zip(read[:-1], killed_session.values, strict=True)]
+    assert all(value == sent for value, sent in comparable if type(value).__eq__ is not object.__eq__)
+    end = read[-1][2]
+    assert isinstance(end, SessionEnded)
+    assert (end.reason, end.stamp_ns) == ("recovered", session.ended_ns)
+    assert session.ended_ns == killed_session.values[-1][0]
+    assert sum(session.header["counts"].values()) == len(read)
+
+    kept = digests(folder / "recovered")
+    assert kept["events.mcap.original"] == found["events.mcap"]
+    assert kept["session.json.original"] == found["session.json"]
+    assert verify_manifest(folder) == []
+    assert not list(folder.rglob(".*"))
+
+    again = digests(folder)
+    assert open_session(folder).notices == ()
+    assert digests(folder) == again
+
+
+def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_session: MadeSession) -> None:
+    session = open_session(folder)
+    with (folder / "events.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(killed_session.values) + 1
+        assert len(summary.chunk_indexes) == summary.statistics.chunk_count
+        assert sum(1 for _ in reader.iter_messages(topics=["/event/marked"])) == len(labels(session))
+    for sound in session.header["audio"]:
+        with wave.open(str(folder / sound["file_name"])) as file:
+            assert file.getnframes() == sound["samples"]
+            assert file.getnframes() / file.getframerate() == pytest.approx(7.7, abs=0.15)
+        assert sound["first_stamp_ns"] == killed_session.plan.started_ns + 150_000_000
+    sent = {value.stamp_ns: value for _, value in killed_session.values if isinstance(value, FrameRef)}
+    assert [video["camera"] for video in session.header["videos"]] == ["front", "rear"]
+    for video in session.header["videos"]:
+        times = read_frame_times(folder / video["index_file"])
+        with av.open(str(folder / video["file_name"])) as container:
+            shown_s = [float(frame.pts * frame.time_base) for frame in container.decode(video=0)]
+        assert times.video_s.tolist() == pytest.approx(shown_s, abs=1e-5)
+        assert len(shown_s) == video["frames"] > 60
+        assert all(sent[stamp_ns].camera == video["camera"] for stamp_ns in times.stamps_ns.tolist())
+
+
+def test_a_look_without_repair_changes_nothing(folder: Path) -> None:
+    before = digests(folder)
+    session = open_session(folder, repair=False)
+    assert (session.closed_properly, session.reason, session.notices) == (False, "", ())
+    assert len(labels(session)) > 0
+    assert digests(folder) == before
+
+
+def test_a_session_that_is_being_recorded_is_left_alone(folder: Path) -> None:
+    before = digests(folder)
+    with hold(folder):
+        with pytest.raises(SessionError, match="still being recorded"):
+            open_session(folder)
+        assert labels(open_session(folder, repair=False))
+    assert digests(folder) == before
+
+
+def test_a_kill_in_the_middle_of_the_repair_does_no_harm(
+    killed_session: MadeSession, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    step = 1 if request.config.getoption("--long") else 5
+    arguments = [str(killed_session.folder), str(tmp_path), "1", str(step)]
+    told = subprocess.run(
+        [sys.executable, "-m", "tests.recording.repair_and_die", *arguments],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    assert int(told.stdout) > 20, "the repair touches its files so often that the kills come everywhere"
+    original = sha256((killed_session.folder / "events.mcap").read_bytes()).hexdigest()
+    expected = labels(open_session(killed_session.folder, repair=False))
+    for folder in sorted(tmp_path.iterdir()):
+        session = open_session(folder)
+        assert labels(session) == expected, folder
+        assert session.reason == "recovered"
+        assert original in digests(folder / "recovered").values()
+        assert verify_manifest(folder) == []
+        assert not list(folder.rglob(".*.part")), folder
+        assert open_session(folder).notices == ()
+
+
+def test_a_half_written_repair_is_begun_anew(folder: Path) -> None:
+    (folder / ".events.mcap.part").write_bytes(b"\x89MCAP0\r\n half")
+    (folder / ".people.json.part").write_text("{")
+    session = open_session(folder)
+    assert session.reason == "recovered"
+    assert any("people.json.part" in notice for notice in session.notices)
+    assert (folder / "recovered" / "people.json.part").read_text() == "{"
+
+
+def test_frames_after_the_last_whole_part_of_a_video_are_told_as_lost(
+    folder: Path, killed_session: MadeSession
+) -> None:
+    video = folder / "video-front.mp4"
+    cut = video.read_bytes()[: video.stat().st_size * 2 // 3]
+    video.write_bytes(cut)
+    lines_before = (folder / "video-front.frames.csv").read_bytes()
+    session = open_session(folder)
+    times = read_frame_times(folder / "video-front.frames.csv")
+    with av.open(str(video)) as container:
+        assert sum(1 for _ in container.decode(video=0)) == times.count
+    assert video.read_bytes() + (folder / "recovered" / "video-front.mp4.tail").read_bytes() == cut
+    assert lines_before.startswith((folder / "video-front.frames.csv").read_bytes())
+    assert (folder / "recovered" / "video-front.frames.csv.original").read_bytes() == lines_before
+    refs = [value for _, value in killed_session.values if isinstance(value, FrameRef) and value.camera == "front"]
+    lost = len(refs) - times.count
+    assert lost > 20
+    assert any(f"last {lost} pictures of camera front" in notice for notice in session.notices)
+    assert session.header["dropped"]["frame"] >= lost
+
+
+def test_frame_times_that_are_missing_come_from_the_record(folder: Path, killed_session: MadeSession) -> None:
+    index = folder / "video-front.frames.csv"
+    whole = read_frame_times(index)
+    lines = index.read_bytes().splitlines(keepends=True)
+    for content in (None, b"".join(lines[:20]) + lines[20][:7], b"not an index\n"):
+        folder_now = folder.with_name("again")
+        shutil.copytree(folder, folder_now)
+        path = folder_now / index.name
+        path.unlink() if content is None else path.write_bytes(content)
+        open_session(folder_now)
+        times = read_frame_times(path)
+        assert times.stamps_ns[: whole.count].tolist() == whole.stamps_ns.tolist()
+        assert times.robot_stamps_ns[: whole.count].tolist() == whole.robot_stamps_ns.tolist()
+        assert np.allclose(times.video_s[: whole.count], whole.video_s, atol=2e-6)
+        shutil.rmtree(folder_now)
+
+
+def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None:
+    path = folder / "events.mcap"
+    content = bytearray(path.read_bytes())
+    at = len(content) // 2
+    content[at : at + 4096] = bytes(4096)
+    path.write_bytes(content)
+    expected = labels(open_session(folder, repair=False))
+    session = open_session(folder)
+    assert labels(session) == expected
+    assert "but for" in session.notices[0]
+    stamps_ns = [value.stamp_ns for _, value in session.values("odometry")]
+    assert stamps_ns[-1] - stamps_ns[0] > 7e9, "what comes behind the damage is read too"
+    holes_ns = np.diff(stamps_ns)
+    assert 0.1e9 < holes_ns.max() < 3e9
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"\x89MC"])
+def test_a_record_without_a_single_event_is_an_empty_session(folder: Path, content: bytes) -> None:
+    (folder / "events.mcap").write_bytes(content)
+    session = open_session(folder)
+    assert [type(value) for _, value in session.values()] == [SessionEnded]
+    assert session.duration_s == 0.0
+
+
+def test_a_record_that_is_none_is_refused_and_left_alone(folder: Path) -> None:
+    (folder / "events.mcap").write_bytes(b"This is no MCAP file at all." * 100)
+    before = digests(folder)
+    with pytest.raises(SessionError, match=r"events\.mcap is no record"):
+        open_session(folder)
+    assert digests(folder) == before
+
+
+def test_only_missing_checksums_are_made(whole_session: MadeSession, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(whole_session.folder, folder)
+    (folder / MANIFEST_NAME).unlink()
+    before = digests(folder)
+    report = repair_session(folder)
+    assert (report.repaired, len(report.sentences)) == (True, 1)
+    assert verify_manifest(folder) == []
+    assert {name: digest for name, digest in digests(folder).items() if name != MANIFEST_NAME} == before
+
+
+def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: MadeSession, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(whole_session.folder, folder)
+    head = json.loads((folder / "session.json").read_text())
+    (folder / "session.json").write_text(json.dumps({**head, "reason": "disk_full"}))
+    index = mcap_blocks.read_index(folder / "events.mcap")
+    cut_at = int(index.offsets[index.count * 4 // 5]) + 50
+    (folder / "events.mcap").write_bytes((folder / "events.mcap").read_bytes()[:cut_at])
+    session = open_session(folder)
+    assert (session.reason, session.closed_properly) == ("disk_full", True)
+    assert session.ended_ns == head["ended_ns"]
+    assert [value.reason for _, value in session.values("event/session_ended")] == ["disk_full"]
+
+
+def test_where_nothing_can_be_written_the_session_is_shown_as_it_was_left(folder: Path, tmp_path: Path) -> None:
+    size_kb = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) // 1024 + 120
+    script = (
+        'mkdir "$2"; mount -t tmpfs -o size="$3"k none "$2"; cp -r "$1"/. "$2";'
+        '"$4" -m tests.recording.open_and_tell "$2";'
+        'mount -o remount,ro "$2"; "$4" -m tests.recording.open_and_tell "$2"'
+    )
+    told = in_own_mounts(script, str(folder), str(tmp_path / "small"), str(size_kb), sys.executable)
+    assert told.returncode == 0, told.stderr
+    full, read_only = (json.loads(line) for line in told.stdout.splitlines())
+    expected = len(labels(open_session(folder, repair=False)))
+    for answer, why in ((full, "no room"), (read_only, "cannot be written")):
+        assert why in answer["notices"][0]
+        assert "as it was left" in answer["notices"][0]
+        assert (answer["reason"], answer["marks"]) == ("", expected)
+        assert answer["files"] == sorted(digests(folder)), "nothing was added, nothing is missing"
+
+
+def in_own_mounts(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run ``script`` where it may mount; skips where that is not permitted."""
+    command = ["unshare", "--mount", "--propagation", "private", "sh", "-ec", script, "sh", *arguments]
+    try:
+        probe = subprocess.run([*command[:5], "-c", "mount -t tmpfs none /mnt"], capture_output=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("needs unshare (util-linux) to make a small disk")
+    if probe.returncode:
+        pytest.skip("needs the right to mount a small disk of its own (root)")
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=90, cwd=REPOSITORY)
+
+
+def test_links_that_lead_out_of_the_session_are_not_followed(folder: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "outside.mcap"
+    shutil.move(folder / "events.mcap", outside)
+    content = outside.read_bytes()
+    (folder / "events.mcap").symlink_to(outside)
+    with pytest.raises(SessionError, match="a link that leads out"):
+        open_session(folder)
+    assert outside.read_bytes() == content

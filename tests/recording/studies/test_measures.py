@@ -1,0 +1,281 @@
+"""Figures of a session, against what was told it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    DriveEnded,
+    EmergencyStopChanged,
+    Gap,
+    GoalChanged,
+    GuardChanged,
+    LinkChanged,
+    LinkQuality,
+    Marked,
+    PersonAppeared,
+    PersonLeft,
+    Problem,
+    RecordingPaused,
+    StopRequested,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import Odometry, RobotPose
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.studies.measures import (
+    FIGURES,
+    Measures,
+    Spread,
+    Stretch,
+    covered_s,
+    driving_stretches,
+    goal_stretches,
+    link_trouble,
+    measure,
+    presence,
+    read_facts,
+    way_m,
+)
+from tests.recording.told_session import at, drive, exchange, heard, said, tell
+
+
+def measured(tmp_path: Path, values: list[Any], *, lasts_s: float = 100.0) -> Measures:
+    return measure(read_facts(open_session(tell(tmp_path / "s", values, lasts_s=lasts_s))))
+
+
+def test_a_response_is_what_the_robot_says_right_after_a_participant(tmp_path: Path) -> None:
+    measures = measured(
+        tmp_path,
+        [
+            *said(1, 0.5, 1.0, 2.0, "Hello."),  # answers nobody
+            *heard(1, 3.0, 5.0, "Hi, who are you?"),
+            *said(2, 5.4, 5.75, 6.5, "Let me think...", origin="filler"),
+            *said(3, 7.0, 7.5, 9.0, "I am a robot."),  # not the first
+            *heard(2, 20.0, 21.0, "First"),
+            *heard(3, 22.0, 23.0, "Second"),  # this one is answered
+            *said(4, 23.2, 24.5, 25.0, "Yes."),
+            *heard(4, 30.0, 33.0, "A long story"),
+            *said(5, 31.0, 32.0, 34.0, "Interrupting."),  # before the participant has ended
+            *heard(5, 40.0, 41.0, "Hello?"),
+            *said(6, 71.5, 72.0, 73.0, "Much later."),  # 31 s
+            *heard(6, 80.0, 81.0, "And now?"),
+            RecordingPaused(at(82.0), True),
+            RecordingPaused(at(84.0), False),
+            *said(7, 84.5, 85.0, 86.0, "After a pause."),
+        ],
+    )
+    assert [round(reply.delay_s, 6) for reply in measures.responses] == [0.75, 1.5]
+    assert [reply.utterance.text for reply in measures.responses] == ["Let me think...", "Yes."]
+    assert [round(reply.delay_s, 6) for reply in measures.content_responses] == [2.5, 1.5]
+    assert (measures.pauses, measures.paused_s, measures.recorded_s) == (1, 2.0, 98.0)
+
+
+def test_a_wizard_reacts_to_what_came_last(tmp_path: Path) -> None:
+    measures = measured(
+        tmp_path,
+        [
+            *heard(1, 1.0, 3.0, "What is this?"),
+            exchange(1, 3.5, 5.0, "An arm."),
+            exchange(2, 5.1, 5.2, "", outcome="failed"),
+            *said(1, 6.25, 6.5, 8.0, "An arm.", origin="assistant"),  # 1.25 s after the answer
+            *said(2, 9.0, 9.1, 9.5, "And a hand."),  # after nothing
+            *heard(2, 20.0, 21.0, "Aha"),
+            *said(3, 21.5, 25.0, 26.0, "Yes."),
+        ],
+    )
+    assert [round(reply.delay_s, 6) for reply in measures.reactions] == [1.25, 0.5]
+
+
+def test_talk_is_told_by_speaker_and_by_origin(tmp_path: Path) -> None:
+    waiting = UtteranceChanged(at(50.0), "never", "robot", "Never said", "typed", "requested")
+    measures = measured(
+        tmp_path,
+        [
+            *heard(1, 1.0, 3.0, "one two three"),
+            *heard(2, 10.0, 10.5, "four"),
+            *said(1, 4.0, 4.5, 6.0, "five six", origin="phrase"),
+            *said(2, 7.0, 7.5, 8.0, "seven", origin="phrase"),
+            UtteranceChanged(at(20.0), "cut", "robot", "eight nine ten", "suggestion", "started"),
+            UtteranceChanged(at(20.5), "cut", "robot", "eight nine ten", "suggestion", "interrupted"),
+            waiting,
+        ],
+    )
+    participant, robot = measures.talk["participant"], measures.talk["robot"]
+    assert (participant.utterances, participant.words, participant.speech_s) == (2, 4, pytest.approx(2.5))
+    assert (robot.utterances, robot.words, robot.speech_s) == (3, 6, pytest.approx(2.5))
+    assert "wizard" not in measures.talk
+    assert measures.origins == {"phrase": 2, "suggestion": 1}
+    assert (measures.unsaid, measures.interrupted) == (1, 1)
+
+
+def test_each_model_is_told_with_what_became_of_its_answers(tmp_path: Path) -> None:
+    other = {"model": "big", "model_version": "2026-01", "provider": "openai"}
+    measures = measured(
+        tmp_path,
+        [
+            exchange(1, 1.0, 2.0, "a"),
+            exchange(2, 3.0, 5.0, "b"),
+            exchange(3, 6.0, 7.0, "c"),
+            exchange(4, 8.0, 9.0, "d"),
+            exchange(5, 10.0, 11.0, "", outcome="cancelled"),
+            exchange(6, 12.0, 12.5, "", outcome="failed", **other),
+            AnswerUsed(at(2.5), "x-1", "edited", "a!"),
+            AnswerUsed(at(2.6), "x-1", "said", "a"),
+            AnswerUsed(at(5.5), "x-2", "edited", "b!"),
+            AnswerUsed(at(7.5), "x-3", "dismissed", ""),
+        ],
+    )
+    small, big = measures.models
+    assert (small.asked, small.answered, small.cancelled, small.failed) == (5, 4, 1, 0)
+    assert (small.said, small.edited, small.dismissed, small.unused) == (1, 1, 1, 1)
+    assert small.accepted_fraction == 0.5
+    assert small.first_token_s == pytest.approx((0.2,) * 4)
+    assert small.answer_s == pytest.approx((1.0, 2.0, 1.0, 1.0))
+    assert (big.provider, big.model, big.version, big.failed, big.accepted_fraction) == (
+        "openai",
+        "big",
+        "2026-01",
+        1,
+        None,
+    )
+
+
+def odometry(session_s: float, x_m: float, forward_mps: float) -> Odometry:
+    return Odometry(at(session_s), None, Pose2D(x_m, 0.0, 0.0), Twist2D(forward_mps=forward_mps))
+
+
+def test_driving(tmp_path: Path) -> None:
+    goal = Pose2D(1.0, 2.0, 0.0)
+    values = [
+        *drive(1.0, 3.0, 0.4),
+        *drive(10.0, 11.0, 0.0, turn_radps=0.5, source="gamepad"),
+        odometry(0.0, 0.0, 0.0),
+        odometry(1.0, 0.0, 0.1),
+        odometry(2.0, 0.4, 0.45),
+        odometry(3.0, 0.8, -0.6),
+        odometry(3.1, 50.0, 0.0),  # its origin was set anew
+        odometry(4.0, 50.5, 0.0),
+        RobotPose(at(1.0), None, Pose2D(7.0, 7.0, 0.0)),
+        StopRequested(at(5.0)),
+        DriveEnded(at(6.0), "The link to the robot was lost"),
+        EmergencyStopChanged(at(0.0), False, "robot"),
+        EmergencyStopChanged(at(12.0), True, "wizard"),
+        EmergencyStopChanged(at(12.1), True, "robot"),
+        EmergencyStopChanged(at(13.0), False, "wizard"),
+        EmergencyStopChanged(at(14.0), True, "wizard"),
+        GoalChanged(at(20.0), "g1", "requested", goal),
+        GoalChanged(at(20.5), "g1", "active", goal),
+        GoalChanged(at(30.0), "g1", "reached", goal),
+        GoalChanged(at(40.0), "g2", "failed", goal),
+        GoalChanged(at(95.0), "g3", "requested", goal),
+        GuardChanged(at(0.0), "clear"),
+        GuardChanged(at(50.0), "slowing", 0.5),
+        GuardChanged(at(51.0), "blocked", 0.1),
+        GuardChanged(at(54.0), "clear"),
+        GuardChanged(at(60.0), "slowing", 0.5),
+        GuardChanged(at(61.0), "overridden"),
+    ]
+    facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
+    driving = measure(facts).driving
+    assert driving.distance_m == pytest.approx(1.3)
+    assert driving.max_speed_mps == 0.6
+    assert driving.seconds_by_source == pytest.approx({"keyboard": 2.0, "gamepad": 1.0})
+    assert driving.driving_s == pytest.approx(3.0)
+    assert (driving.stops, driving.emergency_stops, driving.guard_interventions) == (1, 2, 2)
+    assert driving.ended_by_itself == {"The link to the robot was lost": 1}
+    assert driving.goals == {"reached": 1, "failed": 1, "unfinished": 1}
+    assert driving.navigating_s == pytest.approx(15.0)
+    assert driving.guard_s == pytest.approx({"clear": 56.0, "slowing": 2.0, "blocked": 3.0, "overridden": 39.0})
+    assert [(stretch.label, stretch.duration_s) for stretch in driving_stretches(facts)] == [
+        ("keyboard", pytest.approx(2.0)),
+        ("gamepad", pytest.approx(1.0)),
+    ]
+    assert [stretch.label for stretch in goal_stretches(facts.of(GoalChanged), at(100))] == ["reached", "unfinished"]
+
+
+def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
+    values = [
+        Marked(at(1), "Laughs", mark_id="a"),
+        Marked(at(2), "Laughs", mark_id="b"),
+        Marked(at(3), "slip", "wizard_error", "c"),
+        Marked(at(4), "late", "wizard_error", "c"),  # renamed
+        Marked(at(5), "", "note", "d", note="Remember"),
+        LinkChanged(at(-2), "control", "connecting", "ws"),
+        LinkChanged(at(-1), "control", "connected", "ws"),
+        LinkChanged(at(0), "media", "lost", "ws"),
+        LinkChanged(at(10), "control", "trouble", "ws"),
+        LinkChanged(at(11), "control", "lost", "ws"),
+        LinkChanged(at(12), "control", "connecting", "ws"),
+        LinkChanged(at(14), "control", "connected", "ws"),
+        LinkChanged(at(90), "control", "closed", "ws"),
+        LinkQuality(at(1), 4.0),
+        LinkQuality(at(2), 6.0, 2000.0, 1.5),
+        LinkQuality(at(3), 8.0, 2003.0, 0.5),
+        Gap(at(20), "frame", 5, "slow"),
+        Gap(at(21), "frame", 2, "slow"),
+        Gap(at(22), "scan", 1, "slow"),
+        Problem(at(23), "warning", "W", "", ""),
+        Problem(at(24), "info", "I", "", ""),
+        PersonAppeared(at(30), "p-1", 1),
+        PersonLeft(at(40), "p-1", 1),
+        PersonAppeared(at(50), "p-1", 2),
+        PersonAppeared(at(60), "p-2", 3),
+        PersonLeft(at(61), "p-9", 9),
+    ]
+    facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
+    measures = measure(facts)
+    assert (measures.marks, measures.errors, measures.notes) == ({"Laughs": 2}, {"late": 1}, 1)
+    assert measures.errors_per_10_min == pytest.approx(6.0)
+    assert (measures.link_trouble_s, measures.link_losses) == (pytest.approx(4.0), 1)
+    assert [stretch.label for stretch in link_trouble(facts.of(LinkChanged), at(100))] == [
+        "trouble",
+        "lost",
+        "connecting",
+    ]
+    assert measures.round_trip_ms == Spread(3, 6.0, 2.0, 6.0, 4.0, 8.0)
+    assert measures.clock is not None
+    assert (measures.clock.measurements, measures.clock.last_offset_ms) == (2, 2003.0)
+    assert (measures.clock.median_uncertainty_ms, measures.clock.largest_uncertainty_ms) == (1.0, 1.5)
+    assert measures.lost == {"frame": 7, "scan": 1}
+    assert measures.problems == {"warning": 1, "info": 1}
+    assert measures.people == 2
+    assert [(stretch.label, stretch.duration_s) for stretch in presence(facts)] == [
+        ("p-1", pytest.approx(10.0)),
+        ("p-1", pytest.approx(50.0)),
+        ("p-2", pytest.approx(40.0)),
+    ]
+
+
+def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
+    measures = measured(tmp_path, [], lasts_s=0.0)
+    values = {figure.name: figure.of(measures) for figure in FIGURES}
+    unknown = {name for name, value in values.items() if value is None}
+    assert unknown == {
+        "response_time_s", "content_response_time_s", "reaction_time_s", "llm_accepted_fraction", "distance_m",
+        "max_speed_mps", "wizard_errors_per_10_min",
+    }  # fmt: skip
+    assert {value for value in values.values() if value is not None} == {0}
+    assert len(values) == len(FIGURES)
+
+
+def test_spread_of_one_value_has_no_deviation() -> None:
+    assert Spread.of([]) is None
+    assert Spread.of([2.0]) == Spread(1, 2.0, None, 2.0, 2.0, 2.0)
+    assert Spread.of([1.0, 3.0]) == Spread(2, 2.0, pytest.approx(2**0.5), 2.0, 1.0, 3.0)
+
+
+def test_overlapping_stretches_count_once() -> None:
+    stretches = [
+        Stretch(0, 4_000_000_000, ""),
+        Stretch(1_000_000_000, 2_000_000_000, ""),
+        Stretch(3 * 10**9, 6 * 10**9, ""),
+    ]
+    assert covered_s(stretches) == 6.0
+    assert covered_s([]) == 0.0
+    stamps_ns = np.array([0, 10**9, 2 * 10**9])
+    assert way_m(stamps_ns, np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 400.0]])) == 5.0
+    assert way_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0

@@ -1,0 +1,187 @@
+"""Statistics of a study: DuckDB's figures against those computed session by session, and with Python's own."""
+
+import argparse
+import csv
+import json
+import math
+import shutil
+import statistics
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.studies import statistics_command
+from caris_desktop.recording.studies.measures import FIGURES, Measures, measure_session
+from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
+from tests.recording.told_session import TRIAL, tell, tour
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    study = tmp_path_factory.mktemp("study")
+    for number, (condition, purpose) in enumerate((("A", ""), ("B", ""), ("A", ""), ("A", "practice"))):
+        trial = {**TRIAL, "participant": f"P{number}", "condition": condition, "purpose": purpose}
+        values = tour(number, minutes=1.5 + number / 4, state_hz=4.0, building=False) if number != 1 else []
+        tell(study / "sessions" / f"it's s{number}", values, lasts_s=90 + number * 15, trial=trial)
+    gaze = (Annotation("a", "t", 0, 1000, "away"), Annotation("b", "t", 2000, 2500, "away"))
+    save_coder(study / "sessions" / "it's s0", AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), gaze), "Ann")
+    return study
+
+
+@pytest.fixture(scope="module")
+def measures(study: Path) -> dict[str, Measures]:
+    return {folder.name: measure_session(open_session(folder)) for folder in (study / "sessions").iterdir()}
+
+
+@pytest.fixture(scope="module")
+def made(study: Path) -> StudyStatistics:
+    return study_statistics(study, study / "statistics")
+
+
+def test_the_queries_agree_with_the_figures_of_each_session(
+    made: StudyStatistics, measures: dict[str, Measures]
+) -> None:
+    assert (made.sessions, made.exported, made.problems) == (4, 4, ())
+    for row in made.measures:
+        expected = {figure.name: figure.of(measures[row["session"]]) for figure in FIGURES}
+        for name, value in expected.items():
+            assert (row[name] is None) == (value is None), name
+            assert value is None or math.isclose(row[name], value, rel_tol=1e-6, abs_tol=1e-6), name
+    assert sum(row["responses"] for row in made.measures) > 10
+
+
+def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, measures: dict[str, Measures]) -> None:
+    groups = {None: ["it's s0", "it's s1", "it's s2"], "A": ["it's s0", "it's s2"], "B": ["it's s1"]}
+    rows = {(row.condition, row.measure): row for row in made.summary}
+    compared = 0
+    for condition, names in groups.items():
+        for figure in FIGURES:
+            values = [value for name in names if (value := figure.of(measures[name])) is not None]
+            row = rows.pop((condition, figure.name), None)
+            if not values:
+                assert row is None
+                continue
+            assert row is not None
+            assert (row.n, row.unit) == (len(values), figure.unit)
+            assert row.mean == pytest.approx(statistics.fmean(values))
+            assert row.median == pytest.approx(statistics.median(values))
+            assert (row.smallest, row.largest) == pytest.approx((min(values), max(values)))
+            assert row.sd == (pytest.approx(statistics.stdev(values), abs=1e-9) if len(values) > 1 else None)
+            compared += 1
+    assert compared > 60
+    each = rows.pop((None, "each_response_time_s"))
+    delays_s = [delay_s for name in groups[None] for delay_s in measures[name].response_times_s]
+    assert (each.n, each.median) == (len(delays_s), pytest.approx(statistics.median(delays_s)))
+    assert {measure for _, measure in rows} == {"each_response_time_s", "each_reaction_time_s"}
+
+
+def test_results_are_files_to_go_on_from(made: StudyStatistics) -> None:
+    with (made.out / "summary.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(made.summary)
+    assert {row["of"] for row in rows} == {"study", "condition"}
+    with (made.out / "measures.csv").open(encoding="utf-8", newline="") as file:
+        assert [row["purpose"] for row in csv.DictReader(file)] == ["", "", "", "practice"]
+    with (made.out / "labels.csv").open(encoding="utf-8", newline="") as file:
+        labels = list(csv.DictReader(file))
+    assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
+    with (made.out / "codes.csv").open(encoding="utf-8", newline="") as file:
+        (code,) = csv.DictReader(file)
+    assert (code["coder"], code["tier"], code["value"], code["n"], code["lasted_s"]) == (
+        "Ann",
+        "Gaze",
+        "away",
+        "2",
+        "1.5",
+    )
+
+
+def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.MonkeyPatch) -> None:
+    import duckdb
+
+    monkeypatch.chdir(made.out)
+    text = Path("queries.sql").read_text(encoding="utf-8")
+    assert text == queries(made.out)
+    with duckdb.connect() as database:
+        database.execute(text)
+        found = database.execute("SELECT count(*), sum(n) FROM summary WHERE of = 'study'").fetchone()
+        # What a researcher may go on with.
+        spoken = database.execute("SELECT count(*) FROM utterances WHERE said AND length(text) > 3").fetchone()
+    study_rows = [row for row in made.summary if row.condition is None]
+    assert found == (len(study_rows), sum(row.n for row in study_rows))
+    assert spoken == (sum(row["robot_utterances"] + row["participant_utterances"] for row in made.measures),)
+
+
+def test_a_study_in_which_nothing_happened_has_statistics_too(tmp_path: Path) -> None:
+    tell(tmp_path / "sessions" / "s", [], lasts_s=10, trial={})
+    made = study_statistics(tmp_path, tmp_path / "statistics")
+    (row,) = [row for row in made.summary if (row.condition, row.measure) == (None, "recorded_s")]
+    assert (row.n, row.mean, row.sd) == (1, 10.0, None)
+    assert {row.condition for row in made.summary} == {None, ""}
+
+
+def test_only_what_changed_is_exported_again(made: StudyStatistics, study: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "study"
+    shutil.copytree(study, copy)
+    again = study_statistics(copy, copy / "statistics")
+    assert (again.exported, again.summary) == (0, made.summary)
+    shutil.rmtree(copy / "sessions" / "it's s0")
+    head = copy / "sessions" / "it's s2" / "session.json"
+    head.write_text(json.dumps({**json.loads(head.read_text()), "trial": {**TRIAL, "condition": "C"}}))
+    changed = study_statistics(copy, copy / "statistics")
+    assert changed.exported == 1
+    assert [row["session"] for row in changed.measures] == ["it's s1", "it's s2", "it's s3"]
+    assert {row.condition for row in changed.summary} == {None, "B", "C"}
+    assert not (copy / "statistics" / "tables" / "it's s0").exists()
+
+
+def test_a_session_that_cannot_be_read_is_told_and_the_others_count(study: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "study"
+    shutil.copytree(study, copy)
+    (copy / "sessions" / "bad").mkdir()
+    (copy / "sessions" / "bad" / "session.json").write_text("{}")
+    made = study_statistics(copy, copy / "statistics")
+    assert made.sessions == 4
+    (problem,) = made.problems
+    assert problem.startswith("bad: ")
+
+
+def test_other_folders_are_left_alone(study: Path, tmp_path: Path) -> None:
+    with pytest.raises(StatisticsError, match="no sessions"):
+        study_statistics(tmp_path, tmp_path / "out")
+    with pytest.raises(StatisticsError, match="cannot be read"):
+        study_statistics(tmp_path / "nowhere", tmp_path / "out")
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.docx").write_text("years of work")
+    with pytest.raises(StatisticsError, match="holds other files"):
+        study_statistics(study, other)
+    (other / "statistics.json").write_text('{"format": "mine"}')
+    with pytest.raises(StatisticsError, match="choose another folder"):
+        study_statistics(study, other)
+    (tmp_path / "file").write_text("")
+    inside = study / "sessions" / "it's s0" / "statistics"
+    with pytest.raises(StatisticsError, match="inside a recorded session"):
+        study_statistics(study, inside)
+    assert not inside.exists()
+    with pytest.raises(StatisticsError, match="is a file"):
+        study_statistics(study, tmp_path / "file")
+    assert sorted(path.name for path in other.iterdir()) == ["statistics.json", "thesis.docx"]
+
+
+def test_the_command_prints_a_table(made: StudyStatistics, study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    statistics_command.add_arguments(parser)
+    assert statistics_command.run(parser.parse_args([str(study / "sessions")])) == 0
+    out = capsys.readouterr().out
+    assert "4 sessions, 0 of them read now" in out
+    line = next(line for line in out.splitlines() if line.startswith("response_time_s"))
+    row = next(row for row in made.summary if (row.condition, row.measure) == (None, "response_time_s"))
+    name, unit, n, mean, *_ = line.split()
+    assert (name, unit, int(n)) == ("response_time_s", "s", row.n)
+    assert math.isclose(float(mean), row.mean, abs_tol=0.006)
+    assert "Condition A" in out
+    assert statistics_command.run(parser.parse_args([str(study / "nowhere")])) == 1
