@@ -306,7 +306,7 @@ def _new_session(
             "voice": scenario.voice,
             "robot profile": robot.profile.name if robot else "",
             "wizard input": "keyboard, gamepad or on-screen stick; each command names its own",
-            "video": "recorded" if scenario.permissions.video_recording else "off",
-            "sound": "recorded" if scenario.permissions.audio_recording else "off",
+            "video": "permitted" if scenario.permissions.video_recording else "not permitted",
+            "sound": "permitted" if scenario.permissions.audio_recording else "not permitted",
         },
     )

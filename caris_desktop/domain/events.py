@@ -259,11 +259,12 @@ class AnswerUsed:
 
 @dataclass(frozen=True, slots=True)
 class PersonAppeared:
-    """A track became a person for the wizard."""
+    """A track became a person for the wizard; ``number`` is that of "Person 3", 0 where it is not known."""
 
     stamp_ns: int
     person_id: str
     track: int
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)

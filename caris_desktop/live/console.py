@@ -29,6 +29,7 @@ from caris_desktop.domain.events import (
     LayoutChanged,
     LinkChanged,
     MarkKind,
+    PersonAppeared,
     PlacesChanged,
     Problem,
     RobotChosen,
@@ -678,6 +679,9 @@ class Console(QObject):
             standing.append(EmergencyStopChanged(now_ns, True, "wizard"))
         if self._state.goal.value is not None:
             standing.append(replace(self._state.goal.value, stamp_ns=now_ns))
+        for number, row in enumerate(self._state.persons.value, start=1):
+            if row.here:
+                standing.append(PersonAppeared(now_ns, row.person_id, row.track, number))
         return standing
 
     def stop_session(self) -> None:

@@ -51,6 +51,7 @@ class MicrophoneDirector(QObject):
         self._problem = problem
         self._child: ChildProcess | None = None
         self._names: tuple[str, ...] = ()
+        self._looked = False
         self._chosen = parts.chosen()
         self._listens_to: str | None = None
         self._open = False
@@ -62,7 +63,8 @@ class MicrophoneDirector(QObject):
 
     @property
     def chosen(self) -> str | None:
-        return self._chosen
+        """None for no microphone, also where the computer has none at all."""
+        return None if self._looked and not self._names else self._chosen
 
     def get_ready(self) -> None:
         """Find out which inputs there are."""
@@ -107,7 +109,7 @@ class MicrophoneDirector(QObject):
         name = self._state.microphone.value.name
         match message:
             case MicrophoneList(names):
-                self._names = names
+                self._names, self._looked = names, True
             case MicrophoneOpened(opened) if self._open:
                 self._state.microphone.set(MicrophoneStatus("on", opened))
             case MicrophoneLevel(peak) if self._open:

@@ -68,7 +68,7 @@ class ReplayFeed:
         self._failed = failed
         self._changed = threading.Condition()
         self._ended = False
-        self._jump: tuple[int, int] | None = None
+        self._jump: tuple[int, int, int] | None = None
         self._ahead = _Ahead()
         self._position_ns = 0
         self._rate = 1.0
@@ -79,10 +79,12 @@ class ReplayFeed:
     def start(self) -> None:
         self._thread.start()
 
-    def jump(self, generation: int, at_ns: int) -> None:
-        """Find out how everything stood then; an unfinished jump is forgotten. What was read ahead is void."""
+    def jump(self, generation: int, at_ns: int, *, shown_ns: int) -> None:
+        """Find out how everything stood at ``shown_ns`` and go on from ``at_ns``. What was read ahead is void, and an
+        unfinished jump is forgotten.
+        """
         with self._changed:
-            self._jump = (generation, at_ns)
+            self._jump = (generation, at_ns, shown_ns)
             self._ahead = _Ahead(generation, read_until_ns=at_ns)
             self._position_ns = at_ns
             self._changed.notify()
@@ -160,21 +162,22 @@ def _listed() -> list[type[Any]]:
     return [spec.value_type for spec in EVENT_STREAMS if spec.value_type not in _UNLISTED]
 
 
-def _situation(timeline: SessionTimeline, generation: int, at_ns: int) -> Situation:
-    newest = {frame.camera: frame for _, frame in timeline.between(at_ns - _FRAMES_WITHIN_NS, at_ns, types=(FrameRef,))}
+def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns: int) -> Situation:
+    recent = timeline.between(shown_ns - _FRAMES_WITHIN_NS, shown_ns, types=(FrameRef,))
+    newest = {frame.camera: frame for _, frame in recent}
     standing = [
-        arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(at_ns, most, types=(kind,))
+        arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(shown_ns, most, types=(kind,))
     ]
     standing.sort(key=lambda arrived: arrived[0])
     lost_ns = {
         event.link: event.stamp_ns
-        for _, event in timeline.events_before(at_ns, _LINK_CHANGES, types=(LinkChanged,))
+        for _, event in timeline.events_before(shown_ns, _LINK_CHANGES, types=(LinkChanged,))
         if event.state != "connected"
     }
     return Situation(
         generation,
         at_ns,
-        tuple(timeline.state_at(at_ns)),
+        tuple(timeline.state_at(shown_ns)),
         tuple(event for _, event in standing),
         tuple(sorted(newest.values(), key=lambda frame: frame.stamp_ns)),
         tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),

@@ -21,6 +21,7 @@ from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _TICK_MS = 5
+_BEGINNING_NS = 500_000_000
 _TELL_EVERY_TICKS = 8
 
 
@@ -127,7 +128,10 @@ class ReplayPlayer(QObject):
     def _jump(self) -> None:
         self._generation += 1
         self._awaits_situation = True
-        self._feed.jump(self._generation, self._clock.position_ns())
+        # What stood before the recording comes with its beginning: a moment later it is there.
+        at_ns = self._clock.position_ns()
+        shown_ns = max(at_ns, min(self._clock.start_ns + _BEGINNING_NS, self._clock.end_ns))
+        self._feed.jump(self._generation, at_ns, shown_ns=shown_ns)
         self._tell()
 
     def _tick(self) -> None:

@@ -16,6 +16,7 @@ _log = logging.getLogger(__name__)
 _FRAMES_KEPT = 12
 _KEY_FRAMES_FROM_RATE = 3.0
 THUMBNAIL_WIDTH_PX = 160
+_PICTURE_HOLDS_NS = 2_000_000_000
 _NOTHING: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 
 
@@ -155,7 +156,10 @@ class ReplayThumbnails:
                         return
                     camera, at_ns = self._wanted.popitem(last=True)[0]
                 try:
-                    image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX)
+                    found = reader.info_at(camera, at_ns)
+                    # Long after a frame, as in a pause or after the video ended, there was no picture.
+                    there = found is not None and at_ns - found.stamp_ns < _PICTURE_HOLDS_NS
+                    image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX) if there else None
                 except Exception:
                     _log.exception("a thumbnail of %s cannot be made", camera)
                     image_bgr = None

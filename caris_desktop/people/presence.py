@@ -141,7 +141,10 @@ class Presence:
             self._rows[person_id] = replace(row, track=track, last_seen_ns=now_ns)
             return []
         self._rows[person_id] = replace(row, track=track, here=True, since_ns=now_ns, last_seen_ns=now_ns)
-        return [PersonAppeared(now_ns, person_id, track)]
+        return [self._appeared(person_id, track, now_ns)]
+
+    def _appeared(self, person_id: str, track: int, now_ns: int) -> PersonAppeared:
+        return PersonAppeared(now_ns, person_id, track, list(self._rows).index(person_id) + 1)
 
     def _appear(self, track: int, now_ns: int) -> list[Event]:
         del self._candidates[track]
@@ -161,7 +164,7 @@ class Presence:
             since_ns=now_ns,
             last_seen_ns=now_ns,
         )
-        return [PersonAppeared(now_ns, person_id, track), *problems]
+        return [self._appeared(person_id, track, now_ns), *problems]
 
     def _leave(self, row: PersonRow, now_ns: int) -> list[Event]:
         self._rows[row.person_id] = replace(row, here=False)

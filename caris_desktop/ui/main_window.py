@@ -176,6 +176,8 @@ class MainWindow(QWidget):
         self._context = PanelContext(console, self.theme, self.actions_table, self.hold)
         self._panels: dict[PanelName, Panel] = {}
         self._replay_title = ""
+        self._timeline: TimelineView | None = None
+        self._geometry_key = "window/geometry"
         self._log: list[LogEntry] = []
         self._dialog: StartDialog | None = None
         self._begun: TrialDetails | None = None
@@ -256,9 +258,10 @@ class MainWindow(QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
-        self.actions_table.keep_only(("Window",))
+        self.actions_table.keep_only(("Window", "Speaking"))
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay()
+        self._status_bar.show_replay()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
         bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
         # On a low screen the panels scroll: they show what was, and nothing in them needs to be at hand.
@@ -276,7 +279,12 @@ class MainWindow(QWidget):
         outer = self.layout()
         if isinstance(outer, QVBoxLayout):
             outer.insertWidget(outer.indexOf(self._status_bar), bar)
+        self._timeline = timeline
         self.hold.escape_pressed.connect(timeline.give_up)
+        self._geometry_key = "replay/geometry"
+        if self._settings is not None:
+            self._restore_place()
+        self._focus_first()
         self._replay_title = f"Replay of {replay.session.folder.name}"
         self.setWindowTitle(self._title(self._console.scenario))
 
@@ -374,6 +382,10 @@ class MainWindow(QWidget):
         return self.dock_host.tree
 
     def _focus_first(self) -> None:
+        if self._timeline is not None:
+            # In a replay no field takes what is typed, and Space plays.
+            self._timeline.setFocus(Qt.FocusReason.OtherFocusReason)
+            return
         if not self.focus_driving():
             self.focus_speak()
 
@@ -949,7 +961,7 @@ class MainWindow(QWidget):
             self.hold.release_all("The window was minimised")
 
     def _restore_place(self) -> None:
-        geometry = self._settings.value("window/geometry") if self._settings is not None else None
+        geometry = self._settings.value(self._geometry_key) if self._settings is not None else None
         if geometry:
             self.restoreGeometry(geometry)
         else:
@@ -959,7 +971,7 @@ class MainWindow(QWidget):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._settings is not None:
-            self._settings.setValue("window/geometry", self.saveGeometry())
+            self._settings.setValue(self._geometry_key, self.saveGeometry())
         self._layout_rest.stop()
         for window in (self._export, self._sessions):
             if window is not None:

@@ -122,6 +122,7 @@ class StartDialog(QDialog):
             form.addRow("", self._again)
             for name in ("study", "participant", "condition", "trial"):
                 self._fields[name].textEdited.connect(self._on_edited)
+        self._fields["participant"].textEdited.connect(self._on_participant_edited)
         form.addRow("", self._practice)
         self._microphone = self._make_microphones()
         if self._microphone is not None:
@@ -228,6 +229,14 @@ class StartDialog(QDialog):
             return
         for name in ("study", "participant", "condition", "trial"):
             self._fields[name].setText(str(getattr(source, name)))
+
+    def _on_participant_edited(self, participant: str) -> None:
+        """A trial number that was counted on is that of the participant before; another one begins at 1."""
+        suggested, trial = self._prefilled, self._fields["trial"]
+        if not suggested.trial.isdecimal() or trial.text() not in (suggested.trial, "1"):
+            return
+        same = " ".join(participant.split()) == suggested.participant
+        trial.setText(suggested.trial if same or not suggested.participant else "1")
 
     def _on_edited(self, _text: str) -> None:
         # Whoever types another trial means another one.

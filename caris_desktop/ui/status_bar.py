@@ -92,6 +92,7 @@ class StatusBar(QWidget):
     def __init__(self, theme: Theme, console: WizardIntents, *first: QWidget) -> None:
         """``first`` are shown at the left end."""
         super().__init__()
+        self._in_replay = False
         self.setObjectName("status_bar")
         self.setFixedHeight(HEIGHT_PX)
         self._theme = theme
@@ -229,7 +230,16 @@ class StatusBar(QWidget):
             tip="Nothing that is said or asked leaves this computer." if local else "",
         )
 
+    def show_replay(self) -> None:
+        """What was recorded then is no news of this computer's disk now."""
+        self._in_replay = True
+        for name in ("recording", "disk"):
+            self.items[name].say("")
+        self._fit()
+
     def _say_recording(self, recording: RecordingStatus) -> None:
+        if self._in_replay:
+            return
         item = self.items["recording"]
         match recording.state:
             case "recording":

@@ -294,8 +294,8 @@ def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Re
         console.state.cameras.set(("front", "rear"))
         console.state.choose_camera(camera)
         console.seek(at_ns)
-        qtbot.waitUntil(lambda: _newest_of(console, camera) is not None, timeout=5_000)  # noqa: B023 - used at once
-        assert _newest_of(console, camera) == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
+        wanted_ns = _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
+        qtbot.waitUntil(lambda: _newest_of(console, camera) == wanted_ns, timeout=5_000)  # noqa: B023 - used at once
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,7 +88,7 @@ def test_a_track_that_returns_is_the_same_person_at_once(register: PeopleRegiste
     (row,) = presence.persons(include_left=True)
     assert not row.here
     people, events = presence.update(_seen(40 * FRAME_NS, 7))
-    assert events == [PersonAppeared(40 * FRAME_NS, row.person_id, 7)]
+    assert events == [PersonAppeared(40 * FRAME_NS, row.person_id, 7, 1)]
     assert people.boxes[0].person_id == row.person_id
     (again,) = presence.persons()
     assert again.since_ns == 40 * FRAME_NS

@@ -218,6 +218,24 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     assert kept_words(Permissions(audio_recording=False), "x").endswith("No sound.")
 
 
+def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    dialog = StartDialog(theme, TrialDetails(participant="P07", trial="3"), parent, RecordingOffer())
+    dialog.show()
+    participant, trial = find(dialog, "start_participant"), find(dialog, "start_trial")
+    participant.selectAll()
+    QTest.keyClicks(participant, "P08")
+    assert dialog.details().trial == "1"
+    participant.selectAll()
+    QTest.keyClicks(participant, "P07")
+    assert dialog.details().trial == "3", "the trial that is next for this one"
+    trial.selectAll()
+    QTest.keyClicks(trial, "pilot")
+    QTest.keyClicks(participant, "x")
+    assert dialog.details().trial == "pilot", "what was typed stays"
+
+
 def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)

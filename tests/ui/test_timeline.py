@@ -758,8 +758,8 @@ def test_a_scripted_coder_codes_200_labels_in_the_real_window(
     duration_ms = 700_000
     tiers = (Tier(ANA, "Stance", "Ana", "stance"), Tier(BEN, "Stance", "Ben", "stance"))
     replay = FakeReplay(duration_s=duration_ms / 1000, coding=AnnotationDocument(tiers, (STANCE,), (), duration_ms))
-    real_window.resize(1366, 900)
     real_window.use_replay(replay)
+    real_window.resize(1366, 900)
     timeline = real_window.findChild(TimelineView)
     assert timeline is not None
     qtbot.waitUntil(lambda: timeline.canvas.height() > 100 and timeline.canvas.room_px > 600)

@@ -255,7 +255,9 @@ class SessionRecord:
         yield _Row("People present", counts)
         if len(present) > MOST_PEOPLE:
             return
-        for number, (person_id, spans) in enumerate(present.items(), start=1):
+        numbers = {event.person_id: event.number for event in self._people if isinstance(event, PersonAppeared)}
+        for place, (person_id, spans) in enumerate(present.items(), start=1):
+            number = numbers.get(person_id) or place  # as the wizard saw it; older records do not tell
             yield _Row(f"Person {number}", [_Stretch(*span, "present") for span in spans], "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:

@@ -116,7 +116,7 @@ def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None)
     return {
         "title": _title(session),
         "study": session.trial.get("study", ""),
-        "facts": _facts(facts, scenario),
+        "facts": _facts(facts),
         "tiles": _tiles(measures, session),
         "missing": what_is_missing(facts, measures),
         "lasts": duration_text(session.duration_s),
@@ -151,14 +151,14 @@ def _title(session: Session) -> str:
     return ", ".join(part for part in parts if part) or session.folder.name
 
 
-def _facts(facts: SessionFacts, scenario: ScenarioText | None) -> list[tuple[str, str]]:
+def _facts(facts: SessionFacts) -> list[tuple[str, str]]:
     session, trial = facts.session, facts.session.trial
     head = session.header
     robots = facts.of(RobotChosen)
     robot_head = head.get("robot") if isinstance(head.get("robot"), dict) else {}
     scenario_head = head.get("scenario") if isinstance(head.get("scenario"), dict) else {}
     robot = (robots[-1].title or robots[-1].name) if robots else str((robot_head or {}).get("profile") or "")
-    title = scenario.title if scenario is not None else str((scenario_head or {}).get("title") or "")
+    title = _scenarios(facts) or str((scenario_head or {}).get("title") or "")
     listed = [
         ("When", when_text(session)),
         ("Participant", trial.get("participant", "")),
@@ -173,6 +173,18 @@ def _facts(facts: SessionFacts, scenario: ScenarioText | None) -> list[tuple[str
         ("Program", f"CARIS Desktop {head.get('program_version', '')}".strip()),
     ]
     return [(name, value) for name, value in listed if value]
+
+
+def _scenarios(facts: SessionFacts) -> str:
+    """``Tour guide, from 2:22 Mental health check``."""
+    told: list[str] = []
+    before = ""
+    for opened in facts.of(ScenarioOpened):
+        if opened.title != before:
+            at_s = max(0, round(facts.session.clock.session_s(opened.stamp_ns)))
+            told.append(f"from {at_s // 60}:{at_s % 60:02} {opened.title}" if told else opened.title)
+        before = opened.title
+    return ", ".join(told)
 
 
 def when_text(session: Session) -> str:

@@ -672,7 +672,10 @@ def _accepted(measures: Measures) -> float | None:
 FIGURES: tuple[Figure, ...] = (
     Figure("recorded_s", "s", "Time recorded, without pauses.", lambda m: m.recorded_s),
     Figure("paused_s", "s", "Time for which the recording was paused.", lambda m: m.paused_s),
-    Figure("responses", "", "How often the robot answered a participant.", lambda m: len(m.responses)),
+    Figure(
+        "responses", "", "How often the robot answered a participant; nothing where nobody was transcribed.",
+        lambda m: len(m.responses) if "participant" in m.talk else None,
+    ),
     Figure(
         "response_time_s", "s", "Median time from the end of a participant's utterance to the robot's answer.",
         lambda m: _median(m.responses),
@@ -686,9 +689,11 @@ FIGURES: tuple[Figure, ...] = (
         "Median time from the end of a participant's utterance, or a language model's answer, to the wizard's request.",
         lambda m: _median(m.reactions),
     ),
-    Figure("participant_talk_s", "s", "How long participants spoke.", _speech_s("participant")),
+    Figure("participant_talk_s", "s", "How long participants spoke; nothing where nobody was transcribed.",
+           lambda m: m.talk["participant"].speech_s if "participant" in m.talk else None),
     Figure("robot_talk_s", "s", "How long the robot spoke.", _speech_s("robot")),
-    Figure("participant_utterances", "", "What participants said, in utterances.", _utterances("participant")),
+    Figure("participant_utterances", "", "What participants said, in utterances; nothing where nobody was.",
+           lambda m: m.talk["participant"].utterances if "participant" in m.talk else None),
     Figure("robot_utterances", "", "What the robot said, in utterances.", _utterances("robot")),
     Figure("typed_utterances", "", "Robot utterances that the wizard typed.", _from("typed")),
     Figure("phrase_utterances", "", "Robot utterances from the scenario's phrases.", _from("phrase")),

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -185,6 +186,13 @@ class TierDialog(QDialog):
         self._refusal.hide()
         self._on_labels_chosen()
         (self._name if self._coder.currentText() else self._coder).setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Enter does what its cap says wherever it is pressed, but for the list of labels, where it is a new line."""
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not self._list.hasFocus():
+            self._on_save()
+            return
+        super().keyPressEvent(event)
 
     def sizeHint(self) -> QSize:
         return QSize(480, super().sizeHint().height())

@@ -563,7 +563,11 @@ class TimelineView(QWidget):
         ImportDialog(self._theme, self, coders=editing.coders_of(self.document), take_over=self._take_over).open()
 
     def _take_over(self, path: Path, coder: str) -> str:
-        return self._replay.import_annotations(path, coder)
+        before = self.document
+        refusal = self._replay.import_annotations(path, coder)
+        if not refusal:
+            self._say(imported_words(before, self.document))
+        return refusal
 
     def move_row(self, key: str, position: int) -> None:
         """Put the row at that place among those on show. The order of a coder's own tiers is kept with them."""
@@ -814,3 +818,17 @@ def _texts_of(event: QKeyEvent) -> set[str]:
 
 def _spelled(modifiers: Qt.KeyboardModifier, key: Qt.Key) -> str:
     return QKeySequence(QKeyCombination(modifiers, key)).toString(QKeySequence.SequenceFormat.PortableText)
+
+
+def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
+    """What an import brought."""
+    if before == after:
+        return "Everything in that file is here already."
+    tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
+    annotations = len(set(after.annotations) - set(before.annotations))
+    parts = [
+        f"{count} {name}{'s' if count != 1 else ''}"
+        for count, name in ((tiers, "tier"), (annotations, "annotation"))
+        if count
+    ]
+    return f"Imported: {' and '.join(parts)}." if parts else "Imported. Nothing is new; some was changed or removed."

@@ -256,7 +256,7 @@ def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
     unknown = {name for name, value in values.items() if value is None}
     assert unknown == {
         "response_time_s", "content_response_time_s", "reaction_time_s", "llm_accepted_fraction", "distance_m",
-        "max_speed_mps", "wizard_errors_per_10_min",
+        "max_speed_mps", "wizard_errors_per_10_min", "responses", "participant_talk_s", "participant_utterances",
     }  # fmt: skip
     assert {value for value in values.values() if value is not None} == {0}
     assert len(values) == len(FIGURES)
