@@ -14,7 +14,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
@@ -100,11 +100,21 @@ class Rehearsal(QObject):
         self._screenshot("before-the-end")
         self.session_folder = self._console.session_folder
         self._click("record_button")
-        yield Until("stopping asks once more", lambda: QApplication.activePopupWidget() is not None)
-        self._press(Qt.Key.Key_Return)
+        yield Until("the menu of the recording is open", lambda: isinstance(QApplication.activePopupWidget(), QMenu))
+        self._choose("Stop recording")
         yield Until("the recording is closed", lambda: state.recording.value.state == "idle", 20.0)
         self._note("recording closed")
         self._screenshot("end")
+
+    def _choose(self, text: str) -> None:
+        """A line of the menu that is open."""
+        menu = QApplication.activePopupWidget()
+        if isinstance(menu, QMenu):
+            for action in menu.actions():
+                if action.text() == text:
+                    QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.actionGeometry(action).center())
+                    return
+        raise RehearsalError(f"there is no {text!r} to choose")
 
     def _start_recording(self) -> Script:
         self._click("record_button")
