@@ -128,9 +128,10 @@ class ReplayPlayer(QObject):
     def _jump(self) -> None:
         self._generation += 1
         self._awaits_situation = True
-        # What stood before the recording comes with its beginning: a moment later it is there.
         at_ns = self._clock.position_ns()
-        shown_ns = max(at_ns, min(self._clock.start_ns + _BEGINNING_NS, self._clock.end_ns))
+        # What stood before the recording comes with its beginning: a moment later it is there.
+        at_beginning = at_ns == self._clock.start_ns
+        shown_ns = min(at_ns + _BEGINNING_NS, self._clock.end_ns) if at_beginning else at_ns
         self._feed.jump(self._generation, at_ns, shown_ns=shown_ns)
         self._tell()
 

@@ -18,6 +18,7 @@ from tests.perception.video_pipeline import score, write_mot
 from tests.support.console_process import ConsoleProcess
 
 
+@pytest.mark.long  # the same video goes through the real perception processes in tests/perception
 @needs_int8_weights
 @needs_tud_campus
 def test_the_recorded_people_of_a_street_video_score_well(tmp_path: Path) -> None:

@@ -170,7 +170,11 @@ def test_ctrl_c_leaves_whole_exports_only(
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(command._ProgressLine, "show", interrupt)
-    assert run(study, "--to", "csv", tmp_path / "out") == 130
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that runs beside others ignores it
+    try:
+        assert run(study, "--to", "csv", tmp_path / "out") == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert names(tmp_path / "out") == ["one"]
     assert is_whole(tmp_path / "out" / "one")
     assert "Cancelled. 1 of 3 exports are whole" in capsys.readouterr().err

@@ -60,7 +60,8 @@ def test_an_encoder_that_fails_midway_costs_a_moment_and_not_the_video(
     monkeypatch.setattr(VideoFile, "write", fail_at_fifteen)
     writer, failures = record(tmp_path, ("front",), 30)
     first, second = writer.infos()
-    assert (first.encoder, second.encoder) == ("a card", "libx264 ultrafast")
+    assert first.encoder == "a card"
+    assert second.encoder.startswith("libx264 "), "whichever preset this machine keeps up with"
     assert first.file_name == "video-front.mp4"
     assert second.file_name == "video-front-2.mp4"
     assert second.frames == 14
