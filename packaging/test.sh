@@ -36,10 +36,11 @@ if [[ $(uname -s) == Linux ]]; then
   start_virtual_screen
 fi
 
-# Tests wait more than they compute, so three files run at a time. Whatever fails that way must pass alone: tests of real
+# Tests wait more than they compute, so three files run at a time, in the order of the alphabet: those of the whole
+# program come first and take longest. Whatever fails that way must pass alone: tests of real
 # processes share the processor with others.
 three_at_a_time() {
-  .venv/bin/python -m pytest -n 3 --dist loadfile -m "not alone" && return
+  .venv/bin/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not alone" && return
   printf '\n== what failed, again and alone\n'
   .venv/bin/python -m pytest -m "not alone" --last-failed --last-failed-no-failures none
 }

@@ -29,15 +29,14 @@ class VirtualGamepad:
     def __init__(
         self, *, kind: int = _GAME_CONTROLLER, axes: int = CONTROLLER_AXES, buttons: int = CONTROLLER_BUTTONS
     ) -> None:
+        # SDL locks for each call. Its lock is not held from one to the next: the thread that reads gamepads waits for it
+        # with the interpreter's lock in its hands, which this thread would need to go on.
         self._sdl = _sdl()
-        self._sdl.SDL_LockJoysticks()
         index = self._sdl.SDL_JoystickAttachVirtual(kind, axes, buttons, 0)
         if index < 0:
-            self._sdl.SDL_UnlockJoysticks()
             raise RuntimeError("SDL has no virtual joystick here")
         self._handle = self._sdl.SDL_JoystickOpen(index)
         self._instance = self._sdl.SDL_JoystickInstanceID(self._handle)
-        self._sdl.SDL_UnlockJoysticks()
 
     def push(self, axis: int, value: float) -> None:
         """Move an axis to -1..1."""
@@ -51,9 +50,7 @@ class VirtualGamepad:
 
     def unplug(self) -> None:
         """Pull the plug, whatever is held."""
-        self._sdl.SDL_LockJoysticks()
         for index in range(self._sdl.SDL_NumJoysticks()):
             if self._sdl.SDL_JoystickGetDeviceInstanceID(index) == self._instance:
                 self._sdl.SDL_JoystickDetachVirtual(index)
                 break
-        self._sdl.SDL_UnlockJoysticks()
