@@ -29,8 +29,8 @@ class VirtualGamepad:
     def __init__(
         self, *, kind: int = _GAME_CONTROLLER, axes: int = CONTROLLER_AXES, buttons: int = CONTROLLER_BUTTONS
     ) -> None:
-        # SDL locks for each call. Its lock is not held from one to the next: the thread that reads gamepads waits for it
-        # with the interpreter's lock in its hands, which this thread would need to go on.
+        # SDL locks for each call. Its lock is not held from one to the next: the thread that reads gamepads waits for
+        # it with the lock of the interpreter in its hands, which this thread would need to go on.
         self._sdl = _sdl()
         index = self._sdl.SDL_JoystickAttachVirtual(kind, axes, buttons, 0)
         if index < 0:
