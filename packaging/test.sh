@@ -36,17 +36,17 @@ if [[ $(uname -s) == Linux ]]; then
   start_virtual_screen
 fi
 
-# Tests wait more than they compute, so three files run at a time, in the order of the alphabet: those of the whole
-# program come first and take longest. Whatever fails that way must pass alone: tests of real
-# processes share the processor with others.
-three_at_a_time() {
-  .venv/bin/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not alone" && return
+# Tests wait more than they compute, so two files run at a time, in the order of the alphabet: those of the whole program
+# come first and take longest. Whatever fails that way must pass alone: tests of real processes share the processor with
+# others.
+two_at_a_time() {
+  .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not alone" && return
   printf '\n== what failed, again and alone\n'
   .venv/bin/python -m pytest -m "not alone" --last-failed --last-failed-no-failures none
 }
 
 if (($# == 0)); then
-  check "tests, three at a time" three_at_a_time
+  check "tests, two at a time" two_at_a_time
   check "tests of real time" .venv/bin/python -m pytest -m alone
 else
   check "tests (pytest)" .venv/bin/python -m pytest "$@"

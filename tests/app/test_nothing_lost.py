@@ -4,6 +4,8 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 from caris_desktop.domain.events import Gap, Marked, RecordingPaused, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
 from caris_desktop.domain.shipped import layouts_dir
@@ -12,6 +14,8 @@ from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
+# On a crowded machine the link itself leaves out older values before they reach the console, as driving needs.
+pytestmark = pytest.mark.alone
 _MARKS = 40
 
 
