@@ -13,7 +13,6 @@ from caris_desktop.robot.explore import (
     detect_dialect,
     explore_robot,
     load_profile_blocking,
-    picture_size,
     value_at,
 )
 from caris_desktop.robot.profile import (
@@ -25,6 +24,7 @@ from caris_desktop.robot.profile import (
     save_profile,
 )
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
+from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
 

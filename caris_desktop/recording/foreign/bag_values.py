@@ -28,6 +28,7 @@ from caris_desktop.domain.sensing import AudioBlock, CameraLens, LaserScan, Occu
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.definitions import plain_name
 from caris_desktop.ros.fields import Message, MessageError, blob, count, frame_of, message_of, stamp_of, text
 
@@ -476,7 +477,7 @@ def _image_bgr(message: Message) -> NDArray[np.uint8]:
 def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
     import cv2
 
-    size = _picture_size(content)
+    size = picture_size(content)
     if size is None:
         raise MessageError("a picture that is neither JPEG nor PNG")
     if not size[0] or not size[1] or size[0] * size[1] > _MAX_PICTURE_PX:
@@ -488,17 +489,3 @@ def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
     if image_bgr is None:
         raise MessageError("a picture that cannot be read")
     return np.asarray(image_bgr, np.uint8)
-
-
-def _picture_size(content: bytes) -> tuple[int, int] | None:
-    """(width, height) from the head of a JPEG or PNG, before anything is unfolded; None where it tells none."""
-    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
-        return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
-    at = 2
-    while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
-        marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
-        # The frame headers SOF0..SOF15, without the tables that lie among their numbers.
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
-        at += 2 + length
-    return None
