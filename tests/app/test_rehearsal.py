@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import re
+import shutil
 import subprocess
 import sys
 from argparse import Namespace
@@ -21,10 +24,11 @@ from caris_desktop.live.state import LiveState
 from tests.app.shown_state import shown_state
 
 
-def _rehearse(scenario: str, out: Path) -> Path:
-    """Play it and give the session folder."""
+def _rehearse(scenario: str, out: Path, *, tracer: tuple[str, ...] = ()) -> Path:
+    """Play it, watched by ``tracer`` if any, and give the session folder."""
+    program = (*tracer, sys.executable, "-m", "tests.app.watched_rehearsal")
     done = subprocess.run(
-        [sys.executable, "-m", "tests.app.watched_rehearsal", out.with_suffix(".samples"), scenario, "--out", out],
+        [*program, out.with_suffix(".samples"), scenario, "--out", out],
         capture_output=True,
         text=True,
         timeout=280,
@@ -48,7 +52,8 @@ def _messages(session: Path) -> dict[str, list[dict[str, Any]]]:
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of one rehearsal of the tour guide, in its study, for several tests to look at."""
-    return _rehearse("tour-guide", tmp_path_factory.mktemp("tour") / "out")
+    out = tmp_path_factory.mktemp("tour") / "out"
+    return _rehearse("tour-guide", out, tracer=_network_tracer(out.with_suffix(".trace")))
 
 
 @pytest.mark.timeout(300)
@@ -79,6 +84,30 @@ def test_the_tour_leaves_a_whole_session(tour: Path) -> None:
     with (session / "export-csv" / "event_command_sent.csv").open(newline="", encoding="utf-8") as table:
         assert len(list(csv.DictReader(table))) == len(driven)
     assert len(list((out / "screenshots").glob("*.png"))) >= 6
+
+
+def _network_tracer(trace: Path) -> tuple[str, ...]:
+    """A command that writes down whom a program and its children call; empty where that is not possible."""
+    calls = "connect,sendto,sendmsg,sendmmsg"
+    if shutil.which("strace") is None:
+        return ()
+    tracer = ("strace", "-f", "--seccomp-bpf", "-e", f"trace={calls}", "-e", "signal=none", "-s", "0", "-o")
+    probe = subprocess.run([*tracer, os.devnull, "true"], capture_output=True, check=False)
+    return () if probe.returncode else (*tracer, str(trace))
+
+
+_ADDRESS = re.compile(r'inet_addr\("([^"]+)"\)|inet_pton\(AF_INET6, "([^"]+)"')
+
+
+@pytest.mark.timeout(300)
+def test_a_whole_session_calls_nobody_outside(tour: Path) -> None:
+    """Robot, language model and voice of the rehearsal are on this computer, so nothing else may be called."""
+    trace = tour.parents[2].with_suffix(".trace")
+    if not trace.is_file():
+        pytest.skip("needs strace, and the permission to use it, to see whom the console calls")
+    called = {ipv4 or ipv6 for ipv4, ipv6 in _ADDRESS.findall(trace.read_text("utf-8", "replace"))}
+    assert called, "the robot at least is called"
+    assert {address for address in called if not re.fullmatch(r"127\..*|::1|::ffff:127\..*", address)} == set()
 
 
 @pytest.mark.timeout(300)

