@@ -332,8 +332,11 @@ class Console(QObject):
         self._robot.on_event(event)
         if isinstance(event, (DriveEnded, EmergencyStopChanged, GuardChanged)):
             self._drive.on_robot_event(event)
-        elif isinstance(event, LinkChanged) and event.link == "control" and event.state != "connected":
-            self._speech.on_voice_lost("robot", "the link was lost")
+        elif isinstance(event, LinkChanged) and event.link == "control":
+            if event.state in ("connecting", "closed"):
+                # Of what was asked of another link process nobody tells; a lost link's own process still does.
+                self._speech.on_voice_lost("robot", "the link was lost")
+            self._speech.on_voice_changed()
         elif isinstance(event, UtteranceChanged):
             self._conversation.append(event)
 
@@ -828,6 +831,10 @@ class _RobotVoice:
     def __init__(self, console: Console) -> None:
         self._console = console
 
+    @property
+    def held_up(self) -> bool:
+        return bool(self._console.state.link.value.state == "trouble")
+
     def say(self, utterance: UtteranceChanged) -> bool:
         return self._console.state.link.value.state == "connected" and self._console.send(
             Say(utterance.stamp_ns, utterance.utterance_id, utterance.text)
@@ -838,6 +845,8 @@ class _RobotVoice:
 
 
 class _ComputerVoice:
+    held_up = False
+
     def __init__(self, console: Console) -> None:
         self._console = console
 

@@ -14,7 +14,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
-from caris_desktop.live.state import STREAMS_OF_LINK, LiveState
+from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
 from caris_desktop.recording.recorder.messages import (
     OfferMarkers,
     PauseRecording,
@@ -79,8 +79,8 @@ class RecordingDirector(QObject):
             return
         if isinstance(value, AudioChunk) and not self._audio:
             return
-        if isinstance(value, LinkChanged) and value.state != "connected":
-            self._feed.forget_streams(STREAMS_OF_LINK.get(value.link, ()))
+        if isinstance(value, LinkChanged):
+            self._feed.forget_streams(streams_lost_with(value))
         if isinstance(value, Problem):
             value, raw = _without_home(value), None
         self._feed.put(value, raw)

@@ -18,6 +18,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import EVENT_STREAMS
+from caris_desktop.live.state import streams_lost_with
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session
 
@@ -172,7 +173,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
     lost_ns = {
         event.link: event.stamp_ns
         for _, event in timeline.events_before(shown_ns, _LINK_CHANGES, types=(LinkChanged,))
-        if event.state != "connected"
+        if streams_lost_with(event)
     }
     return Situation(
         generation,

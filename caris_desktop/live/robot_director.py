@@ -40,7 +40,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.state import LiveState, streams_lost_with
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
@@ -259,13 +259,12 @@ class RobotDirector(QObject):
             self._state.control_states.set(states)
 
     def _on_link_changed(self, event: LinkChanged) -> None:
+        for name in streams_lost_with(event):
+            if name != "frame" or not self._own_camera:  # a camera of this computer does not come over the link
+                self._state.stream(name).clear()
         if event.link == "media":
-            if event.state != "connected":
-                if not self._own_camera:  # a camera of this computer does not come over the link
-                    self._state.frame.clear()
-                self._state.map.clear()
             return
-        was_connected = self._state.link.value.state == "connected"
+        before = self._state.link.value.state
         self._state.link.set(
             replace(
                 self._state.link.value,
@@ -275,11 +274,10 @@ class RobotDirector(QObject):
                 round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
             )
         )
-        if event.state != "connected":
-            self._state.clear_robot_streams()
+        if event.state in ("lost", "closed"):
             self._state.control_states.set({})
             self._state.mapping.set(MapStatus())
-        elif not was_connected:
+        elif event.state == "connected" and before not in ("connected", "trouble"):
             if self._control_is_new and self._state.drive.value.emergency_stop:
                 # Before anything else: a new process and a new robot know nothing of the latch.
                 self.send(SetEmergencyStop(clock.now_ns(), latched=True))

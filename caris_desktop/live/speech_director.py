@@ -18,6 +18,10 @@ VoiceKind = Literal["robot", "computer"]
 class Voice(Protocol):
     """Speaks one utterance at a time and reports it as UtteranceChanged events to whoever owns it."""
 
+    @property
+    def held_up(self) -> bool:
+        """Whether it will be known in a moment if this voice can speak; what is to be said waits until then."""
+
     def say(self, utterance: UtteranceChanged) -> bool:
         """False when this voice cannot take it now; nothing is queued then."""
 
@@ -80,8 +84,12 @@ class SpeechDirector(QObject):
             self._next()
         self._show()
 
+    def on_voice_changed(self) -> None:
+        """A voice is held up no longer: it speaks again, or is gone and what waited for it has failed."""
+        self._next()
+
     def on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
-        """The voice went away in mid-sentence."""
+        """The voice went away in mid-sentence, and nobody will tell what became of it."""
         if self._now is not None and self._kind_of(self._now) == kind:
             failed = replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail)
             self._publish(failed)
@@ -90,7 +98,7 @@ class SpeechDirector(QObject):
             self._show()
 
     def _next(self) -> None:
-        while self._now is None and self._waiting:
+        while self._now is None and self._waiting and not self._voices[self._kind_of(self._waiting[0])].held_up:
             utterance = self._waiting.popleft()
             if self._voices[self._kind_of(utterance)].say(utterance):
                 self._now = utterance

@@ -40,11 +40,19 @@ class PresentClock:
     anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
 
 
-# What stands only as long as a link does.
+# What stands only as long as the link does that brings it.
 STREAMS_OF_LINK = {
-    "control": ("scan", "odometry", "pose", "map", "battery", "people_in_map", "path", "head", "readings"),
+    "control": ("scan", "odometry", "pose", "battery", "people_in_map", "path", "head", "readings"),
     "media": ("frame", "map"),
 }
+_GONE = ("lost", "closed")
+
+
+def streams_lost_with(event: LinkChanged) -> tuple[str, ...]:
+    """The streams whose values are void from now on. A link in trouble, or one that is only beginning, takes none:
+    a robot sends its map once per subscription, and who throws it away for less than a loss never sees it again.
+    """
+    return STREAMS_OF_LINK.get(event.link, ()) if event.state in _GONE else ()
 
 
 class LiveStream(QObject):
@@ -228,9 +236,8 @@ class LiveState(QObject):
 
     def forget_what_came_over(self, event: LinkChanged) -> None:
         """A link that is gone takes its latched values along; nothing old stays on show as live."""
-        if event.state != "connected":
-            for name in STREAMS_OF_LINK.get(event.link, ()):
-                self._streams[name].clear()
+        for name in streams_lost_with(event):
+            self._streams[name].clear()
 
     def clear_robot_streams(self) -> None:
         """The robot is gone, or another one."""

@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import shiboken6
 from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import commands
+from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.controls import CallService, RobotControl
 from caris_desktop.domain.events import (
     ControlUsed,
@@ -22,6 +24,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, RobotPose
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.frame_ring import FrameRing
@@ -250,6 +253,39 @@ def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, q
     assert not media.stopped
     assert bench.robot.on_child_ended(control)  # type: ignore[arg-type]  # old news
     assert len(bench.published) == 1
+
+
+def _told_of_the_robot(bench: Bench) -> None:
+    """Values of both links, as the window has them while all is well."""
+    now = now_ns()
+    bench.state.take(OccupancyGrid(now, None, 0.05, Pose2D(0.0, 0.0, 0.0), np.zeros((2, 3), np.int8)))
+    bench.state.take(RobotPose(now, None, Pose2D(1.0, 2.0, 0.0)))
+    bench.state.take(BatteryState(now, 0.5))
+    bench.robot.on_event(MappingChanged(now, mapping=True, can_save=True))
+
+
+def test_neither_connecting_nor_trouble_takes_anything_away_and_loss_only_what_came_over_that_link(
+    bench: Bench,
+) -> None:
+    bench.connect()
+    _told_of_the_robot(bench)
+    state = bench.state
+    # The media link may be there first: what the control link begins with is no news of the map.
+    for link, state_ in (("control", "connecting"), ("control", "connected"), ("media", "connecting")):
+        bench.robot.on_event(LinkChanged(1, link, state_, "ws://r:9090"))  # type: ignore[arg-type]
+    for link in ("control", "media"):
+        bench.robot.on_event(LinkChanged(2, link, "trouble", "ws://r:9090"))
+        bench.robot.on_event(LinkChanged(3, link, "connected", "ws://r:9090"))
+    assert None not in (state.map.value, state.pose.value, state.battery.value)
+    assert state.mapping.value.can_save
+    offered = len(bench.asked(commands.OfferControls))
+    bench.robot.on_event(LinkChanged(4, "control", "lost", "ws://r:9090"))
+    assert (state.pose.value, state.battery.value, state.mapping.value.can_save) == (None, None, False)
+    assert state.map.value is not None
+    bench.robot.on_event(LinkChanged(5, "control", "connected", "ws://r:9090"))
+    assert len(bench.asked(commands.OfferControls)) == offered + 1
+    bench.robot.on_event(LinkChanged(6, "media", "lost", "ws://r:9090"))
+    assert state.map.value is None
 
 
 def test_a_robot_whose_ros_is_open_is_asked_until_it_answers(bench: Bench, qtbot: QtBot) -> None:

@@ -13,6 +13,7 @@ class TestVoice:
 
     def __init__(self) -> None:
         self.available = True
+        self.held_up = False
         self.said: list[UtteranceChanged] = []
         self.silenced = 0
 
@@ -71,6 +72,31 @@ def test_a_voice_that_is_not_there_fails_the_sentence_and_says_so(qtbot: QtBot) 
     director.say("Hello", "typed")
     assert [(event.state, bool(event.detail)) for event in published] == [("requested", False), ("failed", True)]
     assert state.speech.value.now is None
+
+
+def test_what_is_said_while_a_voice_is_held_up_waits_for_it(qtbot: QtBot) -> None:
+    director, voice, published, state = _setup()
+    director.say("One", "typed")
+    voice.held_up = True
+    director.on_utterance(_report(voice.said[0], "finished"))
+    director.say("Two", "typed")
+    director.say("Three", "typed")
+    assert [utterance.text for utterance in voice.said] == ["One"]
+    assert [utterance.text for utterance in state.speech.value.waiting] == ["Two", "Three"]
+    voice.held_up = False
+    director.on_voice_changed()
+    assert [utterance.text for utterance in voice.said] == ["One", "Two"]
+    assert "failed" not in [event.state for event in published]
+
+
+def test_what_waited_for_a_voice_that_does_not_come_back_has_failed(qtbot: QtBot) -> None:
+    director, voice, published, state = _setup()
+    voice.held_up = True
+    director.say("One", "typed")
+    voice.held_up = voice.available = False
+    director.on_voice_changed()
+    assert [(event.text, event.state) for event in published] == [("One", "requested"), ("One", "failed")]
+    assert state.speech.value.waiting == ()
 
 
 def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> None:
