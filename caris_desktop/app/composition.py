@@ -71,7 +71,7 @@ def imports_dir() -> Path:
 def find_scenario(name_or_path: str) -> Scenario:
     """Raises StartError."""
     try:
-        return load_scenario(find_scenario_file(name_or_path))
+        return load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
     except ScenarioError as error:
         raise StartError(str(error)) from error
 
@@ -242,11 +242,19 @@ def _build_prompt(
 
 def _load_scenario(path: Path) -> Scenario:
     try:
-        return load_scenario(path)
+        return load_scenario(path, _velocity_topic_of)
     except ScenarioError as error:
         raise ToldFailure(
             "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
         ) from error
+
+
+def _velocity_topic_of(robot: str) -> str | None:
+    try:
+        return load_profile(robot).velocity.topic
+    except ProfileError:
+        # Told where the robot is connected; the link refuses such a control in any case.
+        return None
 
 
 def _save_places(scenario: Scenario) -> Scenario:

@@ -36,14 +36,14 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class StopMotion:
-    """Zero at once and cancel every navigation goal."""
+    """Zero at once, and cancel every navigation goal and what a control has the robot do."""
 
     stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class SetEmergencyStop:
-    """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
+    """Latch or clear the emergency stop. While latched nothing moves; goals and controls that move are refused."""
 
     stamp_ns: int
     latched: bool
@@ -105,10 +105,14 @@ class MoveHead:
 
 @dataclass(frozen=True, slots=True)
 class OfferControls:
-    """The controls that the scenario adds to the profile's own, so that their readings are listened to."""
+    """The controls that the scenario adds to the profile's own, so that their readings are listened to.
+
+    Where it does not permit driving, no control moves the robot, the profile's own included.
+    """
 
     stamp_ns: int
     controls: tuple[RobotControl, ...]
+    driving_permitted: bool = True
 
 
 @dataclass(frozen=True, slots=True)

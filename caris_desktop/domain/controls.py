@@ -3,7 +3,7 @@
 Plain data: ``$value`` in a template stands for what the wizard chose, and nothing is ever evaluated.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,6 +11,7 @@ ControlKind = Literal["button", "toggle", "slider", "choice", "text", "readout"]
 ControlValue = bool | float | str
 
 VALUE = "$value"
+_VELOCITY_TYPES = ("Twist", "TwistStamped")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ class RobotControl:
     """One control. ``effect`` is None for a readout; ``reading`` is None where the robot does not tell the state.
 
     ``lowest``, ``highest`` and ``step`` belong to a slider, ``choices`` to a choice. ``confirm`` asks first.
+    Unless its file says ``moves: false`` (a light, a volume), using it counts as motion.
     """
 
     id: str
@@ -81,6 +83,19 @@ class RobotControl:
     step: float = 0.0
     choices: tuple[Choice, ...] = ()
     confirm: bool = False
+    moves: bool = True
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether the emergency stop and the permission to drive hold for it; a readout only tells."""
+        return self.moves and self.effect is not None
+
+
+def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:
+    """Whether what is published there drives the base, which only driving may do: under its lease, stop and guard."""
+    if type_name.rpartition("/")[2] in _VELOCITY_TYPES:
+        return True
+    return velocity_topic is not None and topic.strip("/") == velocity_topic.strip("/")
 
 
 def filled(template: Any, value: ControlValue) -> Any:
@@ -122,6 +137,7 @@ def control_from_data(data: Mapping[str, Any]) -> RobotControl:
         step=float(data.get("step", 0.0)),
         choices=tuple(Choice(choice["title"], choice["value"]) for choice in data.get("choices", ())),
         confirm=data.get("confirm", False),
+        moves=data.get("moves", True),
     )
 
 
@@ -140,6 +156,8 @@ def control_data(control: RobotControl) -> dict[str, Any]:
         data["choices"] = [{"title": choice.title, "value": choice.value} for choice in control.choices]
     if control.confirm:
         data["confirm"] = True
+    if not control.moves:
+        data["moves"] = False
     match control.effect:
         case PublishMessage(topic, type_name, message):
             data["publish"] = {"topic": topic, "type": type_name, "message": dict(message)}
@@ -166,8 +184,13 @@ def mentions_value(template: Any) -> bool:
     return isinstance(template, str) and VALUE in template
 
 
-def control_problems(controls: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, str]]:
-    """What the schema cannot say of a list of controls: (its number, a sentence) for each mistake."""
+def control_problems(
+    controls: Sequence[Mapping[str, Any]], velocity_topic: Callable[[], str | None] = lambda: None
+) -> Iterator[tuple[int, str]]:
+    """What the schema cannot say of a list of controls: (its number, a sentence) for each mistake.
+
+    ``velocity_topic`` gives where the robot takes velocities, as far as that is known; asked only where it matters.
+    """
     seen: set[str] = set()
     for index, control in enumerate(controls):
         name, kind = f"'{control['id']}'", control["kind"]
@@ -182,6 +205,13 @@ def control_problems(controls: Sequence[Mapping[str, Any]]) -> Iterator[tuple[in
         for key, owner in (("range", "slider"), ("step", "slider"), ("choices", "choice")):
             if key in control and kind != owner:
                 yield index, f"{name} is a {kind}; '{key}' belongs to a {owner}."
+        publish = control.get("publish")
+        if publish is not None and is_velocity(publish["topic"], publish["type"], velocity_topic()):
+            yield (
+                index,
+                f"{name} publishes velocities ({publish['type']} on {publish['topic']}). Only driving sends those, so "
+                "that the stop, the obstacle guard and letting go of the key hold for them. Leave this control out.",
+            )
         if kind not in ("button", "readout") and not _sends_value(control):
             yield index, f"what {name} sends nowhere holds {VALUE}, so what the wizard chooses has no effect."
 

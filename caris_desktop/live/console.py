@@ -777,7 +777,7 @@ class Console(QObject):
             self._head.release()
             self._robot.cancel_goal()
         self._state.places.set(self._scenario.places)
-        self._robot.offer_controls(self._scenario.controls)
+        self._robot.offer_controls(self._scenario.controls, driving_permitted=self._scenario.permissions.driving)
         self._speech.use_voice(self._scenario.voice)
         if self._scenario.voice == "computer" and self._held_voice_problem is not None:
             self.publish(replace(self._held_voice_problem, stamp_ns=clock.now_ns()))

@@ -105,6 +105,7 @@ class RobotDirector(QObject):
         self._connection: RobotConnection | None = None
         self._links: dict[str, ChildProcess] = {}
         self._scenario_controls: tuple[RobotControl, ...] = ()
+        self._driving_permitted = True
         self._control_is_new = False
         self._closed = False
 
@@ -282,7 +283,7 @@ class RobotDirector(QObject):
                 # Before anything else: a new process and a new robot know nothing of the latch.
                 self.send(SetEmergencyStop(clock.now_ns(), latched=True))
             self._control_is_new = False
-            self.send(OfferControls(clock.now_ns(), self._scenario_controls))
+            self._offer_controls()
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:
         busy = event.operation if event.state == "requested" else ""
@@ -349,15 +350,26 @@ class RobotDirector(QObject):
 
     # Controls
 
-    def offer_controls(self, controls: tuple[RobotControl, ...]) -> None:
-        """Those of the scenario, from now on; the profile's own stay."""
-        self._scenario_controls = controls
+    def offer_controls(self, controls: tuple[RobotControl, ...], *, driving_permitted: bool) -> None:
+        """Those of the scenario, from now on; the profile's own stay. Without driving those that move are absent."""
+        self._scenario_controls, self._driving_permitted = controls, driving_permitted
         self._show_controls()
-        self.send(OfferControls(clock.now_ns(), controls))
+        self._offer_controls()
+
+    def _offer_controls(self) -> None:
+        self.send(OfferControls(clock.now_ns(), self._scenario_controls, self._driving_permitted))
 
     def use_control(self, control_id: str, value: ControlValue) -> None:
         control = next((one for one in self._state.controls.value if one.id == control_id), None)
         if control is None:
+            return
+        if control.is_motion and self._state.drive.value.emergency_stop:
+            self._problem(
+                "warning",
+                f"{control.title}: the emergency stop is on.",
+                "Nothing was sent to the robot.",
+                "Release the emergency stop first, when everybody is clear of the robot.",
+            )
             return
         request_id = f"c-{secrets.token_hex(4)}"
         self._send_or_tell(
@@ -368,7 +380,8 @@ class RobotDirector(QObject):
         own = self._connection.profile.controls if self._connection is not None else ()
         names = {control.id for control in self._scenario_controls}
         # A scenario may say a control of the profile anew.
-        self._state.controls.set((*(control for control in own if control.id not in names), *self._scenario_controls))
+        every = (*(control for control in own if control.id not in names), *self._scenario_controls)
+        self._state.controls.set(tuple(one for one in every if self._driving_permitted or not one.is_motion))
 
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):

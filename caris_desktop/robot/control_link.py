@@ -90,6 +90,7 @@ class ControlLink:
             self._dialect,
             profile.controls,
             self._latched,
+            velocity_topic=profile.velocity.topic,
             emit=self._put,
             unusable=self._report_unusable_reading,
             in_background=self._in_background,
@@ -195,8 +196,8 @@ class ControlLink:
                 self._maps.request(command)
             case commands.MoveHead(pan_rad=pan_rad, tilt_rad=tilt_rad):
                 self._refused("The head does not turn", self._head.move(pan_rad, tilt_rad))
-            case commands.OfferControls(controls=controls):
-                self._controls.offer(controls)
+            case commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
+                self._controls.offer(controls, driving_permitted=driving_permitted)
             case commands.UseControl():
                 self._controls.use(command)
             case commands.Say(utterance_id=utterance_id, text=text):

@@ -20,6 +20,7 @@ from caris_desktop.domain.controls import (
     RobotControl,
     SendActionGoal,
     filled,
+    is_velocity,
 )
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.sensing import ControlReadings
@@ -148,6 +149,7 @@ class RobotControls:
         own: tuple[RobotControl, ...],
         latched: LatchedTopics,
         *,
+        velocity_topic: str,
         emit: Callable[[Any], None],
         unusable: Callable[[str, str], None],
         in_background: Callable[[Coroutine[Any, Any, None]], None],
@@ -156,6 +158,7 @@ class RobotControls:
         self._ros = ros
         self._dialect = dialect
         self._own = own
+        self._velocity_topic = velocity_topic
         self._emit = emit
         self._unusable = unusable
         self._in_background = in_background
@@ -169,12 +172,16 @@ class RobotControls:
         self._told_s = -math.inf
         self._timer: asyncio.TimerHandle | None = None
         self._held = False
+        self._driving_permitted = True
         self.offer(())
 
     # What there is
 
-    def offer(self, controls: tuple[RobotControl, ...]) -> None:
+    def offer(self, controls: tuple[RobotControl, ...], *, driving_permitted: bool = True) -> None:
         """These of the scenario from now on, beside the profile's own; one of the same id takes its place."""
+        self._driving_permitted = driving_permitted
+        if not driving_permitted:
+            self.cancel_goals("the scenario does not drive")
         offered = {control.id: control for control in (*self._own, *controls)}
         if offered == self._controls:
             # Who offers the same again has forgotten what it was told.
@@ -182,7 +189,8 @@ class RobotControls:
             return
         self._controls = offered
         self._listen()
-        wanted = [control.effect for control in offered.values()]
+        # A velocity topic is not even advertised: it would be with a type of the control's choice.
+        wanted = [control.effect for control in offered.values() if not self._sends_velocity(control)]
         topics = {(effect.topic, effect.type) for effect in wanted if isinstance(effect, PublishMessage)}
         for key in [key for key in self._publishers if key not in topics]:
             self._publishers.pop(key).unadvertise()
@@ -224,7 +232,7 @@ class RobotControls:
             self._timer.cancel()
 
     def hold_still(self, held: bool) -> None:
-        """The emergency stop: what the robot does by itself is cancelled, and no goal is sent until it is cleared."""
+        """The emergency stop: what the robot does by itself is cancelled, and nothing is sent that could move it."""
         self._held = held
         if held:
             self.cancel_goals("the emergency stop was set")
@@ -256,20 +264,36 @@ class RobotControls:
         if control is None or control.effect is None:
             self._tell(command, "failed", "neither the robot's profile nor the scenario has such a control")
             return
-        if not self._ros.is_connected:
-            self._tell(command, "failed", "the robot is not connected")
-            return
-        if self._types.known(*_kind_and_type(control.effect)):
+        if refusal := self._refusal(control):
+            self._tell(command, "failed", refusal)
+        elif self._types.known(*_kind_and_type(control.effect)):
             self._check_and_do(command, control, control.effect)
         else:
             self._in_background(self._learn_and_do(command, control, control.effect))
 
     async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         await self._types.definition(*_kind_and_type(effect))
-        if self._ros.is_connected:
-            self._check_and_do(command, control, effect)
+        # Asking took a while, in which the link may have been lost or the emergency stop set.
+        if refusal := self._refusal(control):
+            self._tell(command, "failed", refusal)
         else:
-            self._tell(command, "failed", "the link to the robot was lost")
+            self._check_and_do(command, control, effect)
+
+    def _refusal(self, control: RobotControl) -> str:
+        """Why this control must send nothing now; empty when it may."""
+        if self._sends_velocity(control):
+            return "it publishes velocities, and only driving may send those"
+        if control.is_motion and self._held:
+            return "the emergency stop is set"
+        if control.is_motion and not self._driving_permitted:
+            return "the scenario does not permit driving, and this may move the robot"
+        if not self._ros.is_connected:
+            return "the robot is not connected"
+        return ""
+
+    def _sends_velocity(self, control: RobotControl) -> bool:
+        effect = control.effect
+        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, self._velocity_topic)
 
     def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         try:
@@ -285,11 +309,15 @@ class RobotControls:
                 sent = self._publishers[topic, type_].publish(message)
                 self._tell(command, "succeeded" if sent else "failed", "" if sent else "the robot is not connected")
             case CallService():
-                self._in_background(self._call(command, effect, message))
+                self._in_background(self._call(command, control, effect, message))
             case SendActionGoal():
                 self._send_goal(command, effect, message)
 
-    async def _call(self, command: UseControl, effect: CallService, request: Message) -> None:
+    async def _call(self, command: UseControl, control: RobotControl, effect: CallService, request: Message) -> None:
+        if refusal := self._refusal(control):
+            # The emergency stop came in the same breath.
+            self._tell(command, "failed", refusal)
+            return
         package, _, name = plain_name(effect.type).partition("/")
         kind = service_type_name(self._dialect, package, name)
         try:
@@ -304,9 +332,6 @@ class RobotControls:
         self._tell(command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else "it refused"))
 
     def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
-        if self._held:
-            self._tell(command, "failed", "the emergency stop is set")
-            return
         server = self._servers[effect.action, effect.type]
         wire_id = server.client.send(command.control, goal) if server.client is not None else None
         if wire_id is None:

@@ -351,13 +351,13 @@ class _Builder:
         return HeadInterface(**given)
 
     def _controls(self) -> tuple[RobotControl, ...]:
-        controls: list[Mapping[str, Any]] = self._data.get("controls", [])
-        for index, problem in control_problems(controls):
+        controls = [
+            self._with_absolute_names(control, ("controls", index))
+            for index, control in enumerate(self._data.get("controls", []))
+        ]
+        for index, problem in control_problems(controls, lambda: self._name_at(("velocity", "topic"))):
             raise self._source.mistake(("controls", index), problem)
-        return tuple(
-            control_from_data(self._with_absolute_names(control, ("controls", index)))
-            for index, control in enumerate(controls)
-        )
+        return tuple(control_from_data(control) for control in controls)
 
     def _with_absolute_names(self, control: Mapping[str, Any], path: KeyPath) -> dict[str, Any]:
         absolute = dict(control)

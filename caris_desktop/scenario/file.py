@@ -6,7 +6,7 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from caris_desktop.domain.shipped import layouts_dir, resources_dir, schema_vali
 from caris_desktop.scenario.layout import layout_data, layout_from_data, plain_number
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import (
+    DEFAULT_ROBOT,
     SCENARIO_VERSION,
     AssistantSettings,
     DrivingLimits,
@@ -46,8 +47,10 @@ def schema_path() -> Path:
     return resources_dir() / "schemas" / "scenario.schema.json"
 
 
-def load_scenario(path: Path) -> Scenario:
+def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None) -> Scenario:
     """Read, migrate and check one scenario file.
+
+    ``velocity_topic_of`` tells where a robot takes velocities, by its name in the file: no control may publish there.
 
     Raises
     ------
@@ -59,7 +62,8 @@ def load_scenario(path: Path) -> Scenario:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{_shown(path)}: not UTF-8 text ({error.reason} at byte {error.start}).") from error
-    return replace(parse_scenario(text, path=path.resolve()), sha256=hashlib.sha256(raw).hexdigest())
+    scenario = parse_scenario(text, path=path.resolve(), velocity_topic_of=velocity_topic_of)
+    return replace(scenario, sha256=hashlib.sha256(raw).hexdigest())
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
@@ -170,7 +174,9 @@ def scenario_text(scenario: Scenario) -> str:
     return _text(scenario_data(scenario))
 
 
-def parse_scenario(text: str, *, path: Path) -> Scenario:
+def parse_scenario(
+    text: str, *, path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> Scenario:
     """The scenario that a text describes, as if it stood in ``path``. Raises ScenarioError."""
     try:
         source = parse_yaml(text)
@@ -186,7 +192,7 @@ def parse_scenario(text: str, *, path: Path) -> Scenario:
         raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
     problems = list(_schema_problems(data))
     if not problems:
-        problems = list(_meaning_problems(data))
+        problems = list(_meaning_problems(data, velocity_topic_of))
     if problems:
         raise ScenarioError(_problem_text(path, source, problems))
     return _scenario(data, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
@@ -288,7 +294,9 @@ _TYPE_WORDS = {
 }
 
 
-def _meaning_problems(data: dict[str, Any]) -> Iterator[Problem]:
+def _meaning_problems(
+    data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> Iterator[Problem]:
     """What a schema cannot say."""
     seen_places: set[str] = set()
     for index, place in enumerate(data.get("places", [])):
@@ -296,7 +304,8 @@ def _meaning_problems(data: dict[str, Any]) -> Iterator[Problem]:
         if name in seen_places:
             yield ("places", index), f"the place '{place['name']}' is listed twice."
         seen_places.add(name)
-    for index, problem in control_problems(data.get("controls", [])):
+    robot = data.get("robot", DEFAULT_ROBOT)
+    for index, problem in control_problems(data.get("controls", []), lambda: velocity_topic_of(robot)):
         yield ("controls", index), problem
     yield from _layout_problems(data["layout"], ("layout",), set())
 

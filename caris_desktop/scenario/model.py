@@ -8,6 +8,7 @@ from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.geometry import Pose2D
 
 SCENARIO_VERSION = 1
+DEFAULT_ROBOT = "simulated"
 
 PanelName = Literal[
     "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics"
@@ -95,7 +96,7 @@ class Scenario:
     title: str
     layout: LayoutNode
     description: str = ""
-    robot: str = "simulated"
+    robot: str = DEFAULT_ROBOT
     phrases: tuple[str, ...] = ()
     filler: str = ""
     places: tuple[Place, ...] = ()

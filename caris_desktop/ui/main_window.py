@@ -581,7 +581,10 @@ class MainWindow(QWidget):
     def _control_entries(self) -> list[Entry]:
         """Every control of the robot that needs no more than a choice."""
         entries = []
+        held = self._console.state.drive.value.emergency_stop
         for control in self._console.state.controls.value:
+            if held and control.is_motion:
+                continue
             if control.kind == "button":
                 uses: list[tuple[str, ControlValue]] = [(control.title, True)]
             elif control.kind == "toggle":

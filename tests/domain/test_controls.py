@@ -22,7 +22,7 @@ CONTROLS = (
     ),
     RobotControl(
         "look", "Look", "choice", SendActionGoal("/look", "pkg/Look", {"to": {"name": "$value"}}),
-        choices=(Choice("Left", "left"), Choice("Right", "right")),
+        choices=(Choice("Left", "left"), Choice("Right", "right")), moves=False,
     ),
     RobotControl("heat", "Heat", "readout", None, Reading("/heat", "pkg/msg/Heat", "motors[0].degrees")),
 )  # fmt: skip
@@ -53,6 +53,23 @@ def test_a_readout_does_nothing_and_a_button_does_one_thing() -> None:
     assert not validator.is_valid(
         {"id": "a", "title": "A", "kind": "readout", "shows": {**shows, "field": "__import__('os')"}}
     )
+
+
+def test_a_control_counts_as_motion_unless_its_file_says_otherwise() -> None:
+    wave, *_, heat = CONTROLS
+    assert wave.is_motion
+    assert not heat.is_motion
+    assert not control_from_data({**control_data(wave), "moves": False}).is_motion
+
+
+def test_velocities_are_no_matter_of_a_control() -> None:
+    wave = control_data(CONTROLS[0])
+    del wave["call"]
+    stamped = {**wave, "publish": {"topic": "/base", "type": "geometry_msgs/msg/TwistStamped"}, "moves": False}
+    other = {**wave, "id": "b", "publish": {"topic": "base/cmd", "type": "std_msgs/String"}}
+    assert [index for index, _sentence in control_problems([stamped, other])] == [0]
+    ((index, sentence),) = control_problems([other], lambda: "/base/cmd")
+    assert (index, "Only driving sends those" in sentence) == (0, True)
 
 
 def test_two_controls_of_one_name_and_an_upside_down_range_are_told() -> None:

@@ -174,17 +174,38 @@ def test_without_a_link_nothing_is_asked_and_that_is_told(bench: Bench) -> None:
 
 def test_controls_of_the_scenario_join_those_of_the_profile(bench: Bench) -> None:
     bench.connect()
-    bench.robot.offer_controls((LIGHT,))
+    bench.robot.offer_controls((LIGHT,), driving_permitted=True)
     assert bench.state.controls.value == (WAVE, LIGHT)
     assert bench.asked(commands.OfferControls)[-1].controls == (LIGHT,)
     louder = replace(WAVE, title="Wave twice")
-    bench.robot.offer_controls((louder,))
+    bench.robot.offer_controls((louder,), driving_permitted=True)
     assert bench.state.controls.value == (louder,)
+
+
+def test_without_driving_there_is_no_control_that_moves_the_robot(bench: Bench) -> None:
+    bench.connect()
+    lamp = replace(LIGHT, id="lamp", moves=False)
+    bench.robot.offer_controls((LIGHT, lamp), driving_permitted=False)
+    assert bench.state.controls.value == (lamp,)
+    assert bench.asked(commands.OfferControls)[-1].driving_permitted is False
+    bench.robot.use_control("wave", True)
+    assert bench.asked(commands.UseControl) == []
+
+
+def test_under_the_emergency_stop_only_what_moves_nothing_is_asked_of_the_robot(bench: Bench) -> None:
+    bench.connect()
+    bench.robot.offer_controls((replace(LIGHT, moves=False),), driving_permitted=True)
+    bench.state.drive.set(replace(bench.state.drive.value, emergency_stop=True))
+    bench.robot.use_control("wave", True)
+    assert bench.asked(commands.UseControl) == []
+    assert "Wave: the emergency stop is on." in bench.problems[0]
+    bench.robot.use_control("light", True)
+    assert [command.control for command in bench.asked(commands.UseControl)] == ["light"]
 
 
 def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) -> None:
     bench.connect()
-    bench.robot.offer_controls((LIGHT,))
+    bench.robot.offer_controls((LIGHT,), driving_permitted=True)
     bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
     bench.robot.on_event(LinkChanged(2, "control", "connected", "ws://r:9090"))
     assert [command.controls for command in bench.asked(commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]

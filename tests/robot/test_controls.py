@@ -143,6 +143,89 @@ def test_an_action_goal_is_followed_to_its_end_and_the_emergency_stop_cancels_it
     with_link(ROBOT, test)
 
 
+def test_the_emergency_stop_holds_for_every_control_that_may_move_the_robot() -> None:
+    arm = RobotControl("arm", "Arm", "button", PublishMessage("/arm", "std_msgs/String", {"data": "up"}))
+    lamp = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/String", {}), moves=False)
+    blink = RobotControl("blink", "Blink", "button", SendActionGoal("/blink", "a_msgs/BlinkAction", {}), moves=False)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True))
+        for control in ("arm", "eyes", "wave", "lamp", "blink"):
+            bench.send(use(control, True, control))
+        for control in ("arm", "eyes", "wave"):
+            refused = await ended(bench, control)
+            assert (refused.state, refused.detail) == ("failed", "the emergency stop is set")
+        assert (await ended(bench, "lamp")).state == "succeeded"
+        await bench.until(lambda: bench.bridge.published("/blink/goal"), "what does not move is obeyed")
+        # What was asked for in the same breath as the stop stays unsaid, too.
+        bench.send(SetEmergencyStop(now_ns(), False))
+        bench.send(use("eyes", True, "late"), SetEmergencyStop(now_ns(), True))
+        assert (await ended(bench, "late")).detail == "the emergency stop is set"
+        assert bench.bridge.published("/arm") + bench.bridge.published("/play/goal") == []
+        assert bench.bridge.operations("call_service", "/eyes/set") == []
+
+    with_link(RobotProfile("test", "Test", controls=(arm, EYES, WAVE, lamp, blink)), test)
+
+
+def test_the_emergency_stop_counts_also_while_a_type_is_asked_for() -> None:
+    answers: list[dict[str, Any]] = []
+
+    def prepare(bridge: Bridge) -> None:
+        # The answer is given by hand below, after the stop.
+        bridge.answers["/rosapi/message_details"] = lambda request: answers.append(request)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(OfferControls(now_ns(), (LIGHT,)), use("light", "slow"))
+        await bench.until(lambda: answers, "the question")
+        bench.send(SetEmergencyStop(now_ns(), True))
+        for asked in bench.bridge.operations("call_service", "/rosapi/message_details"):
+            fields = {"fieldnames": ["pattern", "speed"], "fieldtypes": ["string", "uint8"], "fieldarraylen": [-1, -1]}
+            values = {"typedefs": [{"type": asked["args"]["type"], **fields}]}
+            answer = {"op": "service_response", "id": asked["id"], "values": values, "result": True}
+            await bench.bridge.send(json.dumps(answer))
+        assert (await ended(bench)).detail == "the emergency stop is set"
+        assert bench.bridge.published("/leds") == []
+
+    with_link(ROBOT, test, prepare=prepare)
+
+
+def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
+    lamp = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/String", {}), moves=False)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True, "under way"))
+        await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        bench.send(OfferControls(now_ns(), (lamp,), driving_permitted=False))
+        bench.send(use("wave", True), use("lamp", True, "lamp"))
+        assert (await ended(bench, "under way")).detail == "the scenario does not drive"
+        await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
+        assert "does not permit driving" in (await ended(bench)).detail
+        assert (await ended(bench, "lamp")).state == "succeeded"
+        assert len(bench.bridge.published("/play/goal")) == 1
+        bench.send(OfferControls(now_ns(), (lamp,)), use("wave", True, "permitted again"))
+        await bench.until(lambda: len(bench.bridge.published("/play/goal")) == 2, "a goal again")
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize(
+    ("topic", "type_"),
+    [("/other", "geometry_msgs/Twist"), ("/other", "geometry_msgs/TwistStamped"), ("cmd_vel", "std_msgs/String")],
+)
+def test_a_control_that_publishes_velocities_sends_nothing(topic: str, type_: str) -> None:
+    spin = RobotControl("spin", "Spin", "button", PublishMessage(topic, type_, {}), moves=False)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(OfferControls(now_ns(), (spin,)), use("spin", True))
+        assert "only driving may send those" in (await ended(bench)).detail
+        bench.send(use("volume", 1.0, "after"))
+        await ended(bench, "after")
+        assert bench.bridge.published(topic) == []
+        assert [line["type"] for line in bench.bridge.operations("advertise", topic)] == []
+
+    with_link(ROBOT, test)
+
+
 def test_an_action_of_ros2() -> None:
     async def test(bench: LoopBench) -> None:
         async def react(operation: dict[str, Any]) -> None:

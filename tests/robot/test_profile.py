@@ -245,6 +245,8 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + CONTROL % f"slider, range: [1, 0], {PUBLISH % '$value'}", 6, ["the lower number first"]),
         (GOOD + CONTROL % f"toggle, {PUBLISH % 1}", 6, ["$value", "no effect"]),
         (GOOD + CONTROL % f"button, range: [0, 1], {PUBLISH % 1}", 6, ["belongs to a slider"]),
+        (GOOD + CONTROL % f"button, {PUBLISH.replace('a/B', 'a/Twist') % 1}", 6, ["Only driving"]),
+        (GOOD + CONTROL % f"button, {PUBLISH.replace('/t', 'cmd_vel') % 1}", 6, ["Only driving"]),
         (GOOD + CONTROL % f"button, {PUBLISH % 1}" + CONTROL.split("\n")[1] % f"text, {PUBLISH % 1}", 7, ["twice"]),
         (GOOD + "security: {rosauth_secret_env: my secret}\n", 5, ["rosauth_secret_env", "environment variable"]),
     ],
@@ -364,13 +366,15 @@ SOURCES = st.fixed_dictionaries(
     {"topic": NAMES}, optional={"throttle_ms": st.integers(0, 9999), "latched": st.booleans()}
 )
 PUBLISHES = st.fixed_dictionaries(
-    {"topic": NAMES, "type": st.just("std_msgs/String")}, optional={"message": st.just({"data": "at $value %"})}
+    # Never on the velocity topic, which would be refused.
+    {"topic": NAMES.map(lambda name: f"{name}_said"), "type": st.just("std_msgs/String")},
+    optional={"message": st.just({"data": "at $value %"})},
 )
 VALUES = st.one_of(st.booleans(), st.floats(-9, 9), st.integers(-9, 9), WORDS, st.sampled_from(["yes", "1e3", "~", ""]))
 CONTROLS = st.one_of(
     st.fixed_dictionaries(
         {"kind": st.just("button"), "title": WORDS, "publish": PUBLISHES},
-        optional={"group": WORDS, "confirm": st.booleans()},
+        optional={"group": WORDS, "confirm": st.booleans(), "moves": st.booleans()},
     ),
     st.fixed_dictionaries(
         {

@@ -300,6 +300,22 @@ def test_a_shipped_scenario_without_a_copy_is_written_whole(tmp_path: Path) -> N
     assert saved.layout == scenario.layout
 
 
+def test_a_velocity_in_a_control_is_refused_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "spin.yaml"
+    text = (
+        "version: 1\ntitle: A\nrobot: mine\nlayout: {panel: robot}\ncontrols:\n"
+        "  - {id: light, title: Light, kind: button, publish: {topic: /light, type: std_msgs/Bool}, moves: false}\n"
+        "  - {id: spin, title: Spin, kind: button, publish: {topic: /base/vel, type: TYPE}, moves: false}\n"
+    )
+    path.write_text(text.replace("TYPE", "geometry_msgs/Twist"), encoding="utf-8")
+    with pytest.raises(ScenarioError, match="line 7: 'spin' publishes velocities"):
+        load_scenario(path)
+    path.write_text(text.replace("TYPE", "std_msgs/Bool"), encoding="utf-8")
+    assert [control.is_motion for control in load_scenario(path).controls] == [False, False]
+    with pytest.raises(ScenarioError, match="line 7: 'spin' publishes velocities"):
+        load_scenario(path, {"mine": "base/vel"}.get)
+
+
 def test_controls_of_a_scenario_are_read_and_checked(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     good = "version: 1\ntitle: A\nlayout: {panel: robot}\ncontrols:\n"

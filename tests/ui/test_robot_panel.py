@@ -1,6 +1,7 @@
 """The Robot panel: every kind of control by real events, what became of it, and nothing sent that was not meant."""
 
 import time
+from dataclasses import replace
 
 import pytest
 from PySide6.QtCore import QPoint, Qt
@@ -32,6 +33,8 @@ CONTROLS = (
     RobotControl("screen", "Screen", "text", TOPIC, group="Screen"),
     RobotControl("warmth", "Battery temperature", "readout", reading=TOLD, unit="°C"),
 )
+
+LAMP = RobotControl("lamp", "Lamp", "button", TOPIC, moves=False)
 
 
 @pytest.fixture
@@ -100,6 +103,31 @@ def test_escape_stops_the_robot_and_takes_the_question_away(
     assert console.named("stop") == [None]
     assert find(panel, "control_dock_button").isVisible()
     assert console.named("use_control") == []
+
+
+def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
+    qtbot: QtBot, window: MainWindow, panel: RobotPanel, console: FakeConsole
+) -> None:
+    console.state.controls.set((*CONTROLS, LAMP))
+    click(qtbot, find(panel, "control_dock_button"))
+    console.state.drive.set(replace(console.state.drive.value, emergency_stop=True))
+    reason = find(panel, "robot_reason")
+    assert isinstance(reason, QLabel)
+    assert reason.isVisible()
+    assert "emergency stop is on" in reason.text()
+    assert not find(panel, "control_wave_button").isEnabled()
+    assert "emergency stop is on" in find(panel, "control_wave_button").parentWidget().toolTip()
+    assert panel.fact == ("held by the emergency stop", "amber")
+    click(qtbot, find(panel, "control_wave_button"))
+    click(qtbot, find(panel, "control_lamp_button"))
+    assert console.named("use_control") == [("lamp", True)]
+    found = {entry.text for entry in window._entries()}
+    assert "Robot: Lamp" in found
+    assert "Robot: Wave" not in found
+    console.state.drive.set(replace(console.state.drive.value, emergency_stop=False))
+    assert reason.isHidden()
+    assert find(panel, "control_wave_button").isEnabled()
+    assert find(panel, "control_dock_button").isVisible(), "the question from before is not left open"
 
 
 def test_a_toggle_shows_what_the_robot_tells(qtbot: QtBot, panel: RobotPanel, console: FakeConsole) -> None:

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain.controls import Choice, ControlValue, RobotControl
 from caris_desktop.domain.sensing import ControlReadings
-from caris_desktop.live.status import ControlStatus, LinkStatus
+from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
@@ -44,6 +44,7 @@ _NOT_USABLE = {
     "lost": "The robot is out of reach.",
     "closed": "No robot is connected.",
 }
+_HELD = "The emergency stop is on. What moves the robot works again when you release it."
 
 
 def value_words(control: RobotControl, value: ControlValue) -> str:
@@ -78,6 +79,7 @@ class RobotPanel(Panel):
         self.setObjectName("robot_panel")
         self._entries: dict[str, ControlEntry] = {}
         self._groups: list[_Group] = []
+        self._held: bool = self.state.drive.value.emergency_stop
         self._empty = QLabel()
         self._empty.setObjectName("robot_empty")
         self._empty.setWordWrap(True)
@@ -109,6 +111,7 @@ class RobotPanel(Panel):
         self.state.readings.changed.connect(self._on_readings_changed)
         self.state.readings.freshness_changed.connect(self._on_readings_freshness_changed)
         self.state.link.changed.connect(self._on_link_changed)
+        self.state.drive.changed.connect(self._on_drive_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.hold.escape_pressed.connect(self._on_escape)
         self.theme.changed.connect(self._style)
@@ -177,6 +180,11 @@ class RobotPanel(Panel):
         if freshness == "none":
             self._on_readings_changed(None)
 
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop != self._held:
+            self._held = drive.emergency_stop
+            self._refresh()
+
     def _on_link_changed(self, _link: LinkStatus) -> None:
         self._refresh()
 
@@ -190,10 +198,14 @@ class RobotPanel(Panel):
     def _refresh(self) -> None:
         link: LinkStatus = self.state.link.value
         reason = _NOT_USABLE.get(link.state, "")
+        held = ""
         for entry in self._entries.values():
-            entry.set_usable(reason)
-        self._reason.setText(f"{reason} These controls work again when it answers." if reason else "")
-        self._reason.setVisible(bool(reason and self._entries))
+            entry_held = _HELD if self._held and entry.control.is_motion else ""
+            entry.set_usable(reason or entry_held)
+            held = held or entry_held
+        shown = f"{reason} These controls work again when it answers." if reason else held
+        self._reason.setText(shown)
+        self._reason.setVisible(bool(shown and self._entries))
         self._stack.setCurrentIndex(1 if self._entries else 0)
         whose = link.robot or "This robot"
         self._empty.setText(
@@ -204,6 +216,8 @@ class RobotPanel(Panel):
         busy = [entry for entry in self._entries.values() if entry.busy]
         if reason:
             self.set_fact("robot away", "amber")
+        elif held:
+            self.set_fact("held by the emergency stop", "amber")
         elif busy:
             self.set_fact(f"{busy[0].control.title}: asked", "blue")
         elif failed:
