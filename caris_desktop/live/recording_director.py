@@ -53,7 +53,7 @@ class RecordingDirector(QObject):
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
         self._video = self._audio = False
-        self._offers_markers = False
+        self._markers_offered = OfferMarkers(False)
         self._restarts = 0
 
     @property
@@ -121,6 +121,7 @@ class RecordingDirector(QObject):
                 photos=permissions.photos,
                 audio=permissions.audio_recording,
                 lsl=scenario.recording.lsl,
+                lsl_words=scenario.recording.lsl_words,
             ),
             *opened,
         )
@@ -156,9 +157,10 @@ class RecordingDirector(QObject):
 
     def _offer_markers(self, scenario: Scenario) -> None:
         """Recorders of physiology look for the outlet before the recording begins."""
-        if scenario.recording.lsl != self._offers_markers:
-            self._offers_markers = scenario.recording.lsl
-            self._feed.request(OfferMarkers(scenario.recording.lsl))
+        offer = OfferMarkers(scenario.recording.lsl, words=scenario.recording.lsl_words)
+        if offer != self._markers_offered:
+            self._markers_offered = offer
+            self._feed.request(offer)
 
     def take_photo(self) -> None:
         ref = self._state.frame.value

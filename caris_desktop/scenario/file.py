@@ -381,9 +381,7 @@ def _scenario(data: dict[str, Any], *, path: Path, sha256: str) -> Scenario:
         ),
         controls=tuple(control_from_data(control) for control in data.get("controls", ())),
         permissions=Permissions(**data.get("permissions", {})),
-        recording=RecordingSettings(
-            labels=tuple(data.get("recording", {}).get("labels", ())), lsl=data.get("recording", {}).get("lsl", False)
-        ),
+        recording=_recording_from_data(data.get("recording", {})),
         assistant=AssistantSettings(**data.get("assistant", {})),
         driving=DrivingLimits(**{key: float(value) for key, value in data.get("driving", {}).items()}),
         path=path,
@@ -392,9 +390,13 @@ def _scenario(data: dict[str, Any], *, path: Path, sha256: str) -> Scenario:
     )
 
 
+def _recording_from_data(data: dict[str, Any]) -> RecordingSettings:
+    return RecordingSettings(**{**data, "labels": tuple(data.get("labels", ()))})
+
+
 def _recording_data(recording: RecordingSettings) -> dict[str, Any]:
     data: dict[str, Any] = {"labels": list(recording.labels)} if recording.labels else {}
-    return data | ({"lsl": True} if recording.lsl else {})
+    return data | {name: True for name in ("lsl", "lsl_words") if getattr(recording, name)}
 
 
 def _place_data(place: Place) -> dict[str, Any]:

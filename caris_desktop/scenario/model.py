@@ -83,10 +83,14 @@ class DrivingLimits:
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """``labels`` are those of the mark keys, in this order. With ``lsl`` marks go to Lab Streaming Layer too."""
+    """``labels`` are those of the mark keys, in this order. With ``lsl`` marks go to Lab Streaming Layer too.
+
+    ``lsl_words`` lets everything that is said go there with them, for the whole network to hear.
+    """
 
     labels: tuple[str, ...] = ()
     lsl: bool = False
+    lsl_words: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,14 @@ from caris_desktop.domain.streams import Delivery, StreamSpec
 _log = logging.getLogger(__name__)
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
 _SOURCE_ID = "caris-desktop-markers"
+# Anybody on the network can listen, so what people said or are called goes out only where a scenario asks for it: these
+# fields of these events are what there is without words.
+_WITHOUT_WORDS: dict[type, tuple[str, ...]] = {
+    events.Marked: ("stamp_ns", "label", "kind", "mark_id", "start_ns", "end_ns", "state"),
+    events.RecordingPaused: ("stamp_ns", "paused"),
+    events.SessionStarted: ("stamp_ns",),
+    events.SessionEnded: ("stamp_ns",),
+}
 # Many times per second, or of no use beside a physiological signal.
 _NOT_SENT = (events.CommandSent, events.HeadMoved, events.LinkQuality, events.TrafficMeasured)
 _LONGEST_TEXT = 1000
@@ -27,9 +35,10 @@ class OutletUnavailableError(Exception):
 
 
 class MarkerOutlet:
-    """One string per event, as JSON: ``event``, ``stamp_ns`` of the session clock, and the event's own fields.
+    """One string per event, as JSON: ``event``, ``stamp_ns`` of the session clock, and fields of the event's own.
 
-    The sample's timestamp is the same moment on LSL's clock. One thread.
+    Marks with their labels, and when the recording begins, pauses and ends; with ``words`` every event with all that
+    is in it. The sample's timestamp is the same moment on LSL's clock. One thread.
     """
 
     def __init__(self) -> None:
@@ -55,6 +64,7 @@ class MarkerOutlet:
                 "Check the network of this computer, then start the recording again.",
             ) from error
         self._lsl_clock = pylsl.local_clock
+        self.words = False
         self._lsl_minus_session_s = 0.0
         self._measured_ns = 0
         self._measure()
@@ -65,6 +75,8 @@ class MarkerOutlet:
         Raises OutletUnavailableError when that fails: the outlet is closed then.
         """
         if spec.delivery is not Delivery.LOSSLESS or isinstance(value, _NOT_SENT):
+            return
+        if not self.words and type(value) not in _WITHOUT_WORDS:
             return
         try:
             self._send(spec, value)
@@ -81,6 +93,8 @@ class MarkerOutlet:
         if clock.now_ns() - self._measured_ns > _MEASURE_EVERY_NS:
             self._measure()
         fields = _shortened(to_jsonable(value))
+        if not self.words:
+            fields = {name: fields[name] for name in _WITHOUT_WORDS[type(value)]}
         marker = json.dumps({"event": spec.name.removeprefix("event/"), **fields}, ensure_ascii=False)
         text = marker.encode("utf-8", "replace").decode("utf-8")
         self._outlet.push_sample([text], value.stamp_ns / 1e9 + self._lsl_minus_session_s)

@@ -51,6 +51,7 @@ class StartRecording:
     photos: bool = True
     audio: bool = True
     lsl: bool = False
+    lsl_words: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +73,11 @@ class PauseRecording:
 @dataclass(frozen=True, slots=True)
 class OfferMarkers:
     """Show the Lab Streaming Layer outlet already, so that other recorders find it before the recording begins, or
-    take it away. ``StartRecording.lsl`` does the same at the start.
+    take it away. With ``words``, what is said goes out too. ``StartRecording`` says the same at the start.
     """
 
     offered: bool
+    words: bool = False
 
 
 @dataclass(frozen=True, slots=True)

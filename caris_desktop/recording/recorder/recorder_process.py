@@ -74,7 +74,7 @@ class _Recorder:
                 pass
         finally:
             self._stop("console_closed")
-            self._offer_markers(offered=False)
+            self._offer_markers(offered=False, words=False)
             self._finish_all()
 
     def _on_terminate(self, _number: int, _frame: object) -> None:
@@ -135,13 +135,13 @@ class _Recorder:
                 if self._session is not None:
                     self._session.set_permissions(video=message.video, photos=message.photos, audio=message.audio)
             case OfferMarkers():
-                self._tell_outlet(self._offer_markers(offered=message.offered))
+                self._tell_outlet(self._offer_markers(offered=message.offered, words=message.words))
             case _:
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
 
     def _start(self, start: StartRecording) -> None:
-        unavailable = self._offer_markers(offered=start.lsl)
+        unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
         try:
             session = SessionRecorder(
                 start,
@@ -202,7 +202,7 @@ class _Recorder:
 
     # Markers for others
 
-    def _offer_markers(self, *, offered: bool) -> OutletUnavailableError | None:
+    def _offer_markers(self, *, offered: bool, words: bool) -> OutletUnavailableError | None:
         """Open or close the outlet; what is to be told when it does not open."""
         if not offered and self._outlet is not None:
             self._outlet.close()
@@ -212,6 +212,8 @@ class _Recorder:
                 self._outlet = MarkerOutlet()
             except OutletUnavailableError as error:
                 return error
+        if self._outlet is not None:
+            self._outlet.words = words
         return None
 
     def _offer(self, spec: StreamSpec, value: Any) -> None:

@@ -33,19 +33,20 @@ def pylsl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     yield pylsl
 
 
-def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any) -> None:
+@pytest.mark.parametrize("words", [False, True], ids=["marks only", "words too"])
+def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any, words: bool) -> None:
     recorder = RecorderUnderTest()
-    recorder.send(OfferMarkers(True))
+    recorder.send(OfferMarkers(True, words=words))
     found = pylsl.resolve_byprop("name", STREAM_NAME, timeout=20.0)
     if not found:
         recorder.close()
         pytest.skip(_NO_NETWORK)
     inlet = pylsl.StreamInlet(found[0])
     inlet.open_stream(timeout=10.0)
-    recorder.send(start(tmp_path / "s", lsl=True))
+    recorder.send(start(tmp_path / "s", lsl=True, lsl_words=words))
     recorder.wait_for(RecorderReport)
     said = UtteranceChanged(clock.now_ns(), "u1", "robot", "Grüß dich! " * 200, "phrase", "started")
-    marked = mark("here")
+    marked = replace(mark("here"), note="she looked away")
     session_s, lsl_s = clock.now_ns() / 1e9, pylsl.local_clock()
     recorder.send(command(1), pose(1.0), marked, said, PauseRecording(True), PauseRecording(False))
     recorder.stop_session()
@@ -59,14 +60,16 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     assert [marker["event"] for marker, _ in heard] == [
         "session_started",
         "marked",
-        "utterance_changed",
+        *(["utterance_changed"] if words else []),
         "recording_paused",
         "recording_paused",
         "session_ended",
     ]
     assert heard[1][0]["label"] == "here"
-    assert heard[2][0]["text"].startswith("Grüß dich!")
-    assert len(heard[2][0]["text"]) < 1100
+    assert ("looked away" in str(heard)) == words
+    if words:
+        assert heard[2][0]["text"].startswith("Grüß dich!")
+        assert len(heard[2][0]["text"]) < 1100
     for marker, lsl_stamp_s in heard:
         assert lsl_stamp_s - lsl_s == pytest.approx(marker["stamp_ns"] / 1e9 - session_s, abs=0.02)
     assert open_session(tmp_path / "s").closed_properly
@@ -112,7 +115,7 @@ def test_an_outlet_that_fails_ends_itself_and_nothing_else(tmp_path: Path, monke
     recorder = RecorderUnderTest(in_thread=True)
     asked = exchange(1, 1.0, 2.0, "answer")
     long = replace(asked, messages=(ChatMessage("system", "long " * 1000),))
-    recorder.send(start(tmp_path / "s", lsl=True), long, mark("a"), mark("b"))
+    recorder.send(start(tmp_path / "s", lsl=True, lsl_words=True), long, mark("a"), mark("b"))
     recorder.stop_session()
     recorder.close()
     problems = [said for said in recorder.heard if isinstance(said, Problem)]
