@@ -227,6 +227,8 @@ class DockHost(QMainWindow):
         )
         dock.setTitleBarWidget(PanelTitleBar(panel))
         dock.setWidget(panel)
+        # Behind another tab a widget still counts as visible for Qt; the dock knows better.
+        dock.visibilityChanged.connect(panel.set_in_view)
         return dock
 
     def close_panel(self, name: PanelName) -> None:

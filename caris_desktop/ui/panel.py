@@ -1,8 +1,9 @@
 """What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
@@ -26,7 +27,11 @@ class PanelContext:
 
 
 class Panel(QWidget):
-    """Lower part of a panel's card. Subclasses fill it and say their live fact."""
+    """Lower part of a panel's card. Subclasses fill it and say their live fact.
+
+    A panel that nobody sees (closed, or behind another tab) costs nothing: what comes meanwhile is left out by asking
+    ``in_view`` first, and ``catch_up`` shows it once the panel is seen again.
+    """
 
     title = ""
     drives = False  # bare drive keys work while this panel has the focus
@@ -41,6 +46,8 @@ class Panel(QWidget):
         self.table = context.actions
         self.hold = context.hold
         self._active = False
+        self._in_view = True
+        self._ticking: list[QTimer] = []
         self._fact = ("", "")
         self.setAccessibleName(self.title)
         self.theme.changed.connect(self.update)
@@ -48,6 +55,34 @@ class Panel(QWidget):
     def title_widgets(self) -> list[QWidget]:
         """Controls at the right end of the title bar."""
         return []
+
+    @property
+    def in_view(self) -> bool:
+        """Whether the panel can be seen, as far as whoever arranges the panels has told."""
+        return self._in_view
+
+    def set_in_view(self, in_view: bool) -> None:
+        if in_view == self._in_view:
+            return
+        self._in_view = in_view
+        for timer in self._ticking:
+            if in_view:
+                timer.start()
+            else:
+                timer.stop()
+        if in_view:
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """The panel is seen again: show everything as it is now."""
+
+    def every(self, interval_ms: int, slot: Callable[[], None]) -> None:
+        """Call ``slot`` again and again while the panel is in view."""
+        timer = QTimer(self, interval=interval_ms)
+        timer.timeout.connect(slot)
+        self._ticking.append(timer)
+        if self._in_view:
+            timer.start()
 
     @property
     def fact(self) -> tuple[str, str]:

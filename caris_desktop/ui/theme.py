@@ -161,6 +161,7 @@ QTableView::item {{ padding: 0 7px; border: 0; border-bottom: 1px solid {colors.
 QTableView::item:selected {{
     background: {colors.blue_soft}; color: {colors.text}; border-bottom: 1px solid {colors.blue};
 }}
+RowList {{ background: transparent; border: 0; border-radius: 0; }}
 QAbstractScrollArea::corner {{ background: transparent; border: 0; }}
 QHeaderView, QTableView QTableCornerButton::section {{ background: {colors.panel}; border: 0; }}
 QHeaderView::section {{

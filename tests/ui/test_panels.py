@@ -6,10 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+from PySide6.QtCore import (
+    QAbstractItemModel,
+    QEvent,
+    QIdentityProxyModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QPoint,
+    Qt,
+)
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QListView, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QApplication, QLabel, QLineEdit, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -21,7 +30,7 @@ from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
 from caris_desktop.ui.panels.people import PeoplePanel
-from caris_desktop.ui.panels.session import LOG_ROWS, SessionPanel
+from caris_desktop.ui.panels.session import LOG_LINE_PX, LOG_ROWS, SessionPanel
 from caris_desktop.ui.panels.video import (
     BOXES_FRAMES_APART,
     BOXES_GONE_S,
@@ -313,34 +322,82 @@ def people(window: MainWindow) -> PeoplePanel:
     return panel
 
 
+def names(panel: PeoplePanel) -> list[str]:
+    return [str(panel.model.index(row).data()) for row in range(panel.model.rowCount())]
+
+
+def press_name_button(qtbot: QtBot, panel: PeoplePanel, person_id: str) -> QWidget:
+    row = panel.model.row_of(person_id)
+    assert row is not None
+    at = panel.list.button_rect(row).center()
+    qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    return find(panel, "person_name_field")
+
+
 def test_people_have_rows_with_names_or_numbers(window: MainWindow) -> None:
     panel = people(window)
     assert panel.fact[0] == "3 here"
-    texts = {person_id: row.name_text for person_id in ("p1", "p3") if (row := panel.row(person_id)) is not None}
-    assert texts == {"p1": "Luis", "p3": "Person 3"}
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4"]
+    told = panel.model.index(3).data(Qt.ItemDataRole.AccessibleTextRole)
+    assert str(told).startswith("Person 4, left, last seen ")
 
 
 def test_a_person_is_named_in_the_row(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
-    row = people(window).row("p3")
-    assert row is not None
-    click(qtbot, find(row, "person_rename_button"))
-    field = find(row, "person_name_field")
+    panel = people(window)
+    field = press_name_button(qtbot, panel, "p3")
     assert field.hasFocus()
     QTest.keyClicks(field, "  Mara  Silva ")
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert console.calls == [("rename_person", ("p3", "Mara Silva"))]
-    assert row.name_text == "Mara Silva"
+    assert names(panel)[2] == "Mara Silva"
     assert not field.isVisible()
 
 
 def test_an_unfinished_name_changes_nothing(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
-    row = people(window).row("p3")
-    assert row is not None
-    click(qtbot, find(row, "person_rename_button"))
-    QTest.keyClicks(find(row, "person_name_field"), "Mar")
+    panel = people(window)
+    QTest.keyClicks(press_name_button(qtbot, panel, "p3"), "Mar")
     find(window, "speak_field").setFocus()
     assert console.calls == []
-    assert row.name_text == "Person 3"
+    assert names(panel)[2] == "Person 3"
+
+
+def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    field = press_name_button(qtbot, panel, "p3")
+    QTest.keyClicks(field, "Mara")
+    persons = console.state.persons.value
+    console.state.persons.set(tuple(person for person in persons if person.person_id != "p1"))
+    row = panel.list.visualRect(panel.model.index(1))
+    assert panel.model.row_of("p3") == 1
+    assert row.contains(field.geometry().center())
+    console.state.persons.set(tuple(person for person in persons if person.person_id == "p1"))
+    assert not field.isVisible(), "there is nobody any more whose name it could be"
+    assert console.calls == []
+
+
+def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    panel.list.setFocus()
+    panel.list.setCurrentIndex(panel.model.index(1))
+    QTest.keyClick(panel.list, Qt.Key.Key_Return)
+    field = find(panel, "person_name_field")
+    assert isinstance(field, QLineEdit)
+    assert field.text() == "Ana Torres"
+    QTest.keyClicks(field, "Eva")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("rename_person", ("p2", "Eva"))]
+
+
+def test_what_nobody_could_see_draws_no_row_anew(window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    changed: list[int] = []
+    panel.model.dataChanged.connect(lambda first, _last: changed.append(first.row()))
+    persons = console.state.persons.value
+    later = tuple(dataclasses.replace(person, last_seen_ns=person.last_seen_ns + 40_000_000) for person in persons[:3])
+    console.state.persons.set((*later, persons[3]))
+    assert not {0, 1, 2} & set(changed), "seen once more says nothing new of who is here"
+    console.state.persons.set((dataclasses.replace(later[0], name="Eva"), *later[1:], persons[3]))
+    assert 0 in changed
 
 
 def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None:
@@ -472,8 +529,8 @@ def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> No
 
 
 def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
-    log = session(window).findChild(QListView, "event_log")
-    assert isinstance(log, QListView)
+    log = session(window).findChild(QAbstractItemView, "event_log")
+    assert isinstance(log, QAbstractItemView)
     bar = log.verticalScrollBar()
     for number in range(60):
         console.state.take(Marked(clock.now_ns(), str(number)))
@@ -494,6 +551,37 @@ def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     lines = panel.log_lines()
     assert len(lines) == LOG_ROWS
     assert lines[-1] == f"Marked: {LOG_ROWS + 19}"
+
+
+class LookedAt(QIdentityProxyModel):
+    """Counts how often each row is asked for anything."""
+
+    def __init__(self, source: QAbstractItemModel) -> None:
+        super().__init__(source)
+        self.rows: list[int] = []
+        self.setSourceModel(source)
+
+    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> object:
+        self.rows.append(index.row())
+        return super().data(index, role)
+
+
+def test_a_new_line_costs_the_same_in_a_long_log(window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    log = panel.findChild(QAbstractItemView, "event_log")
+    assert isinstance(log, QAbstractItemView)
+    looked_at = LookedAt(log.model())
+    log.setModel(looked_at)
+    for number in range(LOG_ROWS):
+        console.state.take(Marked(clock.now_ns(), str(number)))
+    QApplication.processEvents()
+    looked_at.rows.clear()
+    console.state.take(Marked(clock.now_ns(), "one more, and as long as a sentence can be. " * 5))
+    QApplication.processEvents()
+    in_view = log.viewport().height() // LOG_LINE_PX + 2
+    assert looked_at.rows, "the newest line is in view"
+    assert min(looked_at.rows) >= LOG_ROWS - 2 * in_view
+    assert len(set(looked_at.rows)) <= 2 * in_view
 
 
 def test_recording_starts_and_stops_in_the_panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:

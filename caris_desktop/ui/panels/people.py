@@ -1,17 +1,48 @@
 """People: who is in front of the robot, and what they are called."""
 
-from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QStackedLayout, QVBoxLayout, QWidget
+from collections.abc import Iterable, Sequence
+from typing import Any
 
-from caris_desktop.live.intents import WizardIntents
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QEvent,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QRect,
+    QRectF,
+    QSize,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QCursor, QFontMetrics, QKeyEvent, QMouseEvent, QPainter, QPen, QResizeEvent
+from PySide6.QtWidgets import (
+    QLabel,
+    QLineEdit,
+    QStackedLayout,
+    QStyle,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.avatar import Avatar
-from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets import avatar
+from caris_desktop.ui.widgets.row_list import RowList
+
+_ROW_PX = 52
+_SIDE_PX = 14
+_GAP_PX = 12
+_BUTTON_SIZE = QSize(96, 30)
+_PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
+_Index = QModelIndex | QPersistentModelIndex
 
 
 class PeoplePanel(Panel):
@@ -22,21 +53,14 @@ class PeoplePanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("people_panel")
-        self._can_name = self.console.scenario.permissions.naming_people
-        self._rows: dict[str, PersonEntry] = {}
         self._empty = QLabel()
         self._empty.setObjectName("people_empty")
         self._empty.setWordWrap(True)
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        body = QWidget()
-        self._list = QVBoxLayout(body)
-        self._list.setContentsMargins(6, 6, 6, 6)
-        self._list.setSpacing(2)
-        self._list.addStretch(1)
-        scroll = QScrollArea()
-        scroll.setWidgetResizable(True)
-        scroll.setWidget(body)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.model = PeopleModel(self.state.present, self)
+        self.list = PeopleList(self.theme, self.model, can_name=self.console.scenario.permissions.naming_people)
+        self.list.setObjectName("people_list")
+        self.list.named.connect(self.console.rename_person)
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
@@ -44,17 +68,16 @@ class PeoplePanel(Panel):
         column.setContentsMargins(24, 8, 24, 8)
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
-        self._stack.addWidget(scroll)
+        self._stack.addWidget(self.list)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 0, 2, 2)
+        layout.setContentsMargins(2, 6, 2, 8)
         layout.addWidget(holder)
         self.state.persons.changed.connect(self._on_persons_changed)
         self.state.perception.changed.connect(self._on_perception_changed)
         self.state.frame.freshness_changed.connect(self._on_freshness_changed)
-        self._ages = QTimer(self, interval=1000)
-        self._ages.timeout.connect(self._refresh)
-        self._ages.start()
-        self._on_persons_changed(self.state.persons.value)
+        self.theme.changed.connect(self._refresh)
+        self.every(1000, self.model.refresh_ages)
+        self.catch_up()
 
     def sizeHint(self) -> QSize:
         return QSize(340, 220)
@@ -62,27 +85,13 @@ class PeoplePanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(220, 60)
 
-    def row(self, person_id: str) -> "PersonEntry | None":
-        return self._rows.get(person_id)
+    def catch_up(self) -> None:
+        self._on_persons_changed(self.state.persons.value)
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
-        wanted = {person.person_id for person in persons}
-        for person_id in [known for known in self._rows if known not in wanted]:
-            row = self._rows.pop(person_id)
-            self._list.removeWidget(row)
-            row.deleteLater()
-        # In order of appearance, so that nothing jumps away under the pointer; those who left go to the end.
-        for place, person in enumerate(sorted(persons, key=lambda person: (not person.here, person.since_ns))):
-            known_row = self._rows.get(person.person_id)
-            if known_row is None:
-                known_row = PersonEntry(self.theme, self.console, person, can_name=self._can_name)
-                self._rows[person.person_id] = known_row
-                self._list.insertWidget(place, known_row)
-            elif self._list.indexOf(known_row) != place:
-                self._list.removeWidget(known_row)
-                self._list.insertWidget(place, known_row)
-            known_row.show_person(person)
-        self._refresh()
+        if self.in_view:
+            self.model.show_persons(persons)
+            self._refresh()
 
     def _on_perception_changed(self, _status: PerceptionStatus) -> None:
         self._refresh()
@@ -91,11 +100,15 @@ class PeoplePanel(Panel):
         self._refresh()
 
     def _refresh(self) -> None:
+        if not self.in_view:
+            return
         persons: tuple[PersonRow, ...] = self.state.persons.value
         here = sum(person.here for person in persons)
         blind = self.state.frame.freshness == "lost"
         self.set_fact("no picture" if blind else f"{here} here" if here else "nobody here", "dim")
         self._stack.setCurrentIndex(1 if persons else 0)
+        if persons:
+            return
         perception: PerceptionStatus = self.state.perception.value
         match perception.state:
             case "ready" if blind:
@@ -112,23 +125,102 @@ class PeoplePanel(Panel):
         palette = self._empty.palette()
         palette.setColor(self._empty.foregroundRole(), self.theme.color("dim"))
         self._empty.setPalette(palette)
-        for row in self._rows.values():
-            row.refresh_age()
 
 
-class PersonEntry(QWidget):
-    """A person: mark, name, since when; and a field to name them in place."""
+def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
+    """In order of appearance, so that nothing jumps away under the pointer; those who left go to the end."""
+    return sorted(persons, key=lambda person: (not person.here, person.since_ns))
 
-    def __init__(self, theme: Theme, console: WizardIntents, person: PersonRow, *, can_name: bool) -> None:
-        super().__init__()
-        self._theme = theme
-        self._console = console
-        self._person = person
-        self._avatar = Avatar(theme)
-        self._name = QLabel()
-        self._name.setTextFormat(Qt.TextFormat.PlainText)
-        self._since = QLabel()
-        self._field = _NameField()
+
+class PeopleModel(QAbstractListModel):
+    """The persons in the order of their rows. Tells the view of what a person could see, and of nothing else."""
+
+    def __init__(self, present: PresentClock, parent: QObject) -> None:
+        super().__init__(parent)
+        self._present = present
+        self._persons: list[PersonRow] = []
+        self._told: list[tuple[object, ...]] = []
+
+    @property
+    def persons(self) -> Sequence[PersonRow]:
+        return self._persons
+
+    def row_of(self, person_id: str) -> int | None:
+        """Where this person stands; None for somebody who is in no row."""
+        return next((row for row, person in enumerate(self._persons) if person.person_id == person_id), None)
+
+    def show_persons(self, persons: Sequence[PersonRow]) -> None:
+        ordered = in_order(persons)
+        if [person.person_id for person in ordered] != [person.person_id for person in self._persons]:
+            self._arrange(ordered)
+        self._persons = ordered
+        self.refresh_ages()
+
+    def _arrange(self, ordered: Sequence[PersonRow]) -> None:
+        """Take out, move and put in rows, so that the others stay the rows that they are."""
+        root, wanted = QModelIndex(), {person.person_id for person in ordered}
+        for row in reversed(range(len(self._persons))):
+            if self._persons[row].person_id not in wanted:
+                self.beginRemoveRows(root, row, row)
+                del self._persons[row], self._told[row]
+                self.endRemoveRows()
+        known = {person.person_id for person in self._persons}
+        for place, person in enumerate(ordered):
+            if person.person_id not in known:
+                self.beginInsertRows(root, place, place)
+                self._persons.insert(place, person)
+                self._told.insert(place, ())
+                self.endInsertRows()
+            elif self._persons[place].person_id != person.person_id:
+                came_from = self.row_of(person.person_id)
+                if came_from is not None and self.beginMoveRows(root, came_from, came_from, root, place):
+                    self._persons.insert(place, self._persons.pop(came_from))
+                    self._told.insert(place, self._told.pop(came_from))
+                    self.endMoveRows()
+
+    def refresh_ages(self) -> None:
+        """Ages grow by themselves; only rows that read otherwise than before are drawn again."""
+        for row, person in enumerate(self._persons):
+            seen = words.person_name(person), person.here, self.since(person)
+            if seen != self._told[row]:
+                self._told[row] = seen
+                self.dataChanged.emit(self.index(row), self.index(row))
+
+    def since(self, person: PersonRow) -> str:
+        """How long somebody has been here, or gone."""
+        now_ns = self._present.now_ns()
+        if person.here:
+            return f"here {words.since((now_ns - person.since_ns) / 1e9)}"
+        return f"left, last seen {words.age((now_ns - person.last_seen_ns) / 1e9)} ago"
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self._persons)
+
+    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        person = self._persons[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return words.person_name(person)
+        if role == Qt.ItemDataRole.AccessibleTextRole:
+            return f"{words.person_name(person)}, {self.since(person)}"
+        return person if role == _PERSON_ROLE else None
+
+
+class PeopleList(RowList):
+    """The rows, and the field for a name in place of the name that it changes."""
+
+    named = Signal(str, str)  # person id, name
+
+    def __init__(self, theme: Theme, model: PeopleModel, *, can_name: bool) -> None:
+        super().__init__(row_px=_ROW_PX)
+        self._people = model
+        self._can_name = can_name
+        self._naming = ""  # the person whose name is being typed
+        self._pressed = ""
+        self.setAccessibleName("People in front of the robot")
+        self.setModel(model)
+        self.setItemDelegate(PersonDelegate(theme, model, self, can_name=can_name))
+        self.setMouseTracking(True)
+        self._field = _NameField(self.viewport())
         self._field.setObjectName("person_name_field")
         self._field.setPlaceholderText("Name, then Enter")
         self._field.setMaxLength(60)
@@ -136,68 +228,153 @@ class PersonEntry(QWidget):
         self._field.returnPressed.connect(self._on_name_entered)
         # Left without Enter, an unfinished name changes nothing.
         self._field.editingFinished.connect(self._close_field)
-        self._rename = ActionButton(theme, "Name", icon="pencil-simple", height_px=30, text_px=tokens.STATUS_PX + 1)
-        self._rename.setObjectName("person_rename_button")
-        self._rename.clicked.connect(self._open_field)
-        column = QVBoxLayout()
-        column.setSpacing(1)
-        column.addWidget(self._name)
-        column.addWidget(self._field)
-        column.addWidget(self._since)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 6, 8, 6)
-        row.setSpacing(12)
-        row.addWidget(self._avatar)
-        row.addLayout(column, 1)
-        row.addWidget(self._rename)
-        # Only now: shown before it has a parent, it would be a window of its own and take the keys from driving.
-        self._rename.setVisible(can_name)
-        theme.changed.connect(self.refresh_age)
+        self.verticalScrollBar().valueChanged.connect(self._place_field)
+        for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved):
+            changed.connect(self._place_field)
 
     @property
-    def name_text(self) -> str:
-        return self._name.text()
+    def naming(self) -> str:
+        """The person whose name is being typed; empty while none is."""
+        return self._naming
 
-    def show_person(self, person: PersonRow) -> None:
-        self._person = person
-        self._name.setText(words.person_name(person))
-        known = words.has_given_name(person)
-        self._avatar.show_person(person.name, known=known, here=person.here)
-        self._rename.set_label("Rename" if known else "Name", icon="pencil-simple")
-        self._rename.setAccessibleName(f"Name {words.person_name(person)}")
-        self.refresh_age()
+    def button_rect(self, row: int) -> QRect:
+        """Where the row's button for the name is, in the viewport."""
+        return _button_rect(self.visualRect(self._people.index(row)))
 
-    def refresh_age(self) -> None:
-        person, now_ns = self._person, self._console.state.present.now_ns()
-        if person.here:
-            text = f"here {words.since((now_ns - person.since_ns) / 1e9)}"
-        else:
-            text = f"left, last seen {words.age((now_ns - person.last_seen_ns) / 1e9)} ago"
-        self._since.setText(text)
-        self._name.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._since.setFont(self._theme.font(tokens.STATUS_PX))
-        for label, role in ((self._name, "text" if person.here else "dim"), (self._since, "dim")):
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), self._theme.color(role))
-            label.setPalette(palette)
-
-    def _open_field(self) -> None:
-        self._field.setText(self._person.name if words.has_given_name(self._person) else "")
-        self._name.hide()
+    def name(self, person_id: str) -> None:
+        """Open the field for this person's name."""
+        row = self._people.row_of(person_id)
+        if row is None or not self._can_name:
+            return
+        person = self._people.persons[row]
+        self._naming = person_id
+        self._field.setAccessibleName(f"Name of {words.person_name(person)}")
+        self._field.setText(person.name if words.has_given_name(person) else "")
+        self._place_field()
         self._field.show()
         self._field.selectAll()
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
 
+    def _place_field(self) -> None:
+        if not self._naming:
+            return
+        row = self._people.row_of(self._naming)
+        if row is None:
+            self._close_field()
+            return
+        rect = self.visualRect(self._people.index(row))
+        left = rect.left() + _SIDE_PX + avatar.SIZE_PX + _GAP_PX - 6
+        self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
+
     def _on_name_entered(self) -> None:
-        name = " ".join(self._field.text().split())
-        if name:
-            self._console.rename_person(self._person.person_id, name)
+        name, person_id = " ".join(self._field.text().split()), self._naming
         self._close_field()
+        if name and person_id:
+            self.named.emit(person_id, name)
 
     def _close_field(self) -> None:
+        self._naming = ""
         if not self._field.isHidden():
             self._field.hide()
-            self._name.show()
+
+    def _button_at(self, event: QMouseEvent) -> str:
+        """The person whose button the mouse is on."""
+        at = event.position().toPoint()
+        index = self.indexAt(at)
+        on = self._can_name and index.isValid() and _button_rect(self.visualRect(index)).contains(at)
+        return self._people.persons[index.row()].person_id if on else ""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._pressed = self._button_at(event)
+        super().mousePressEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        pressed, self._pressed = self._pressed, ""
+        super().mouseReleaseEvent(event)
+        if pressed and pressed == self._button_at(event):
+            self.name(pressed)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        super().mouseMoveEvent(event)
+        self.viewport().update()  # the button under the mouse looks as if it can be pressed
+
+    def leaveEvent(self, event: QEvent) -> None:
+        super().leaveEvent(event)
+        self.viewport().update()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        row = self.currentIndex().row()
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_F2) and row >= 0:
+            self.name(self._people.persons[row].person_id)
+        else:
+            super().keyPressEvent(event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_field()
+
+
+def _button_rect(row: QRect) -> QRect:
+    left = row.right() - _SIDE_PX - _BUTTON_SIZE.width()
+    return QRect(left, row.center().y() - _BUTTON_SIZE.height() // 2, _BUTTON_SIZE.width(), _BUTTON_SIZE.height())
+
+
+class PersonDelegate(QStyledItemDelegate):
+    """Mark, name, since when, and the button that opens the field for the name."""
+
+    def __init__(self, theme: Theme, model: PeopleModel, view: PeopleList, *, can_name: bool) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._people = model
+        self._view = view
+        self._can_name = can_name
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
+        theme, rect = self._theme, option.rect
+        person: PersonRow = index.data(_PERSON_ROLE)
+        known = words.has_given_name(person)
+        painter.save()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
+            painter.setPen(QPen(theme.color("blue"), 2))
+            painter.drawRoundedRect(QRectF(rect).adjusted(3, 1, -3, -1), 6, 6)
+        mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
+        avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=known, here=person.here)
+        left = mark.right() + _GAP_PX
+        right = (_button_rect(rect).left() - 8) if self._can_name else rect.right() - _SIDE_PX
+        middle = rect.center().y()
+        name, since = QRect(left, middle - 20, right - left, 20), QRect(left, middle, right - left, 20)
+        for box, text, font, role in (
+            (name, words.person_name(person), theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD),
+             "text" if person.here else "dim"),
+            (since, self._people.since(person), theme.font(tokens.STATUS_PX), "dim"),
+        ):  # fmt: skip
+            painter.setFont(font)
+            painter.setPen(theme.color(role))
+            cut = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
+            painter.drawText(box, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
+        if self._can_name and person.person_id != self._view.naming:
+            hovered = bool(option.state & QStyle.StateFlag.State_MouseOver)
+            self._paint_button(painter, _button_rect(rect), "Rename" if known else "Name", hovered=hovered)
+        painter.restore()
+
+    def _paint_button(self, painter: QPainter, rect: QRect, text: str, *, hovered: bool) -> None:
+        theme = self._theme
+        under = hovered and rect.contains(self._view.viewport().mapFromGlobal(QCursor.pos()))
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.setBrush(theme.color("raised_hover" if under else "raised"))
+        painter.drawRoundedRect(
+            QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX
+        )
+        font = theme.font(tokens.STATUS_PX + 1)
+        width = 17 + 8 + QFontMetrics(font).horizontalAdvance(text)
+        left = rect.left() + (rect.width() - width) // 2
+        draw_icon(painter, QRectF(left, rect.center().y() - 8, 17, 17), "pencil-simple", theme.color("text"))
+        painter.setFont(font)
+        painter.setPen(theme.color("text"))
+        words_rect = QRect(left + 25, rect.top(), rect.right() - left - 25, rect.height())
+        painter.drawText(words_rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), text)
 
 
 class _NameField(QLineEdit):

@@ -14,18 +14,17 @@ from PySide6.QtCore import (
     QRect,
     QSize,
     Qt,
-    QTimer,
     QUrl,
     Signal,
 )
-from PySide6.QtGui import QDesktopServices, QFontMetrics, QPainter, QResizeEvent
+from PySide6.QtGui import QDesktopServices, QFont, QFontMetrics, QHelpEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QLabel,
-    QListView,
     QMenu,
     QStyledItemDelegate,
     QStyleOptionViewItem,
+    QToolTip,
     QVBoxLayout,
     QWidget,
 )
@@ -37,12 +36,14 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.row_list import RowList
 
-LOG_ROWS = 500
+LOG_ROWS = 2000
 LOG_LINE_PX = 26
 _ICONS = {
     "Said": "chat-text", "Moved": "navigation-arrow", "People": "user", "Session": "info", "Problems": "warning",
@@ -131,11 +132,6 @@ class SessionPanel(Panel):
         self._log.setAccessibleName("What happened")
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
-        self._log.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self._log.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self._log.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._log.setResizeMode(QListView.ResizeMode.Adjust)
-        self._log.setWordWrap(True)
         top = self._buttons = FlowRow(gap_px=8)
         for button in (self._toggle, self._pause, self._note, self._folder, self._export, self._sessions):
             top.add(button)
@@ -150,9 +146,7 @@ class SessionPanel(Panel):
         self.state.time_jumped.connect(self._on_time_jumped)
         self.state.recording.changed.connect(self._on_recording_changed)
         self.state.event_happened.connect(self._on_event)
-        self._clock = QTimer(self, interval=500)
-        self._clock.timeout.connect(self._refresh)
-        self._clock.start()
+        self.every(500, self._refresh)
         self.theme.changed.connect(self._refresh)
         self._refresh()
 
@@ -166,8 +160,8 @@ class SessionPanel(Panel):
         return QSize(240, 96)
 
     def log_lines(self) -> list[str]:
-        """The sentences on show, oldest first."""
-        return [str(self._model.index(row).data()) for row in range(self._model.rowCount())]
+        """The sentences of the log, of the chosen category, oldest first."""
+        return [entry.sentence for entry in self._model.chosen()]
 
     def restore_log(self, entries: Sequence[LogEntry]) -> None:
         """Take over what another instance of this panel had (the scenario was switched)."""
@@ -191,6 +185,13 @@ class SessionPanel(Panel):
         entry = self._entry_of(event)
         if entry is not None:
             self._model.append(entry)
+
+    def set_in_view(self, in_view: bool) -> None:
+        self._model.set_in_view(in_view)
+        super().set_in_view(in_view)
+
+    def catch_up(self) -> None:
+        self._refresh()
 
     def _entry_of(self, event: object) -> LogEntry | None:
         said = words.event_sentence(event, self._name_of)
@@ -241,6 +242,8 @@ class SessionPanel(Panel):
         return f"{kept}, sound" if self.console.microphone is not None else f"{kept}, no sound (no microphone)"
 
     def _refresh(self) -> None:
+        if not self.in_view:
+            return
         status: RecordingStatus = self.state.recording.value
         in_session = status.state in IN_SESSION
         at_rest = status.state in ("idle", "failed")
@@ -320,7 +323,7 @@ class SessionPanel(Panel):
 
 
 class EventLogModel(QAbstractListModel):
-    """The last sentences, bounded, optionally of one category."""
+    """The last sentences, bounded, optionally of one category. The view hears of new ones only while it is seen."""
 
     def __init__(self, present: PresentClock, parent: QWidget) -> None:
         super().__init__(parent)
@@ -328,12 +331,18 @@ class EventLogModel(QAbstractListModel):
         self._all: deque[LogEntry] = deque(maxlen=LOG_ROWS)
         self._shown: list[LogEntry] = []
         self._category = ""
+        self._in_view = True
+
+    def set_in_view(self, in_view: bool) -> None:
+        self._in_view = in_view
+        if in_view:
+            self.set_category(self._category)
 
     def append(self, entry: LogEntry) -> None:
         if entry.key and self._renew(entry):
             return
         self._all.append(entry)
-        if self._category and entry.category != self._category:
+        if not self._in_view or (self._category and entry.category != self._category):
             return
         if len(self._shown) >= LOG_ROWS:
             self.beginRemoveRows(QModelIndex(), 0, 0)
@@ -349,7 +358,7 @@ class EventLogModel(QAbstractListModel):
         if row is None:
             return False
         self._all[row] = renewed = replace(entry, stamp_ns=self._all[row].stamp_ns)
-        shown = _row_of(entry.key, self._shown)
+        shown = _row_of(entry.key, self._shown) if self._in_view else None
         if shown is not None:
             self._shown[shown] = renewed
             self.dataChanged.emit(self.index(shown), self.index(shown))
@@ -360,17 +369,22 @@ class EventLogModel(QAbstractListModel):
 
     def replace(self, entries: Sequence[LogEntry]) -> None:
         self._all.clear()
-        self._shown.clear()
         for entry in entries:
             if not (entry.key and self._renew(entry)):
                 self._all.append(entry)
         self.set_category(self._category)
 
     def set_category(self, category: str) -> None:
-        self.beginResetModel()
         self._category = category
-        self._shown = [entry for entry in self._all if not category or entry.category == category]
+        if not self._in_view:
+            return
+        self.beginResetModel()
+        self._shown = self.chosen()
         self.endResetModel()
+
+    def chosen(self) -> list[LogEntry]:
+        """Those of the category, whether the view has heard of them or not."""
+        return [entry for entry in self._all if not self._category or entry.category == self._category]
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._shown)
@@ -393,22 +407,14 @@ def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
 
 
 class EventDelegate(QStyledItemDelegate):
-    """Time, mark, sentence; sentences wrap."""
+    """Time, mark, sentence, each in one line; the tip has the whole of a sentence that is cut."""
 
     _TIME_WIDTH_PX = 68
     _ICON_WIDTH_PX = 26
 
-    def __init__(self, theme: Theme, view: QListView) -> None:
-        super().__init__(view)
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
         self._theme = theme
-        self._view = view
-
-    def sizeHint(self, _option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
-        width = max(80, self._view.viewport().width() - self._TIME_WIDTH_PX - self._ICON_WIDTH_PX - 6)
-        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX + 1))
-        flags = int(Qt.TextFlag.TextWordWrap)
-        bounds = metrics.boundingRect(QRect(0, 0, width, 10_000), flags, str(index.data()))
-        return QSize(self._view.viewport().width(), bounds.height() + 8)
 
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
@@ -416,29 +422,49 @@ class EventDelegate(QStyledItemDelegate):
         rect: QRect = option.rect
         category = str(index.data(_CATEGORY_ROLE))
         problem = category == "Problems"
+        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         painter.save()
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         painter.setPen(self._theme.color("dim"))
-        time_rect = rect.adjusted(0, 4, 0, 0)
+        time_rect = QRect(rect)
         time_rect.setWidth(self._TIME_WIDTH_PX)
-        painter.drawText(
-            time_rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop), str(index.data(_TIME_ROLE))
-        )
-        icon_rect = QRect(rect.left() + self._TIME_WIDTH_PX, rect.top() + 5, 15, 15)
+        painter.drawText(time_rect, middle, str(index.data(_TIME_ROLE)))
+        icon_rect = QRect(rect.left() + self._TIME_WIDTH_PX, rect.center().y() - 7, 15, 15)
         role = "amber" if problem else "dim"
         draw_icon(painter, icon_rect.toRectF(), _ICONS.get(category, "info"), self._theme.color(role))
-        painter.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        painter.setFont(self._font())
         painter.setPen(self._theme.color("amber" if problem else "text"))
-        text_rect = rect.adjusted(self._TIME_WIDTH_PX + self._ICON_WIDTH_PX, 3, -4, 0)
-        painter.drawText(text_rect, int(Qt.TextFlag.TextWordWrap), str(index.data()))
+        painter.drawText(self._text_rect(rect), middle, self._cut(str(index.data()), rect))
         painter.restore()
 
+    def helpEvent(
+        self,
+        event: QHelpEvent,
+        view: QAbstractItemView,
+        option: QStyleOptionViewItem,
+        index: QModelIndex | QPersistentModelIndex,
+    ) -> bool:
+        sentence = str(index.data() or "")
+        cut = self._cut(sentence, option.rect) != sentence
+        QToolTip.showText(event.globalPos(), wrapped_tip(sentence) if cut else "", view)
+        return True
 
-class EventLogView(QListView):
-    """Stays at its newest row until the wizard scrolls up; lays its rows out again when its width changes."""
+    def _font(self) -> QFont:
+        return self._theme.font(tokens.STATUS_PX + 1)
+
+    def _text_rect(self, rect: QRect) -> QRect:
+        return rect.adjusted(self._TIME_WIDTH_PX + self._ICON_WIDTH_PX, 0, -4, 0)
+
+    def _cut(self, sentence: str, rect: QRect) -> str:
+        width = self._text_rect(rect).width()
+        return QFontMetrics(self._font()).elidedText(sentence, Qt.TextElideMode.ElideRight, width)
+
+
+class EventLogView(RowList):
+    """Stays at its newest row until the wizard scrolls up."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(row_px=LOG_LINE_PX)
         self._at_end = True
         bar = self.verticalScrollBar()
         bar.valueChanged.connect(self._on_scrolled)
@@ -455,4 +481,4 @@ class EventLogView(QListView):
         at_end = self._at_end
         super().resizeEvent(event)
         self._at_end = at_end
-        self.scheduleDelayedItemsLayout()
+        self._on_range_changed(0, self.verticalScrollBar().maximum())

@@ -8,3 +8,8 @@ from PySide6.QtGui import Qt
 def plain_tip(text: str) -> str:
     """A tooltip that shows ``text`` letter by letter."""
     return f"<p>{html.escape(text)}</p>" if Qt.mightBeRichText(text) else text
+
+
+def wrapped_tip(text: str) -> str:
+    """Like :func:`plain_tip`, and on as many lines as a long text takes: Qt breaks only the lines of HTML."""
+    return f"<p>{html.escape(text)}</p>"
