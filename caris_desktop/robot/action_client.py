@@ -13,6 +13,7 @@ from caris_desktop.ros.actions import (
     PREEMPTING,
     ROS2_ACCEPTED,
     ROS2_CANCELING,
+    ROS2_ENDINGS,
     ROS2_EXECUTING,
     Ending,
     action_package_and_name,
@@ -31,6 +32,10 @@ from caris_desktop.ros.fields import Message, MessageError
 
 logger = logging.getLogger(__name__)
 
+FATE_TOLD_WITHIN_S = 5.0
+"""How long a goal may be without news after a lost link, and after its return: actionlib lists for five seconds what is
+over, so who was away for longer does not learn of it any more."""
+FATE_UNKNOWN = "the link to the robot was lost, and what became of it is not known"
 _REMEMBERED_GOALS = 20
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
@@ -40,7 +45,11 @@ _ENDED_WITHOUT_REASON: dict[Ending, str] = {
 
 
 class GoalListener(Protocol):
-    """What an action server reports. ``wire_id`` says of which goal; goals of others are reported too."""
+    """What an action server reports. ``wire_id`` says of which goal; goals of others are reported too.
+
+    A lost link ends no goal. What became of it while nobody listened is reported when the link is back, where the robot
+    still tells it.
+    """
 
     def goal_active(self, wire_id: str) -> None: ...
 
@@ -147,6 +156,8 @@ class BridgedActionClient:
         self._known_uuids: set[str] = set()
         self._uuid_of: dict[str, str] = {}
         self._unknown: str | None = None
+        # Their answers went down with the link that they were asked over.
+        self._unanswered: set[str] = set()
         status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
         self._status = SafeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
         self._status.subscribe(self._take_status)
@@ -160,6 +171,9 @@ class BridgedActionClient:
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
+            if not self._ros.is_connected:
+                self._unanswered.add(wire_ids[0])
+                return
             operation = {"status": results["status"].value or None, "values": results["values"], "result": worked}
             try:
                 result = decode_ros2_result(operation)
@@ -208,6 +222,7 @@ class BridgedActionClient:
         known, self._known_uuids = self._known_uuids, set()
         for uuid_hex, status in decode_ros2_goal_status_array(message):
             self._known_uuids.add(uuid_hex)
+            self._tell_unanswered(uuid_hex, status)
             if uuid_hex in known:
                 continue
             wire_id = self._unknown
@@ -219,3 +234,14 @@ class BridgedActionClient:
                 while len(self._uuid_of) > _REMEMBERED_GOALS:
                     del self._uuid_of[next(iter(self._uuid_of))]
                 self._listener.goal_active(wire_id)
+
+    def _tell_unanswered(self, uuid_hex: str, status: int) -> None:
+        wire_id = next((name for name in self._unanswered if self._uuid_of.get(name) == uuid_hex), None)
+        if wire_id is None:
+            return
+        ending = ROS2_ENDINGS.get(status)
+        if ending is None:
+            self._listener.goal_active(wire_id)
+        else:
+            self._unanswered.discard(wire_id)
+            self._listener.goal_ended(wire_id, ending, _ENDED_WITHOUT_REASON[ending])

@@ -203,7 +203,7 @@ class ControlLink:
             case commands.Say(utterance_id=utterance_id, text=text):
                 self._voice.say(utterance_id, text)
             case commands.Silence():
-                if self._connected and not self._voice.silence():
+                if not self._voice.silence() and self._connected:
                     self._report.problems.count(
                         "silence",
                         severity="info",
@@ -368,6 +368,7 @@ class ControlLink:
         self._guard_news.forget()
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._navigator.link_connected()
+        self._voice.link_connected()
         self._emergency_stop.link_connected()
         self._latched.link_connected()
         self._controls.link_connected()

@@ -24,7 +24,7 @@ from caris_desktop.domain.controls import (
 )
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.sensing import ControlReadings
-from caris_desktop.robot.action_client import ActionClient, make_action_client
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -218,13 +218,15 @@ class RobotControls:
             for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
                     self._loop.call_later(delay_s, server.cancel, wire_id)
+                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_fate, server, wire_id)
 
     def link_lost(self) -> None:
         self._types.forget()
         self._values.clear()
         for server in self._servers.values():
             server.lost += tuple(server.goals)
-            self._fail_goals(server, "the link to the robot was lost; it is cancelled when it is back", cancel=False)
+            for wire_id in server.goals:
+                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_lost, server, wire_id)
 
     def close(self) -> None:
         """The link ends."""
@@ -344,10 +346,19 @@ class RobotControls:
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
         goal = server.goals.get(wire_id)
-        if goal is not None and not goal.heard:
+        if goal is not None and not goal.heard and wire_id not in server.lost:
             del server.goals[wire_id]
             server.cancel(wire_id)
             self._tell(goal.command, "failed", f"the robot did not answer within {NO_ANSWER_S:g} s")
+
+    def _give_up_lost(self, server: _Server, wire_id: str) -> None:
+        if not self._ros.is_connected:
+            self._give_up_fate(server, wire_id)
+
+    def _give_up_fate(self, server: _Server, wire_id: str) -> None:
+        goal = server.goals.pop(wire_id, None)
+        if goal is not None:
+            self._tell(goal.command, "failed", FATE_UNKNOWN)
 
     def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
         goals, server.goals = server.goals, {}

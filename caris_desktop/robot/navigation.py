@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.robot.action_client import ActionClient, make_action_client
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos
 from caris_desktop.ros.actions import (
@@ -68,6 +68,7 @@ class Navigator:
         self._unconfirmed = unconfirmed
         self._goal: _Goal | None = None
         self._lost_wire_id: str | None = None
+        self._fate: asyncio.TimerHandle | None = None
         self._epochs = itertools.count(1)
         self._epoch = 0
         self._map_frame = map_frame
@@ -129,16 +130,20 @@ class Navigator:
             self._server.cancel_all()
 
     def link_lost(self) -> None:
-        """The goal counts as failed, and will be cancelled when the robot is back."""
+        """The goal will be cancelled when the robot is back, which then tells whether it was reached before."""
         self._pose_in_map = None
         if self._goal is not None:
             self._lost_wire_id = self._goal.wire_id
-            self._end("failed", "the link to the robot was lost; the goal is cancelled when it is back")
+            self._goal = replace(self._goal, cancelling=self._goal.cancelling or "the link to the robot was lost")
+            self._tell("the link to the robot was lost; the goal is cancelled when it is back")
+            self._await_fate()
 
     def link_connected(self) -> None:
         lost, self._lost_wire_id = self._lost_wire_id, None
         if lost is None or self._server is None:
             return
+        if self._goal is not None:
+            self._await_fate()
         self._server.cancel(lost)
         self._server.cancel_all()
         epoch = self._epoch
@@ -203,15 +208,32 @@ class Navigator:
             self._goal = replace(self._goal, state=state)
             self._tell(detail)
             self._goal = None
+        if self._fate is not None:
+            self._fate.cancel()
+            self._fate = None
 
     def _give_up(self, epoch: int) -> None:
         if self._goal is None or self._epoch != epoch or self._goal.state != "requested" or self._server is None:
             return
+        if self._fate is not None:
+            return
         self._server.cancel(self._goal.wire_id)
         self._end("failed", f"the robot's navigation did not answer within {NO_ANSWER_S:g} s")
 
+    def _await_fate(self) -> None:
+        if self._fate is not None:
+            self._fate.cancel()
+        self._fate = self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_fate)
+
+    def _give_up_fate(self) -> None:
+        self._end("failed", FATE_UNKNOWN)
+        if self._ros.is_connected:
+            self._unconfirmed()
+
     def _give_up_cancelling(self, epoch: int) -> None:
         if self._goal is None or self._epoch != epoch or self._goal.cancelling is None or self._server is None:
+            return
+        if self._fate is not None:
             return
         self._server.cancel_all()
         self._end("cancelled", f"{self._goal.cancelling}; the robot did not confirm it")

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.controls import filled
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, UtteranceState
-from caris_desktop.robot.action_client import make_action_client
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.ros.actions import Ending
@@ -44,7 +44,10 @@ class RobotVoice(Protocol):
         """Interrupt, where the robot can be interrupted. False where it cannot."""
 
     def link_lost(self) -> None:
-        """What was to be said counts as failed."""
+        """What the robot has been asked to say it goes on saying; what became of it is told when it is known."""
+
+    def link_connected(self) -> None:
+        """The robot tells again."""
 
 
 def make_voice(
@@ -73,6 +76,8 @@ class ActionVoice:
         self._emit = emit
         self._waiting: deque[_Utterance] = deque()
         self._wire_id: str | None = None
+        self._adrift = False
+        self._silence_due = False
         self._timer: asyncio.TimerHandle | None = None
         self._client = make_action_client(ros, dialect, action.name, action.type, self)
 
@@ -87,6 +92,7 @@ class ActionVoice:
 
     def silence(self) -> bool:
         if not self._ros.is_connected:
+            self._silence_due = self._wire_id is not None
             return False
         if self._wire_id is not None:
             self._client.cancel(self._wire_id)
@@ -94,13 +100,31 @@ class ActionVoice:
         return True
 
     def link_lost(self) -> None:
-        self._end_all("failed", "the link to the robot was lost")
+        head, unsent = list(self._waiting)[:1], list(self._waiting)[1:]
+        self._waiting = deque(head)
+        if head:
+            self._adrift = True
+            self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
+        for utterance in unsent:
+            _tell(self._emit, utterance, "failed", "the link to the robot was lost")
+
+    def link_connected(self) -> None:
+        if self._silence_due:
+            self._silence_due = False
+            self.silence()
+        elif self._adrift:
+            self._wait(FATE_TOLD_WITHIN_S, lambda: self._give_up(FATE_UNKNOWN))
 
     def goal_active(self, wire_id: str) -> None:
-        if wire_id == self._wire_id and not self._waiting[0].started:
+        if wire_id != self._wire_id:
+            return
+        if not self._waiting[0].started:
             self._waiting[0] = replace(self._waiting[0], started=True)
             _tell(self._emit, self._waiting[0], "started", "")
-            self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up("the robot did not report that it finished"))
+        elif not self._adrift:
+            return
+        self._adrift = False
+        self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up("the robot did not report that it finished"))
 
     def goal_feedback(self, wire_id: str, _: Message) -> None:
         self.goal_active(wire_id)
@@ -132,6 +156,7 @@ class ActionVoice:
 
     def _finish(self, state: UtteranceState, detail: str) -> None:
         self._wire_id = None
+        self._adrift = self._silence_due = False
         self._wait(None, None)
         _tell(self._emit, self._waiting.popleft(), state, detail)
         if self._waiting:
@@ -139,6 +164,7 @@ class ActionVoice:
 
     def _end_all(self, state: UtteranceState, detail: str) -> None:
         self._wire_id = None
+        self._adrift = self._silence_due = False
         self._wait(None, None)
         while self._waiting:
             _tell(self._emit, self._waiting.popleft(), state, detail)
@@ -165,7 +191,10 @@ class TopicVoice:
         emit: Callable[[UtteranceChanged], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
+        self._ros = ros
         self._emit = emit
+        self._adrift = False
+        self._silence_due = False
         self._waiting: deque[_Utterance] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._say: SafeTopic | None = None
@@ -198,19 +227,35 @@ class TopicVoice:
 
     def silence(self) -> bool:
         """Interrupt, where the robot can be interrupted. False where it cannot."""
+        if not self._ros.is_connected:
+            self._silence_due = bool(self._waiting)
+            return False
         stopped = self._stop is not None and self._stop.publish({})
         if stopped:
             self._end_all("interrupted", "")
         return stopped
 
     def link_lost(self) -> None:
-        self._end_all("failed", "the link to the robot was lost")
+        if self._waiting and self._follows_topic:
+            self._adrift = True
+            self._wait(FATE_TOLD_WITHIN_S, lambda: self._end_all("failed", FATE_UNKNOWN))
+
+    def link_connected(self) -> None:
+        if self._silence_due:
+            self._silence_due = False
+            self.silence()
+        if self._adrift:
+            # Many robots tell it at once to who begins to listen; another is heard at the next change.
+            self._wait(FATE_TOLD_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
 
     def _take_speaking(self, message: Any) -> None:
         speaking = decode_bool(message)
         if not self._waiting:
             return
-        if speaking and not self._waiting[0].started:
+        if speaking and self._adrift and self._waiting[0].started:
+            self._adrift = False
+            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail("the robot did not report that it finished"))
+        elif speaking and not self._waiting[0].started:
             self._start(LONGEST_UTTERANCE_S, "the robot did not report that it finished")
         elif not speaking and self._waiting[0].started:
             self._finish()
@@ -237,11 +282,13 @@ class TopicVoice:
         self._next()
 
     def _next(self) -> None:
+        self._adrift = False
         self._wait(None, None)
         if self._waiting:
             self._expect_start()
 
     def _end_all(self, state: UtteranceState, detail: str) -> None:
+        self._adrift = self._silence_due = False
         self._wait(None, None)
         while self._waiting:
             self._tell(self._waiting.popleft(), state, detail)

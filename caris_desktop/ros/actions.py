@@ -43,7 +43,7 @@ _ENDINGS: dict[int, Ending] = {
     REJECTED: "failed",
     LOST: "failed",
 }
-_ROS2_ENDINGS: dict[int, Ending] = {
+ROS2_ENDINGS: dict[int, Ending] = {
     ROS2_SUCCEEDED: "reached",
     ROS2_CANCELED: "cancelled",
     ROS2_ABORTED: "failed",
@@ -262,8 +262,8 @@ def decode_ros2_result(operation: Any) -> GoalResult:
     result = values if isinstance(values, dict) else {}
     detail = result.get("error_msg", "") if isinstance(values, dict) else values
     detail = detail if isinstance(detail, str) else ""
-    if status in _ROS2_ENDINGS:
-        return GoalResult(_ROS2_ENDINGS[status], detail, result)
+    if status in ROS2_ENDINGS:
+        return GoalResult(ROS2_ENDINGS[status], detail, result)
     succeeded = truth(envelope, "result", what) if "result" in envelope else False
     return GoalResult("reached" if succeeded and status is None else "failed", detail, result)
 

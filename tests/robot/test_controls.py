@@ -51,6 +51,10 @@ def use(control: str, value: ControlValue, request_id: str = "r") -> UseControl:
     return UseControl(now_ns(), request_id, control, value)
 
 
+def status(goal_id: str, number: int) -> dict[str, Any]:
+    return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": number, "text": ""}
+
+
 async def ended(bench: LoopBench, request_id: str = "r") -> ControlUsed:
     def last() -> ControlUsed | None:
         told = [event for event in bench.of(ControlUsed) if event.request_id == request_id]
@@ -65,7 +69,7 @@ def test_a_slider_is_published_and_its_state_comes_back() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("volume", 54.6))
         assert [event.state for event in (bench.of(ControlUsed)[0], await ended(bench))] == ["requested", "succeeded"]
-        assert bench.bridge.published("/volume") == [{"data": 55}]
+        await bench.until(lambda: bench.bridge.published("/volume") == [{"data": 55}], "the volume")
         await bench.bridge.publish("/volume/state", {"data": 0.25})
         readings = await bench.until(lambda: bench.of(ControlReadings), "a reading")
         assert readings[0].values == {"volume": 25.0}
@@ -122,9 +126,6 @@ def test_a_service_that_refuses_says_why() -> None:
 
 
 def test_an_action_goal_is_followed_to_its_end_and_the_emergency_stop_cancels_it() -> None:
-    def status(goal_id: str, number: int) -> dict[str, Any]:
-        return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": number, "text": ""}
-
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True))
         [goal] = await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
@@ -252,7 +253,9 @@ def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatc
     with_link(ROBOT, test)
 
 
-def test_without_a_link_every_use_fails_and_none_comes_later() -> None:
+def test_without_a_link_every_use_fails_and_none_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controls, "FATE_TOLD_WITHIN_S", 0.3)
+
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True, "under way"))
         await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
@@ -270,6 +273,20 @@ def test_without_a_link_every_use_fails_and_none_comes_later() -> None:
         [cancel] = await bench.until(lambda: bench.bridge.published("/play/cancel"), "what was under way is cancelled")
         assert cancel["id"] == goal["goal_id"]["id"]
         assert bench.bridge.published("/volume") == []
+
+    with_link(ROBOT, test)
+
+
+def test_what_a_control_began_is_cancelled_after_a_lost_link_and_its_status_tells_how_it_ended() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True, "under way"))
+        [goal] = await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        [cancel, *_] = await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
+        assert cancel["id"] == goal["goal_id"]["id"]
+        await bench.bridge.publish("/play/status", {"status_list": [status(cancel["id"], 3)]})
+        assert (await ended(bench, "under way")).state == "succeeded"
 
     with_link(ROBOT, test)
 

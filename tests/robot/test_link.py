@@ -328,7 +328,7 @@ def test_a_goal_does_not_outlive_the_link(own_bridge: BridgeDouble, own_link: Li
     own_link.send(GoTo(now_ns(), "g1", Pose2D(3.0, 4.0, 0.0)))
     wait_for(lambda: own_bridge.operations("publish", "/move_base/goal"), "the goal")
     own_bridge.kill()
-    wait_for(lambda: own_link.of(GoalChanged)[-1].state == "failed", "failed")
+    wait_for(lambda: own_link.of(GoalChanged)[-1].state == "failed", "failed", timeout_s=20.0)
     own_bridge.lines.clear()
     own_bridge.start()
     wait_for(

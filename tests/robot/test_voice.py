@@ -87,16 +87,76 @@ def test_a_robot_that_does_not_begin_to_speak(monkeypatch: pytest.MonkeyPatch) -
     with_link(ROBOT, test)
 
 
-def test_a_sentence_does_not_outlive_the_link() -> None:
+@pytest.mark.parametrize(("number", "state"), [(3, "finished"), (4, "failed"), (2, "interrupted")])
+def test_what_became_of_a_sentence_while_the_link_was_lost_is_told_by_its_status(number: int, state: str) -> None:
     async def test(bench: LoopBench) -> None:
-        bench.send(Say(now_ns(), "u1", "Hello"), Say(now_ns(), "u2", "again"))
+        bench.send(Say(now_ns(), "u1", "A long story"), Say(now_ns(), "u2", "again"))
+        [first] = await goal_ids(bench, 1)
+        await bench.bridge.publish("/tts/status", {"status_list": [status(first, 1)]})
+        await bench.until(lambda: states(bench) == [("u1", "started")], "started")
+        await bench.bridge.drop()
+        # What the robot was never asked to say is not said later.
+        await bench.until(lambda: states(bench)[1:] == [("u2", "failed")], "the other failed")
+        await bench.until(lambda: bench.state == "connected", "the link")
+        await bench.bridge.publish("/tts/status", {"status_list": [status(first, 1)]})
+        await bench.bridge.publish("/tts/status", {"status_list": [status(first, number)]})
+        await bench.until(lambda: states(bench)[2:] == [("u1", state)], state)
+        bench.send(Say(now_ns(), "u3", "now"))
+        await goal_ids(bench, 2)
+        assert len(bench.bridge.published("/tts/goal")) == 2
+
+    with_link(ROBOT, test)
+
+
+def test_a_sentence_of_which_nobody_tells_afterwards_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(voice, "FATE_TOLD_WITHIN_S", 0.4)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "Hello"))
         await goal_ids(bench, 1)
         await bench.bridge.close()
-        await bench.until(lambda: states(bench) == [("u1", "failed"), ("u2", "failed")], "both failed")
-        bench.send(Say(now_ns(), "u3", "now"))
+        await bench.until(lambda: states(bench) == [("u1", "failed")], "failed")
+        assert "not known" in bench.of(UtteranceChanged)[-1].detail
+        bench.send(Say(now_ns(), "u2", "now"))
         assert bench.of(UtteranceChanged)[-1].detail == "the robot is not connected"
 
     with_link(ROBOT, test)
+
+
+def test_silence_that_finds_no_link_is_kept_for_the_robot() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "A long story"))
+        [first] = await goal_ids(bench, 1)
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        bench.link.take_commands([Silence(now_ns())])
+        [cancel] = await bench.until(lambda: bench.bridge.published("/tts/cancel"), "the cancellation")
+        assert cancel["id"] == first
+        await bench.until(lambda: states(bench) == [("u1", "interrupted")], "interrupted")
+
+    with_link(ROBOT, test)
+
+
+ON_TOPICS = RobotProfile("test", "Test", speech=SpeechInterface(topic="/say", speaking="/speaking"))
+
+
+def test_sentences_on_a_topic_are_spoken_to_their_end_whatever_becomes_of_the_link() -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "One"), Say(now_ns(), "u2", "Two"))
+        await bench.until(lambda: len(bench.bridge.published("/say")) == 2, "both are asked for")
+        await bench.bridge.publish("/speaking", {"data": True})
+        await bench.until(lambda: states(bench) == [("u1", "started")], "started")
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        await bench.until(lambda: bench.state == "connected", "the link")
+        for speaking in (True, False, True, False):
+            await bench.bridge.publish("/speaking", {"data": speaking})
+        await bench.until(
+            lambda: states(bench)[1:] == [("u1", "finished"), ("u2", "started"), ("u2", "finished")], "both are over"
+        )
+        assert len(bench.bridge.published("/say")) == 2
+
+    with_link(ON_TOPICS, test)
 
 
 def test_an_action_of_ros2(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,6 +169,30 @@ def test_an_action_of_ros2(monkeypatch: pytest.MonkeyPatch) -> None:
         await bench.until(lambda: states(bench) == [("u1", "started")], "started")
         result = {"op": "action_result", "id": goal["id"], "action": "/tts", "status": 4, "result": True, "values": {}}
         await bench.bridge.send(json.dumps(result))
+        await bench.until(lambda: states(bench)[1:] == [("u1", "finished")], "finished")
+
+    with_link(RobotProfile("test", "Test", ros=2, speech=TTS), test)
+
+
+def test_an_action_of_ros2_tells_its_fate_after_the_link_was_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(voice, "STARTED_UNTOLD_S", 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "A long story"))
+        await bench.until(lambda: bench.bridge.operations("send_action_goal"), "a goal")
+
+        async def tell(number: int) -> None:
+            goal_id = {"goal_id": {"uuid": list(range(16))}, "stamp": {"sec": 1, "nanosec": 0}}
+            message = {"status_list": [{"goal_info": goal_id, "status": number}]}
+            await bench.bridge.publish("/tts/_action/status", message)
+
+        await tell(2)
+        await bench.until(lambda: states(bench) == [("u1", "started")], "started")
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        await bench.until(lambda: bench.state == "connected", "the link")
+        await tell(2)
+        await tell(4)
         await bench.until(lambda: states(bench)[1:] == [("u1", "finished")], "finished")
 
     with_link(RobotProfile("test", "Test", ros=2, speech=TTS), test)
