@@ -228,7 +228,11 @@ class PersonPlace:
 
 @dataclass(frozen=True, slots=True)
 class PeopleInMap:
-    """Everybody whose place in the map could be measured; ``stamp_ns`` is the stamp of the camera frame."""
+    """Everybody whose place in the map could be measured; ``stamp_ns`` is the stamp of the camera frame.
+
+    ``camera`` is empty for those of several cameras together.
+    """
 
     stamp_ns: int
     people: tuple[PersonPlace, ...]
+    camera: str = ""

@@ -25,7 +25,8 @@ class StreamSpec:
     """One stream. ``expected_period_s`` is None where silence means nothing (latched values, events).
 
     ``keyed_by`` names the field that parts the stream into values that stand beside one another: the newest of each
-    counts. ``record_every_s`` keeps large values out of the recording that are replaced sooner than that.
+    counts. ``source`` does the same where all of them share one topic of the recording. ``record_every_s`` keeps large
+    values out of the recording that are replaced sooner than that.
     """
 
     name: str
@@ -33,11 +34,16 @@ class StreamSpec:
     delivery: Delivery
     expected_period_s: float | None = None
     keyed_by: str = ""
+    source: str = ""
     record_every_s: float = 0.0
 
     def topic_of(self, value: Any) -> str:
         """The topic of the recording's channel for ``value``: one for each key."""
         return f"/{self.name}/{getattr(value, self.keyed_by)}" if self.keyed_by else f"/{self.name}"
+
+    def key_of(self, value: Any) -> str:
+        """What ``value`` replaces the newest of: its stream, or of several cameras or microphones its own."""
+        return f"/{self.name}/{getattr(value, self.source)}" if self.source else self.topic_of(value)
 
     @property
     def latched(self) -> bool:
@@ -62,15 +68,15 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("pose", sensing.RobotPose, Delivery.LATEST, 0.2),
     StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST, record_every_s=1.0),
     StreamSpec("battery", sensing.BatteryState, Delivery.LATEST),
-    StreamSpec("people", sensing.People, Delivery.LATEST, 0.3),
-    StreamSpec("people_in_map", sensing.PeopleInMap, Delivery.LATEST, 0.3),
+    StreamSpec("people", sensing.People, Delivery.LATEST, 0.3, source="camera"),
+    StreamSpec("people_in_map", sensing.PeopleInMap, Delivery.LATEST, 0.3, source="camera"),
     StreamSpec("path", sensing.PlannedPath, Delivery.LATEST),
     StreamSpec("head", sensing.HeadState, Delivery.LATEST, 0.2),
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
-    StreamSpec("lens", sensing.CameraLens, Delivery.LATEST),
+    StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera"),
     StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
     StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
-    StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1),
+    StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1, source="camera"),
 )
 
 # On their way to a file of their own, never in the log itself.

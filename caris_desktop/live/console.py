@@ -168,6 +168,7 @@ class Console(QObject):
         self._perception_thread = QThread(self)
         self._perception: PerceptionWorker | None = None
         self._state.robot.changed.connect(self._on_robot_changed)
+        self._state.camera.changed.connect(self._on_camera_changed)
         self._state.recording.changed.connect(self._on_recording_changed)
         self._apply_scenario()
 
@@ -228,6 +229,7 @@ class Console(QObject):
             self._perception_thread.started.connect(worker.run)
             self._perception = worker
             worker.use_cameras(_camera_models(self._state.robot.value))
+            worker.show_camera(self._state.camera.value)
             self._perception_thread.setObjectName("perception")
             self._perception_thread.start(QThread.Priority.LowPriority)
         self._start_language_model()
@@ -247,7 +249,12 @@ class Console(QObject):
         if self._shut_down:
             return
         self._drive.release("Another robot is connected")
+        # What the robot before said to the last is taken in first: it must not stand for the new one.
+        self._robot.leave_robot()
+        self._drain_mailbox()
         self._recording.forget_robot()
+        if self._perception is not None and self._parts.camera is None:
+            self._perception.forget_cameras()
         self._robot.connect_robot(connection)
 
     def shutdown(self) -> None:
@@ -381,6 +388,10 @@ class Console(QObject):
             self.publish(_robot_event(connection))
         if self._perception is not None:
             self._perception.use_cameras(_camera_models(robot))
+
+    def _on_camera_changed(self, name: str) -> None:
+        if self._perception is not None:
+            self._perception.show_camera(name)
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("idle", "failed") and self._state.microphone.value.state != "off":

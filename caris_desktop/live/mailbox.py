@@ -11,8 +11,8 @@ from caris_desktop.domain.streams import BY_TYPE, Delivery
 class Mailbox:
     """Takes values from any thread; the GUI thread drains it.
 
-    State values overwrite their predecessor (that is the back-pressure), events queue up. ``wake`` is called, in
-    the putting thread, only when the mailbox was empty, so a busy GUI thread is not woken once per value.
+    State values overwrite their predecessor of the same source (that is the back-pressure), events queue up. ``wake``
+    is called, in the putting thread, only when the mailbox was empty, so a busy GUI thread is not woken once per value.
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -30,7 +30,7 @@ class Mailbox:
             if spec.delivery is Delivery.LOSSLESS:
                 self._events.append(value)
             else:
-                key = f"{spec.name}:{value.camera}" if spec.delivery is Delivery.MEDIA else spec.name
+                key = spec.key_of(value)
                 if key in self._latest:
                     self._overwritten[key] = self._overwritten.get(key, 0) + 1
                 self._latest[key] = value

@@ -1,4 +1,4 @@
-"""The perception worker: feeds the newest frame to the inference child and turns its tracks into people.
+"""The perception worker: feeds the cameras' newest frames to the inference child, and turns its tracks into people.
 
 It lives in a QThread. A native crash of the detector ends only the child: the worker says so, starts another and
 goes on.
@@ -23,6 +23,7 @@ from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, Presence
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
+from caris_desktop.perception.turns import CameraTurns
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -44,8 +45,8 @@ class PerceptionWorker(QObject):
         self._open_presence = open_presence
         self._publish = publish
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._slot_lock = threading.Lock()
-        self._newest: FrameRef | None = None
+        self._turns_lock = threading.Lock()
+        self._turns = CameraTurns()
         self._stopping = False
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
@@ -59,11 +60,22 @@ class PerceptionWorker(QObject):
         return None if self._child is None else self._child.pid
 
     def offer(self, ref: FrameRef) -> None:
-        """A new frame; one that was not taken yet is overwritten."""
-        with self._slot_lock:
-            was_empty, self._newest = self._newest is None, ref
-        if was_empty:
+        """A new frame; one of its camera that was not taken yet is overwritten."""
+        with self._turns_lock:
+            look_is_due = self._turns.offer(ref, now_ns=clock.now_ns())
+        if look_is_due:
             self._inputs.put(_FRAME_WAITS)
+
+    def show_camera(self, name: str) -> None:
+        """The camera that the wizard sees: the others get fewer looks."""
+        with self._turns_lock:
+            self._turns.show(name)
+
+    def forget_cameras(self) -> None:
+        """Another robot has others: nobody whom they saw is here any more."""
+        with self._turns_lock:
+            self._turns.forget()
+        self._inputs.put(_FORGET)
 
     def offer_evidence(self, value: LaserScan | RobotPose | HeadState) -> None:
         """What tells where the people of a picture stand."""
@@ -100,7 +112,8 @@ class PerceptionWorker(QObject):
         self._publish_all(problems)
         child: ChildProcess | None = self._start_child()
         restarts = 0
-        ready = busy = frame_waits = False
+        ready = busy = False
+        asked: FrameRef | None = None
         asked_ns = 0
         while True:
             try:
@@ -109,8 +122,9 @@ class PerceptionWorker(QObject):
                 item = None
             if item is _STOP:
                 break
-            if item is _FRAME_WAITS:
-                frame_waits = True
+            if item is _FORGET:
+                asked = None
+                self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Rename):
                 self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns()))
             elif isinstance(item, InferenceReady):
@@ -122,10 +136,11 @@ class PerceptionWorker(QObject):
                 ready = False
             elif isinstance(item, People):
                 busy = False
-                people, events = presence.update(item)
-                self._publish(people)
-                self._publish_all(events)
-                self._locate(people)
+                if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
+                    people, events = presence.update(item)
+                    self._publish(people)
+                    self._publish_all(events)
+                    self._locate(people)
                 self._set_status(replace(self._status, inference_ms=item.inference_ms))
             elif isinstance(item, FrameSkipped):
                 busy = False
@@ -149,12 +164,11 @@ class PerceptionWorker(QObject):
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
                 busy = False
-            if ready and frame_waits and not busy and child is not None:
-                with self._slot_lock:
-                    ref, self._newest = self._newest, None
-                frame_waits = False
-                if ref is not None and child.send(ref):
-                    busy, asked_ns = True, clock.now_ns()
+            if ready and not busy and child is not None:
+                asked_ns = clock.now_ns()
+                with self._turns_lock:
+                    asked = self._turns.take(now_ns=asked_ns)
+                busy = asked is not None and child.send(asked)
             self._show_persons(presence)
         if child is not None:
             child.stop(grace_s=2.0)
@@ -204,4 +218,5 @@ class _ChildEnded:
 
 
 _FRAME_WAITS = object()
+_FORGET = object()
 _STOP = object()

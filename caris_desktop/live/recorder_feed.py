@@ -49,7 +49,7 @@ class RecorderFeed:
             raw = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
         with self._changed:
             if spec.latched:
-                self._latched[spec.topic_of(value)] = raw
+                self._latched[spec.key_of(value)] = raw
             if not self._recording or self._paused:
                 return
             if spec.delivery is not Delivery.LOSSLESS and self._queued_bytes + len(raw) > self._max_bytes:
@@ -79,8 +79,8 @@ class RecorderFeed:
     def forget_streams(self, names: Iterable[str]) -> None:
         """What stood on these streams stands no longer: the link or the robot that told it is gone."""
         with self._changed:
-            for name in names:
-                self._latched.pop(f"/{name}", None)
+            gone = {f"/{name}" for name in names}
+            self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in gone}
 
     def stop(self, message: Any) -> None:
         """End: whatever was put before is still written, then ``message``."""

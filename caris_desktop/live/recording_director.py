@@ -87,7 +87,7 @@ class RecordingDirector(QObject):
 
     def forget_robot(self) -> None:
         """Another robot: what the former one told does not head what is recorded from now on."""
-        for names in STREAMS_OF_LINK.values():
+        for names in (*STREAMS_OF_LINK.values(), ("lens",)):
             self._feed.forget_streams(names)
 
     # Sessions

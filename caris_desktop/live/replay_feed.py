@@ -16,8 +16,8 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
     TrafficMeasured,
 )
-from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.streams import EVENT_STREAMS
+from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
+from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS
 from caris_desktop.live.state import streams_lost_with
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 _AHEAD_NS = 1_500_000_000
 _SLICE_NS = 250_000_000
 _MAX_WAITING = 20_000
-_FRAMES_WITHIN_NS = 1_000_000_000
+_SEEN_WITHIN_NS = 1_000_000_000
 _EVENTS_SHOWN = 40
 _LINK_CHANGES = 20
 # An arrangement of the panels holds until another scenario is opened, and saving a place tells of one too.
@@ -164,8 +164,12 @@ def _listed() -> list[type[Any]]:
 
 
 def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns: int) -> Situation:
-    recent = timeline.between(shown_ns - _FRAMES_WITHIN_NS, shown_ns, types=(FrameRef,))
-    newest = {frame.camera: frame for _, frame in recent}
+    recent = timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap))
+    seen = {BY_TYPE[type(value)].key_of(value): value for _, value in recent}
+    frames = [value for value in seen.values() if isinstance(value, FrameRef)]
+    # The cameras share a topic, and the newest of that is of one of them only.
+    values = {BY_TYPE[type(value)].key_of(value): value for value in timeline.state_at(shown_ns)}
+    values |= {key: value for key, value in seen.items() if not isinstance(value, FrameRef)}
     standing = [
         arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(shown_ns, most, types=(kind,))
     ]
@@ -178,9 +182,9 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
     return Situation(
         generation,
         at_ns,
-        tuple(timeline.state_at(shown_ns)),
+        tuple(values.values()),
         tuple(event for _, event in standing),
-        tuple(sorted(newest.values(), key=lambda frame: frame.stamp_ns)),
+        tuple(sorted(frames, key=lambda frame: frame.stamp_ns)),
         tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),
         lost_ns,
     )

@@ -156,12 +156,10 @@ class ReplayPlayer(QObject):
         latest: dict[str, Any] = {}
         for value in due:
             spec = BY_TYPE[type(value)]
-            if isinstance(value, FrameRef):
-                latest[f"frame/{value.camera}"] = value
-            elif spec.delivery is Delivery.LOSSLESS:
+            if spec.delivery is Delivery.LOSSLESS:
                 self._take_event(value)
             else:
-                latest[spec.topic_of(value)] = value
+                latest[spec.key_of(value)] = value
         for value in latest.values():
             self._take_value(value)
 

@@ -124,14 +124,7 @@ class RobotDirector(QObject):
         """Connect, or connect to another robot instead of the present one, which is left stopped."""
         if self._closed:
             return
-        ending = [self._links.pop(name) for name in ("control", "media") if name in self._links]
-        for child in ending:
-            child.ask_to_end()  # side by side: the window waits for the slower one only
-        for child in ending:
-            child.stop(grace_s=1.0)
-        if self._settling is not None:
-            self._settling.cancel()
-            self._settling = None
+        self.leave_robot()
         self._connection = connection
         self._forget_robot()
         self._state.robot.set(connection.profile)
@@ -142,6 +135,17 @@ class RobotDirector(QObject):
             return
         self._start_link("control")
         self._start_link("media")
+
+    def leave_robot(self) -> None:
+        """End the links to the present robot, which is left stopped. Nothing comes from them afterwards."""
+        ending = [self._links.pop(name) for name in ("control", "media") if name in self._links]
+        for child in ending:
+            child.ask_to_end()  # side by side: the window waits for the slower one only
+        for child in ending:
+            child.stop(grace_s=1.0)
+        if self._settling is not None:
+            self._settling.cancel()
+            self._settling = None
 
     async def _settle(
         self, connection: RobotConnection, settle: Callable[[], Coroutine[Any, Any, RobotConnection]]

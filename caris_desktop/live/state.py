@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LinkChanged, LinkQuality
-from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -30,6 +30,8 @@ LOST_AFTER_S = 2.0
 # A stamp that is further off than this is not of the clock that the robot tells.
 _PLAUSIBLE_DELAY_S = 10.0
 _FRESHNESS_CHECK_MS = 100
+# Cameras that are not on show are looked at less often, and yet stand for the same moment in the map.
+_SEEN_TOGETHER_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,8 @@ class LiveState(QObject):
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
     ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus. ``cameras`` are the names of those that send
-    pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone.
+    pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
+    and ``persons`` of all of them.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -189,6 +192,8 @@ class LiveState(QObject):
         self.cameras = LiveValue((), self)
         self.camera = LiveValue("", self)
         self.microphone = LiveValue(MicrophoneStatus(), self)
+        self._camera_by_hand = False
+        self._places_by_camera: dict[str, PeopleInMap] = {}
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)
@@ -204,6 +209,8 @@ class LiveState(QObject):
             self._note_camera(value.camera)
         if isinstance(value, (FrameRef, People)) and self.camera.value not in ("", value.camera):
             return
+        if isinstance(value, PeopleInMap):
+            value = self._people_of_all_cameras(value)
         if isinstance(value, LinkQuality):
             for stream in self._streams.values():
                 stream.robot_clock = value
@@ -214,21 +221,47 @@ class LiveState(QObject):
 
     def choose_camera(self, name: str) -> None:
         """Show another camera's picture from now on; its age and its people are those that count."""
-        if name in self.cameras.value and name != self.camera.value:
+        if name in self.cameras.value:
+            self._camera_by_hand = True
+            self._show_camera(name)
+
+    def forget_cameras(self) -> None:
+        """Another robot has others."""
+        self._camera_by_hand = False
+        self._places_by_camera.clear()
+        self.people.clear()
+        self.cameras.set(())
+        self.camera.set("")
+
+    def _show_camera(self, name: str) -> None:
+        if name != self.camera.value:
             self.frame.clear()
             self.people.clear()
             self.camera.set(name)
 
-    def forget_cameras(self) -> None:
-        """Another robot has others."""
-        self.cameras.set(())
-        self.camera.set("")
-
     def _note_camera(self, name: str) -> None:
-        if name not in self.cameras.value:
-            self.cameras.set((*self.cameras.value, name))
-        if not self.camera.value:
-            self.camera.set(name)
+        """Of those that send pictures the robot's first one is shown, until the wizard chooses."""
+        if name in self.cameras.value:
+            if not self.camera.value:
+                self.camera.set(name)
+            return
+        robot = self.robot.value
+        order = [camera.name for camera in robot.cameras] if robot is not None else []
+        place = {camera: number for number, camera in enumerate(order)}
+        names = sorted((*self.cameras.value, name), key=lambda camera: place.get(camera, len(order)))
+        self.cameras.set(tuple(names))
+        if not self._camera_by_hand:
+            self._show_camera(names[0])
+
+    def _people_of_all_cameras(self, places: PeopleInMap) -> PeopleInMap:
+        """Those whom this camera sees, with those whom the others see at about the same time."""
+        self._places_by_camera[places.camera] = places
+        together = [
+            one for one in self._places_by_camera.values() if abs(one.stamp_ns - places.stamp_ns) <= _SEEN_TOGETHER_NS
+        ]
+        if len(together) == 1:
+            return places
+        return PeopleInMap(places.stamp_ns, tuple(person for one in together for person in one.people))
 
     def check_freshness(self) -> None:
         for stream in self._streams.values():

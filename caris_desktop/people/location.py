@@ -132,7 +132,7 @@ class PeopleLocator:
         head = _nearest(tuple(self._heads), people.stamp_ns)
         if head is not None:
             camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
-        return PeopleInMap(people.stamp_ns, located(people, scan, camera, pose.pose_in_map))
+        return PeopleInMap(people.stamp_ns, located(people, scan, camera, pose.pose_in_map), people.camera)
 
 
 def _nearest(values: Sequence[_S], stamp_ns: int) -> _S | None:

@@ -30,7 +30,8 @@ def is_unnamed_label(name: str) -> bool:
 class PersonRow:
     """One row of the People panel. ``name`` is what to show: the given name, or "Person 3".
 
-    ``since_ns`` is when this visit began, on the session clock.
+    ``since_ns`` is when this visit began, on the session clock. ``camera`` is the one that sees them, empty in older
+    recordings.
     """
 
     person_id: str
@@ -39,6 +40,10 @@ class PersonRow:
     here: bool
     since_ns: int
     last_seen_ns: int
+    camera: str = ""
+
+
+_Track = tuple[str, int]  # camera, and its tracker's number
 
 
 @dataclass(slots=True)
@@ -53,7 +58,8 @@ class Presence:
     """Who is in front of the cameras. For one thread.
 
     A track becomes a person once it was seen in ``confirm_frames`` frames, and leaves after ``leave_after_s`` without
-    being seen. A track number that returns is the same person again, until :meth:`restart_tracks`.
+    being seen. A track number that returns is the same person again, until :meth:`restart_tracks`. Each camera has
+    tracks of its own.
 
     Without a ``register`` names last for this object only. A register that fails never costs a person: the failure
     is reported once as a Problem, and names are kept here.
@@ -69,8 +75,8 @@ class Presence:
         self._register = register
         self._confirm_frames = confirm_frames
         self._leave_after_ns = round(leave_after_s * 1e9)
-        self._candidates: dict[int, _Candidate] = {}
-        self._id_of_track: dict[int, str] = {}
+        self._candidates: dict[_Track, _Candidate] = {}
+        self._id_of_track: dict[_Track, str] = {}
         self._rows: dict[str, PersonRow] = {}
         self._problem_reported = False
 
@@ -82,9 +88,11 @@ class Presence:
         now_ns = people.stamp_ns
         events: list[Event] = []
         for box in people.boxes:
-            events += self._see(box.track, now_ns)
+            events += self._see((people.camera, box.track), now_ns)
         events += self.tick(now_ns)
-        boxes = tuple(replace(box, person_id=self._id_of_track.get(box.track, "")) for box in people.boxes)
+        boxes = tuple(
+            replace(box, person_id=self._id_of_track.get((people.camera, box.track), "")) for box in people.boxes
+        )
         return replace(people, boxes=boxes), events
 
     def tick(self, now_ns: int) -> list[Event]:
@@ -129,7 +137,7 @@ class Presence:
         if self._register is not None:
             self._register.close()
 
-    def _see(self, track: int, now_ns: int) -> list[Event]:
+    def _see(self, track: _Track, now_ns: int) -> list[Event]:
         person_id = self._id_of_track.get(track)
         if person_id is None:
             candidate = self._candidates.setdefault(track, _Candidate(0, now_ns))
@@ -138,15 +146,15 @@ class Presence:
             return self._appear(track, now_ns) if candidate.frames >= self._confirm_frames else []
         row = self._rows[person_id]
         if row.here:
-            self._rows[person_id] = replace(row, track=track, last_seen_ns=now_ns)
+            self._rows[person_id] = replace(row, last_seen_ns=now_ns)
             return []
-        self._rows[person_id] = replace(row, track=track, here=True, since_ns=now_ns, last_seen_ns=now_ns)
-        return [self._appeared(person_id, track, now_ns)]
+        self._rows[person_id] = replace(row, here=True, since_ns=now_ns, last_seen_ns=now_ns)
+        return [self._appeared(person_id, row.track, now_ns)]
 
     def _appeared(self, person_id: str, track: int, now_ns: int) -> PersonAppeared:
         return PersonAppeared(now_ns, person_id, track, list(self._rows).index(person_id) + 1)
 
-    def _appear(self, track: int, now_ns: int) -> list[Event]:
+    def _appear(self, track: _Track, now_ns: int) -> list[Event]:
         del self._candidates[track]
         person_id = new_person_id()
         problems: list[Event] = []
@@ -156,15 +164,17 @@ class Presence:
             except PeopleStoreError as error:
                 problems = self._report(error, now_ns)
         self._id_of_track[track] = person_id
+        camera, number = track
         self._rows[person_id] = PersonRow(
             person_id,
-            track,
+            number,
             unnamed_label(len(self._rows) + 1),
             here=True,
             since_ns=now_ns,
             last_seen_ns=now_ns,
+            camera=camera,
         )
-        return [self._appeared(person_id, track, now_ns), *problems]
+        return [self._appeared(person_id, number, now_ns), *problems]
 
     def _leave(self, row: PersonRow, now_ns: int) -> list[Event]:
         self._rows[row.person_id] = replace(row, here=False)

@@ -119,20 +119,16 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
 
 
 def _follow(connection: Connection, frames: FrameReader, tracker: PersonTracker, settings: InferenceSettings) -> None:
-    camera: str | None = None
     failures = 0
     while True:
         ref = newest(connection)
         began_ns = clock.now_ns()
-        if camera not in (None, ref.camera):
-            tracker.reset()
-        camera = ref.camera
         image_bgr = frames.read(ref)
         if image_bgr is None:
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         try:
-            tracked = tracker.track(image_bgr)
+            tracked = tracker.track(image_bgr, ref.camera)
         except Exception:
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)

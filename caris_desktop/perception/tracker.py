@@ -28,9 +28,9 @@ class TrackedBox:
 
 
 class PersonTracker:
-    """A detector with a tracker behind it. For one camera and one thread; load time is seconds.
+    """A detector with one tracker for each camera behind it. For one thread; load time is seconds.
 
-    Track numbers start at 1 and never repeat in one object, also not after :meth:`reset`.
+    Track numbers start at 1 and never mean two people, of whichever cameras.
 
     Raises
     ------
@@ -55,8 +55,8 @@ class PersonTracker:
             "device": None,
             "verbose": False,
         }
-        self._first_track = 1
-        self._last_track = 0
+        self._trackers: dict[str, Any] = {}
+        self._numbers: dict[tuple[str, int], int] = {}
         try:
             self._model = YOLO(str(weights.path), task="detect")
             self._warm_up()
@@ -71,9 +71,13 @@ class PersonTracker:
                 advice="Replace the file by an intact YOLO detector; the log has the details",
             ) from error
 
-    def track(self, image_bgr: NDArray[np.uint8]) -> list[TrackedBox]:
-        """People in the next frame: uint8 BGR, shape (height, width, 3). Boxes lie inside the image."""
+    def track(self, image_bgr: NDArray[np.uint8], camera: str) -> list[TrackedBox]:
+        """People in this camera's next frame: uint8 BGR, shape (height, width, 3). Boxes lie inside the image."""
+        known = self._trackers.get(camera)
+        # Where there is none, ultralytics makes a new one.
+        self._model.predictor.trackers = [] if known is None else [known]
         boxes = self._model.track(image_bgr, **self._arguments)[0].boxes
+        self._trackers[camera] = self._model.predictor.trackers[0]
         if boxes is None or boxes.id is None:
             return []
         height_px, width_px = image_bgr.shape[:2]
@@ -82,22 +86,14 @@ class PersonTracker:
         confidences = boxes.conf.numpy(force=True).tolist()
         tracked = []
         for (left, top, right, bottom), number, confidence in zip(corners, numbers, confidences, strict=True):
-            track = self._first_track + number - 1
-            self._last_track = max(self._last_track, track)
+            track = self._numbers.setdefault((camera, number), len(self._numbers) + 1)
             if right > left and bottom > top:
                 tracked.append(TrackedBox(track, left, top, right - left, bottom - top, confidence))
         return tracked
 
-    def reset(self) -> None:
-        """Forget everybody who was followed, as after a change of camera."""
-        for tracker in self._model.predictor.trackers:
-            tracker.reset()
-        self._first_track = self._last_track + 1
-
     def _warm_up(self) -> None:
         """The first frame is many times slower than the rest, and loading happens in it."""
         self._model.track(np.full((480, 640, 3), 114, np.uint8), **self._arguments)
-        self.reset()
 
     def _person_classes(self) -> list[int]:
         names: dict[int, str] = self._model.predictor.model.names

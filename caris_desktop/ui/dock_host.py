@@ -220,7 +220,8 @@ class DockHost(QMainWindow):
 
     def _make_dock(self, name: PanelName, panel: Panel) -> QDockWidget:
         # With a parent from the first: else it is a window for a moment, and takes the activation from ours.
-        dock = QDockWidget(panel.title, self)
+        dock = QDockWidget(panel.shown_title, self)
+        panel.title_changed.connect(dock.setWindowTitle)
         dock.setObjectName(f"dock_{name}")
         dock.setFeatures(
             QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable

@@ -37,6 +37,7 @@ class Panel(QWidget):
     drives = False  # bare drive keys work while this panel has the focus
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
+    title_changed = Signal(str)
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__()
@@ -49,12 +50,24 @@ class Panel(QWidget):
         self._in_view = True
         self._ticking: list[QTimer] = []
         self._fact = ("", "")
+        self._shown_title = self.title
         self.setAccessibleName(self.title)
         self.theme.changed.connect(self.update)
 
     def title_widgets(self) -> list[QWidget]:
         """Controls at the right end of the title bar."""
         return []
+
+    @property
+    def shown_title(self) -> str:
+        """What the title bar says now; ``title`` is what menus call the panel."""
+        return self._shown_title
+
+    def show_title(self, text: str) -> None:
+        if text != self._shown_title:
+            self._shown_title = text
+            self.setAccessibleName(text)
+            self.title_changed.emit(text)
 
     @property
     def in_view(self) -> bool:
@@ -127,7 +140,7 @@ class PanelTitleBar(QWidget):
         self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self._title = QLabel(panel.title)
+        self._title = QLabel(panel.shown_title)
         self._fact = _ElidedLabel()
         self._fact.setObjectName("panel_fact")
         row = QHBoxLayout(self)
@@ -141,6 +154,7 @@ class PanelTitleBar(QWidget):
         for label in (self._title, self._fact):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         panel.fact_changed.connect(self._show_fact)
+        panel.title_changed.connect(self._title.setText)
         panel.active_changed.connect(self._on_active_changed)
         self._theme.changed.connect(self._style)
         self._style()

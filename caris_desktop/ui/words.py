@@ -219,6 +219,14 @@ def guard_line(drive: DriveStatus) -> str:
             return ""
 
 
+def camera_title(name: str) -> str:
+    """A camera's name as a title: "Front camera" for front. Empty for none."""
+    words = name.replace("_", " ").strip()
+    if words and "camera" not in words.lower():
+        words += " camera"
+    return words[:1].upper() + words[1:]
+
+
 def has_given_name(person: PersonRow) -> bool:
     """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
     return bool(person.name) and not is_unnamed_label(person.name)

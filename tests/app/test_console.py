@@ -9,9 +9,13 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import composition
 from caris_desktop.domain.events import ChatMessage, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
+from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.trial import TrialDetails
+from tests.live import bodies
 
 
 def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_next(
@@ -67,5 +71,34 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         assert set(told) == {"This scenario does not drive."}
         assert console.state.places.value == scenario.places
         assert console.state.scenario.value == console.scenario == scenario
+    finally:
+        console.shutdown()
+
+
+def _robot(camera: str) -> RobotConnection:
+    profile = RobotProfile(camera, camera, cameras=(CameraTopic(camera, f"/{camera}"),))
+    control, media = (
+        ProcessBody("control", bodies.silent_link),
+        ProcessBody("media", bodies.link_with_camera, (camera,)),
+    )
+    return RobotConnection(camera, "ws://127.0.0.1:9", profile, control, media)
+
+
+def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    console = Console(replace(parts, inference=None), scenario)
+    state = console.state
+    try:
+        console.connect_robot(_robot("front"))
+        qtbot.waitUntil(lambda: state.frame.value is not None, timeout=20_000)
+        assert state.camera.value == "front"
+        shown: list[str] = []
+        console.connect_robot(_robot("head"))
+        state.frame.changed.connect(lambda frame: shown.append(frame.camera))
+        assert state.frame.value is None
+        qtbot.waitUntil(lambda: len(shown) >= 5, timeout=20_000)
+        assert set(shown) == {"head"}
+        assert (state.cameras.value, state.camera.value) == (("head",), "head")
     finally:
         console.shutdown()

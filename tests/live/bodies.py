@@ -4,6 +4,7 @@ import os
 import time
 from multiprocessing.connection import Connection
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
@@ -55,6 +56,28 @@ def write_frames(connection: Connection, count: int, frames: FrameWriter) -> Non
         image = np.full((6, 8, 3), number, np.uint8)
         connection.send(frames.write(image, stamp_ns=number, robot_stamp_ns=None, camera="front"))
     connection.poll(None)
+
+
+def link_with_camera(connection: Connection, camera: str, frames: FrameWriter) -> None:
+    """Stands in for a media link: pictures at 50 Hz, and one more at its very end."""
+    import numpy as np
+
+    number = 0
+    ended = False
+    while not ended:
+        ended = connection.poll(0.02)
+        number += 1
+        image = np.full((6, 8, 3), 90, np.uint8)
+        connection.send(frames.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera=camera))
+
+
+def silent_link(connection: Connection) -> None:
+    """Stands in for a control link that never reaches its robot."""
+    while True:
+        try:
+            connection.recv()
+        except EOFError:
+            return
 
 
 def deaf_to(connection: Connection, _request: object) -> None:

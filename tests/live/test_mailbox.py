@@ -3,7 +3,7 @@
 import threading
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.domain.sensing import BatteryState, FrameRef
+from caris_desktop.domain.sensing import AudioBlock, BatteryState, FrameRef, People
 from caris_desktop.live.mailbox import Mailbox
 
 
@@ -21,7 +21,7 @@ def test_newest_state_wins_and_events_keep_their_order() -> None:
     assert [event.label for event in events] == [f"mark {number}" for number in range(5)]
     assert latest == [BatteryState(4, 0.4)]
     assert len(wakes) == 1, "only empty to full wakes"
-    assert mailbox.overwritten == {"battery": 4}
+    assert mailbox.overwritten == {"/battery": 4}
     assert mailbox.drain() == ([], [])
 
 
@@ -32,6 +32,18 @@ def test_cameras_do_not_overwrite_one_another() -> None:
     mailbox.put(_frame(3, "front"))
     _, latest = mailbox.drain()
     assert {(ref.camera, ref.sequence) for ref in latest} == {("front", 3), ("rear", 2)}
+
+
+def test_what_is_seen_by_one_camera_or_heard_by_one_microphone_replaces_nothing_of_another() -> None:
+    mailbox = Mailbox(lambda: None)
+    for camera, sequence in (("front", 1), ("rear", 2), ("front", 3)):
+        mailbox.put(People(sequence, camera, sequence, 4, 3, (), 1.0))
+    for source in ("microphone", "robot voice"):
+        mailbox.put(AudioBlock(1, source, "a.wav", 0, 10, 16_000))
+    _, latest = mailbox.drain()
+    people = {(value.camera, value.stamp_ns) for value in latest if isinstance(value, People)}
+    assert people == {("front", 3), ("rear", 2)}
+    assert {value.source for value in latest if isinstance(value, AudioBlock)} == {"microphone", "robot voice"}
 
 
 def test_events_from_many_threads_all_arrive() -> None:

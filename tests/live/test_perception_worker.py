@@ -36,9 +36,9 @@ class Setup:
         self.thread.started.connect(self.worker.run)
         self.thread.start()
 
-    def show(self, value: int) -> None:
+    def show(self, value: int, camera: str = "front") -> None:
         image = np.full((48, 64, 3), value, np.uint8)
-        self.worker.offer(self.ring.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
+        self.worker.offer(self.ring.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera=camera))
 
     def people(self) -> list[People]:
         return [value for value in self.published if isinstance(value, People)]
@@ -89,3 +89,37 @@ def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: 
     assert "recognition" in setup.of(Problem)[0].what
     seen = len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen + 2)
+
+
+def test_people_before_two_cameras_stay_who_they_are(qtbot: QtBot, setup: Setup) -> None:
+    setup.worker.show_camera("front")
+    shown = 0
+
+    def step() -> bool:
+        nonlocal shown
+        shown += 1
+        setup.show(200, "front")
+        setup.show(200, "rear")
+        return sum(people.camera == "rear" for people in setup.people()) >= 6
+
+    qtbot.waitUntil(step, timeout=15_000)
+    assert {row.camera for row in setup.rows[-1]} == {"front", "rear"}
+    assert len(setup.of(PersonAppeared)) == 2
+    assert not setup.of(PersonLeft)
+    front, rear = (
+        {box.person_id for people in setup.people() if people.camera == camera for box in people.boxes} - {""}
+        for camera in ("front", "rear")
+    )
+    assert len(front) == len(rear) == 1
+    assert front != rear
+    assert len(setup.people()) <= shown + 1, "no more than one camera alone gives to do"
+
+
+def test_another_robot_begins_with_nobody(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
+    before = setup.rows[-1][0].person_id
+    setup.worker.forget_cameras()
+    qtbot.waitUntil(lambda: not setup.rows[-1], timeout=5000)
+    assert setup.of(PersonLeft)[0].person_id == before
+    _show_until(qtbot, setup, 200, lambda: setup.rows[-1])
+    assert setup.rows[-1][0].person_id != before

@@ -5,8 +5,9 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import FrameRef, Odometry
+from caris_desktop.domain.sensing import FrameRef, Odometry, PeopleInMap, PersonPlace
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile import CameraTopic, RobotProfile
 
 S = 1_000_000_000
 OFFSET_NS = 1_700_000_000 * S
@@ -78,3 +79,36 @@ def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
     state.forget_cameras()
     state.take(FrameRef(clock.now_ns(), None, "head", "ring", 0, 1, 64, 48))
     assert (state.cameras.value, state.camera.value) == (("head",), "head")
+
+
+def frame_of(camera: str) -> FrameRef:
+    return FrameRef(clock.now_ns(), None, camera, "ring", 0, 1, 64, 48)
+
+
+def test_whichever_camera_is_quicker_the_robots_first_one_is_shown(state: LiveState) -> None:
+    cameras = (CameraTopic("head", "/head"), CameraTopic("base", "/base"), CameraTopic("rear", "/rear"))
+    state.robot.set(RobotProfile("r", "R", cameras=cameras))
+    state.take(frame_of("rear"))
+    assert state.camera.value == "rear", "better this one than none"
+    state.take(frame_of("head"))
+    assert (state.cameras.value, state.camera.value) == (("head", "rear"), "head")
+    state.take(frame_of("rear"))
+    assert state.camera.value == "head"
+    state.choose_camera("rear")
+    state.take(frame_of("base"))
+    assert (state.cameras.value, state.camera.value) == (("head", "base", "rear"), "rear"), "what was chosen stays"
+
+
+def test_the_map_shows_whom_all_cameras_see(state: LiveState) -> None:
+    now_ns = clock.now_ns()
+
+    def seen(camera: str, person: str, *, at_ns: int) -> PeopleInMap:
+        return PeopleInMap(at_ns, (PersonPlace(person, 1.0, 2.0, 0.1, "lidar"),), camera)
+
+    state.take(seen("front", "p-1", at_ns=now_ns))
+    state.take(seen("rear", "p-2", at_ns=now_ns + S // 10))
+    assert {place.person_id for place in state.people_in_map.value.people} == {"p-1", "p-2"}
+    state.take(seen("front", "p-3", at_ns=now_ns + S // 5))
+    assert {place.person_id for place in state.people_in_map.value.people} == {"p-2", "p-3"}
+    state.take(seen("front", "p-3", at_ns=now_ns + 2 * S))
+    assert {place.person_id for place in state.people_in_map.value.people} == {"p-3"}, "that was too long ago"

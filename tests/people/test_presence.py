@@ -1,6 +1,7 @@
 """Who is here, on injected time."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,17 @@ def test_an_unconfirmed_box_has_no_person(register: PeopleRegister) -> None:
     people, _ = presence.update(_seen(0, 4))
     assert people.boxes[0].person_id == ""
     assert register.everybody() == ()
+
+
+def test_each_camera_has_people_of_its_own() -> None:
+    presence = Presence()
+    for index in range(6):
+        camera = ("front", "rear")[index % 2]
+        presence.update(replace(_seen(index * FRAME_NS, 1), camera=camera))
+    assert [(row.camera, row.track, row.name) for row in presence.persons()] == [
+        ("front", 1, "Person 1"),
+        ("rear", 1, "Person 2"),
+    ]
 
 
 def test_a_flicker_is_nobody() -> None:

@@ -152,6 +152,21 @@ def test_numbers_of_one_camera_never_mean_somebody_of_another(
 
 
 @needs_offline_package
+def test_two_cameras_in_turn_keep_their_numbers(offline_inference: RunningInference, ready: InferenceReady) -> None:
+    street = _street()
+    left, right = np.ascontiguousarray(street[:, :500]), np.ascontiguousarray(street[:, 300:])
+    seen: dict[str, set[frozenset[int]]] = {"left": set(), "right": set()}
+    for _ in range(4):
+        for camera, image_bgr in (("left", left), ("right", right)):
+            boxes = offline_inference.ask(image_bgr, camera=camera).boxes
+            seen[camera].add(frozenset(box.track for box in boxes))
+    assert all(len(numbers) == 1 for numbers in seen.values()), seen
+    (in_left,), (in_right,) = seen.values()
+    assert in_left and in_right
+    assert not in_left & in_right
+
+
+@needs_offline_package
 def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
@@ -207,7 +222,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
     untrained.model.names = {0: "person"} | {number: f"thing {number}" for number in range(1, 80)}
     untrained.save(str(Path(folder) / "yolov8n.pt"))
     tracker = PersonTracker(find_weights(folders=(Path(folder),)), tracker="bytetrack", confidence=0.1, threads=1)
-    boxes = tracker.track(np.zeros((480, 640, 3), np.uint8))
+    boxes = tracker.track(np.zeros((480, 640, 3), np.uint8), "front")
     report.send((boxes, addresses, settings["sync"]))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QDockWidget, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -15,8 +15,10 @@ from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import HeadState, RobotPose
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.video import VideoPanel, guard_chip
 from caris_desktop.ui.widgets.floor_spot import FARTHEST_M, FloorSpot, ring_px, spot_at
 from tests.ui.conftest import click, find
@@ -169,3 +171,38 @@ def test_each_state_of_the_guard_has_its_own_shape() -> None:
     chips = [guard_chip(DriveStatus(True, "", guard=state)) for state in ("blocked", "slowing", "overridden")]
     assert len({chip[1] for chip in chips if chip is not None}) == 3
     assert guard_chip(DriveStatus(True, "", guard="clear")) is None
+
+
+def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPanel, console: FakeConsole) -> None:
+    assert panel.shown_title == "Front camera"
+    frame = console.state.frame.value
+    console.state.take(dataclasses.replace(frame, camera="rear"))
+    console.state.choose_camera("rear")
+    assert panel.shown_title == "Rear camera"
+    dock = panel.parentWidget()
+    assert isinstance(dock, QDockWidget)
+    assert dock.windowTitle() == "Rear camera"
+    titles = [label.text() for label in dock.titleBarWidget().findChildren(QLabel)]
+    assert "Rear camera" in titles
+    console.state.forget_cameras()
+    assert panel.shown_title == "Video"
+
+
+def test_the_people_panel_is_about_the_camera_on_show(
+    window: MainWindow, panel: VideoPanel, console: FakeConsole
+) -> None:
+    people = window.panels["people"]
+    assert isinstance(people, PeoplePanel)
+    now_ns = clock.now_ns()
+    rows = tuple(
+        PersonRow(f"p-{camera}", number, f"Person {number}", True, now_ns, now_ns, camera)
+        for number, camera in enumerate(("front", "rear"), 1)
+    )
+    console.state.persons.set(rows)
+    assert people.model.row_of("p-front") is not None
+    assert people.model.row_of("p-rear") is None
+    assert people.fact[0] == "1 here · 1 in another camera"
+    console.state.take(dataclasses.replace(console.state.frame.value, camera="rear"))
+    console.state.choose_camera("rear")
+    assert people.model.row_of("p-front") is None
+    assert people.model.row_of("p-rear") is not None

@@ -46,7 +46,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 
 class PeoplePanel(Panel):
-    """One row for each person who is or just was here; names are typed right into the row."""
+    """One row for each person in the picture on show who is or just was here; names are typed right into the row."""
 
     title = "People"
 
@@ -73,6 +73,7 @@ class PeoplePanel(Panel):
         layout.setContentsMargins(2, 6, 2, 8)
         layout.addWidget(holder)
         self.state.persons.changed.connect(self._on_persons_changed)
+        self.state.camera.changed.connect(self._on_camera_changed)
         self.state.perception.changed.connect(self._on_perception_changed)
         self.state.frame.freshness_changed.connect(self._on_freshness_changed)
         self.theme.changed.connect(self._refresh)
@@ -88,9 +89,15 @@ class PeoplePanel(Panel):
     def catch_up(self) -> None:
         self._on_persons_changed(self.state.persons.value)
 
+    def _on_camera_changed(self, _camera: str) -> None:
+        self._on_persons_changed(self.state.persons.value)
+
+    def _in_picture(self, person: PersonRow) -> bool:
+        return self.state.camera.value in ("", person.camera) or not person.camera
+
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         if self.in_view:
-            self.model.show_persons(persons)
+            self.model.show_persons(tuple(filter(self._in_picture, persons)))
             self._refresh()
 
     def _on_perception_changed(self, _status: PerceptionStatus) -> None:
@@ -102,10 +109,13 @@ class PeoplePanel(Panel):
     def _refresh(self) -> None:
         if not self.in_view:
             return
-        persons: tuple[PersonRow, ...] = self.state.persons.value
+        everybody: tuple[PersonRow, ...] = self.state.persons.value
+        persons = tuple(filter(self._in_picture, everybody))
         here = sum(person.here for person in persons)
+        elsewhere = sum(person.here for person in everybody) - here
         blind = self.state.frame.freshness == "lost"
-        self.set_fact("no picture" if blind else f"{here} here" if here else "nobody here", "dim")
+        fact = "no picture" if blind else f"{here} here" if here else "nobody here"
+        self.set_fact(fact + (f" · {elsewhere} in another camera" if elsewhere else ""), "dim")
         self._stack.setCurrentIndex(1 if persons else 0)
         if persons:
             return

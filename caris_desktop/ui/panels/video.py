@@ -24,9 +24,6 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, ring_px, spot_at
 
-BOXES_FRAMES_APART = 12
-"""Boxes of a frame at most so many frames away from the one on show are still about what is seen."""
-
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
 """Between these ages, next to the picture on show, boxes fade away."""
@@ -50,10 +47,13 @@ _AHEAD_RAD = math.radians(20.0)
 
 
 def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
-    """Whether the boxes were found in about the frame that is on show."""
+    """Whether the boxes were found in about the frame that is on show.
+
+    By time: the numbers of frames are shared by all cameras.
+    """
     if people is None or frame is None:
         return False
-    return people.camera == frame.camera and abs(frame.sequence - people.frame_sequence) <= BOXES_FRAMES_APART
+    return people.camera == frame.camera and abs(frame.stamp_ns - people.stamp_ns) < BOXES_GONE_S * 1e9
 
 
 def box_strength(people: People, frame: FrameRef) -> float:
@@ -116,7 +116,7 @@ def distance_ahead_m(scan: LaserScan) -> float | None:
 class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
-    title = "Front camera"
+    title = "Video"
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -172,9 +172,10 @@ class VideoPanel(Panel):
 
     def _on_cameras_changed(self, _value: object) -> None:
         names: tuple[str, ...] = self.state.cameras.value
+        self.show_title(words.camera_title(self.state.camera.value) or self.title)
         self._cameras.clear()
         for name in names:
-            self._cameras.addItem(name.replace("_", " ").capitalize(), name)
+            self._cameras.addItem(words.camera_title(name), name)
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
 

@@ -1,0 +1,69 @@
+"""Whose picture is looked at next: several cameras share the looks that one alone would get."""
+
+from caris_desktop.domain.sensing import FrameRef
+
+OTHERS_EVERY_NS = 300_000_000
+"""How often a camera that is not on show is looked at: often enough to follow people who walk."""
+
+SILENT_AFTER_NS = 600_000_000
+"""Nobody waits longer than this for the camera on show."""
+
+
+class CameraTurns:
+    """Keeps the newest picture of each camera. The camera on show leads: a look at another one takes the place of one
+    at it, so that a second camera adds no work. For one thread, or under a lock.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[str, FrameRef] = {}
+        self._looked_ns: dict[str, int] = {}
+        self._shown = ""
+        self._first = ""
+        self._last = ""
+        self._lead_came_ns: int | None = None
+
+    def show(self, camera: str) -> None:
+        """The camera that the wizard sees from now on."""
+        self._shown = camera
+        self._lead_came_ns = None
+
+    def forget(self) -> None:
+        """Other cameras will come."""
+        self._newest.clear()
+        self._looked_ns.clear()
+        self._shown = self._first = self._last = ""
+        self._lead_came_ns = None
+
+    def offer(self, ref: FrameRef, *, now_ns: int) -> bool:
+        """A new picture replaces an older one of its camera. True when it makes a look due that was not before."""
+        self._first = self._first or ref.camera
+        is_new = ref.camera not in self._newest
+        self._newest[ref.camera] = ref
+        if ref.camera != self._lead:
+            return False
+        self._lead_came_ns = now_ns
+        return is_new
+
+    def take(self, *, now_ns: int) -> FrameRef | None:
+        """The picture to look at now; None while there is none, or it is not yet the turn of those there are."""
+        lead_silent = self._lead_came_ns is None or now_ns - self._lead_came_ns >= SILENT_AFTER_NS
+        if self._lead not in self._newest and not lead_silent:
+            return None
+        due = [
+            camera
+            for camera in self._newest
+            if camera != self._lead and now_ns - self._looked_ns.get(camera, -OTHERS_EVERY_NS) >= OTHERS_EVERY_NS
+        ]
+        camera = min(due, key=lambda other: self._looked_ns.get(other, -OTHERS_EVERY_NS), default=self._lead)
+        if self._last not in ("", self._lead) and self._lead in self._newest:
+            camera = self._lead  # a slow detector goes back and forth
+        ref = self._newest.pop(camera, None)
+        # Its look was spent on the other one.
+        self._newest.pop(self._lead, None)
+        if ref is not None:
+            self._looked_ns[camera], self._last = now_ns, camera
+        return ref
+
+    @property
+    def _lead(self) -> str:
+        return self._shown or self._first
