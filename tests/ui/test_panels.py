@@ -492,6 +492,19 @@ def test_an_answer_can_be_edited_first(qtbot: QtBot, window: MainWindow, console
     assert console.calls[-1][1].endswith("safety zone around it. Really.")
 
 
+def test_enter_says_an_answer_that_is_edited(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    answer = find(window, "assistant_answer")
+    QTest.keyClick(answer, Qt.Key.Key_Return)
+    assert console.calls == [], "nothing is said by a key before it is edited"
+    click(qtbot, find(window, "assistant_edit"))
+    QTest.keyClicks(answer, " Really.")
+    QTest.keyClick(answer, Qt.Key.Key_Return, Qt.KeyboardModifier.ShiftModifier)
+    QTest.keyClicks(answer, "Yes.")
+    QTest.keyClick(answer, Qt.Key.Key_Return)
+    assert [name for name, _ in console.calls] == ["say_answer"]
+    assert console.calls[0][1].endswith("safety zone around it. Really. Yes.")
+
+
 def test_a_failed_answer_is_explained_in_place(window: MainWindow, console: FakeConsole) -> None:
     console.state.assistant.set(AssistantStatus("failed", "SmolLM2", "x2", "Why?", "", "The model ended. Ask again."))
     note = find(window, "assistant_note")
@@ -541,6 +554,21 @@ def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, cons
     console.state.take(Marked(clock.now_ns(), "later"))
     QApplication.processEvents()
     assert bar.value() == 10, "the wizard is reading"
+
+
+def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -> None:
+    panel = session(window)
+    now_ns = clock.now_ns()
+    # What the recorder or a link tells comes a moment after it happened.
+    for later_ns, label in ((0, "one"), (3, "three"), (2, "two"), (3, "three, too")):
+        console.state.take(Marked(now_ns + later_ns, label))
+    expected = ["Marked: one", "Marked: two", "Marked: three", "Marked: three, too"]
+    assert panel.log_lines()[-4:] == expected
+    panel.show_category("Session")
+    console.state.take(Marked(now_ns + 1, "between"))
+    assert panel.log_lines()[-5:] == [expected[0], "Marked: between", *expected[1:]]
+    panel.restore_log(list(reversed(panel.log_entries())))
+    assert panel.log_lines()[-3] == "Marked: two"
 
 
 def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:

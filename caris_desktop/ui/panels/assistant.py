@@ -1,7 +1,7 @@
 """Assistant: ask the language model, read its answer as it comes, and have it said or not."""
 
-from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
 
 from caris_desktop.live.status import AssistantStatus
@@ -35,7 +35,8 @@ class AssistantPanel(Panel):
         self._question.setObjectName("assistant_question")
         self._question.setWordWrap(True)
         self._question.setTextFormat(Qt.TextFormat.PlainText)
-        self._answer = QPlainTextEdit()
+        self._answer = _AnswerField()
+        self._answer.entered.connect(self._on_say)
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
@@ -130,6 +131,7 @@ class AssistantPanel(Panel):
             self._restyle_answer()
 
     def _restyle_answer(self) -> None:
+        self._say.set_key("Enter" if self._editing else "")
         # The style sheet tells a field that can be edited from text by this property.
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
@@ -196,7 +198,7 @@ class AssistantPanel(Panel):
         elif answering and not status.answer:
             text = "Thinking…"
         elif self._editing:
-            text = "Change the words, then say them."
+            text = "Change the words. Enter says them."
         else:
             text = status.detail
         self._note.setText(text)
@@ -205,3 +207,19 @@ class AssistantPanel(Panel):
             palette = label.palette()
             palette.setColor(label.foregroundRole(), self.theme.color(color))
             label.setPalette(palette)
+
+
+class _AnswerField(QPlainTextEdit):
+    """An answer. While it is edited Enter says it; Shift+Enter begins a line."""
+
+    entered = Signal()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        enter = event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        if enter and not self.isReadOnly() and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
+            # A key that is held says it once.
+            if not event.isAutoRepeat():
+                self.entered.emit()
+            event.accept()
+            return
+        super().keyPressEvent(event)

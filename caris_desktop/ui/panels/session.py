@@ -1,5 +1,6 @@
 """Session: recording, marks, and what happened, in sentences with the newest at the bottom."""
 
+import bisect
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -341,15 +342,18 @@ class EventLogModel(QAbstractListModel):
     def append(self, entry: LogEntry) -> None:
         if entry.key and self._renew(entry):
             return
-        self._all.append(entry)
+        if len(self._all) >= LOG_ROWS:
+            self._all.popleft()
+        self._all.insert(_place_of(entry, self._all), entry)
         if not self._in_view or (self._category and entry.category != self._category):
             return
         if len(self._shown) >= LOG_ROWS:
             self.beginRemoveRows(QModelIndex(), 0, 0)
             del self._shown[0]
             self.endRemoveRows()
-        self.beginInsertRows(QModelIndex(), len(self._shown), len(self._shown))
-        self._shown.append(entry)
+        row = _place_of(entry, self._shown)
+        self.beginInsertRows(QModelIndex(), row, row)
+        self._shown.insert(row, entry)
         self.endInsertRows()
 
     def _renew(self, entry: LogEntry) -> bool:
@@ -369,7 +373,7 @@ class EventLogModel(QAbstractListModel):
 
     def replace(self, entries: Sequence[LogEntry]) -> None:
         self._all.clear()
-        for entry in entries:
+        for entry in sorted(entries, key=lambda entry: entry.stamp_ns):
             if not (entry.key and self._renew(entry)):
                 self._all.append(entry)
         self.set_category(self._category)
@@ -400,6 +404,11 @@ class EventLogModel(QAbstractListModel):
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return f"{words.clock_time(entry.stamp_ns, self._present.anchor)} {entry.sentence}"
         return None
+
+
+def _place_of(entry: LogEntry, rows: Sequence[LogEntry] | deque[LogEntry]) -> int:
+    """Where it belongs by its time. What comes from several processes arrives a little out of order."""
+    return bisect.bisect_right(rows, entry.stamp_ns, key=lambda row: row.stamp_ns)
 
 
 def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
