@@ -527,7 +527,8 @@ class HoldToDrive(QObject):
 
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
-        dialog = self._app.activeModalWidget()
+        # A dialog that is not modal closes while it is in front: who stops from the main window keeps it.
+        dialog = self._app.activeModalWidget() or self._app.activeWindow()
         if popup is not None:
             popup.close()
         elif isinstance(dialog, QDialog):

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QSlider, QWidget
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.gamepad import Gamepads
@@ -48,6 +49,14 @@ def dialog(window: MainWindow, gamepads: Gamepads) -> GamepadDialog:
     dialog = window.findChild(GamepadDialog)
     assert dialog is not None
     return dialog
+
+
+def test_escape_closes_it_and_stops(qtbot: QtBot, dialog: GamepadDialog, console: FakeConsole) -> None:
+    dialog.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is dialog)
+    QTest.keyClick(dialog, Qt.Key.Key_Escape)
+    assert console.named("stop") == [None]
+    assert not dialog.isVisible()
 
 
 def row(dialog: QWidget, action: str) -> BindingRow:
