@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.app.saved_layouts import SavedLayouts
 from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
@@ -79,7 +80,9 @@ class ConsoleRun:
         )
         self.library = LiveSessionLibrary(study.path, self.console.problem, self.console)
         self.window.use_library(self.library)
+        self._saved_layouts = SavedLayouts(self.settings)
         self.window.layout_save_requested.connect(self._on_layout_save_requested)
+        self.window.layout_reset_requested.connect(self._on_layout_reset_requested)
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
             self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
@@ -88,7 +91,7 @@ class ConsoleRun:
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
 
     def show(self) -> None:
-        self.window.show()
+        self.window.show_in_place()
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:
@@ -127,7 +130,9 @@ class ConsoleRun:
                 )
             )
         except composition.StartError as refusal:
-            self.console.problem("error", str(refusal), "No robot is connected.", "Start again with another --robot.")
+            self.console.problem(
+                "error", str(refusal), "No robot is connected.", "Start again with another --robot.", until="connected"
+            )
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -151,7 +156,25 @@ class ConsoleRun:
         except ToldFailure as error:
             self.console.problem("error", error.what, error.meaning, error.advice)
             return
+        self._saved_layouts.note(path, layout, replaced=self.console.scenario)
         self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
+        self.console.open_scenario(path)
+
+    def _on_layout_reset_requested(self) -> None:
+        """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
+        scenario = self.console.scenario
+        before = self._saved_layouts.before(scenario)
+        if before is None:
+            return
+        try:
+            path = composition.save_layout(scenario, before)
+        except ToldFailure as error:
+            self.console.problem("error", error.what, error.meaning, error.advice)
+            return
+        self._saved_layouts.forget(path)
+        self.console.problem(
+            "info", "The panels are back.", "The layout that was saved is undone.", "Save it again to keep another."
+        )
         self.console.open_scenario(path)
 
     def _kept_microphone(self) -> str | None:

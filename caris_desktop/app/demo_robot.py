@@ -51,4 +51,5 @@ class DemoRobot(QObject):
             f"The simulated robot did not start: {detail}.",
             "There is no robot to drive; everything else works.",
             "Run 'caris-desktop simulate' in a terminal to see why.",
+            until="connected",
         )

@@ -109,7 +109,7 @@ class ReplayRun:
         self._garbage: GarbageCollector | None = None
 
     def show(self) -> None:
-        self.window.show()
+        self.window.show_in_place()
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:

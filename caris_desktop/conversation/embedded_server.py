@@ -177,4 +177,5 @@ def _problem(error: Exception) -> Problem:
         INSTALL_EMBEDDED
         if isinstance(error, FileNotFoundError)
         else "Choose another model in the scenario; the log has details.",
+        until="assistant",
     )

@@ -218,6 +218,7 @@ class _Microphone:
                     f"The microphone cannot be heard ({why}).",
                     "The recording goes on without its sound.",
                     "Plug it in or choose another one when you start the next recording; it is tried again by itself.",
+                    until="microphone",
                 )
             )
         )

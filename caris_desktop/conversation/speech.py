@@ -395,6 +395,7 @@ class _SpeechDesk:
                     f"This computer has no voice ({detail}).",
                     "What is to be spoken on this computer stays unsaid.",
                     "Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again.",
+                    until="voice",
                 )
             )
         )
@@ -412,6 +413,7 @@ class _SpeechDesk:
                     f"This computer has no sound output ({detail}).",
                     "Nobody hears what it says; utterances still take their time and are recorded.",
                     "Connect loudspeakers or start the sound server; the next utterance tries again.",
+                    until="voice",
                 )
             )
 

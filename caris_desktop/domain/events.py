@@ -17,6 +17,9 @@ UtteranceOrigin = Literal["typed", "phrase", "filler", "assistant", "suggestion"
 UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
 LlmOutcome = Literal["answered", "cancelled", "failed"]
 Severity = Literal["info", "warning", "error"]
+ProblemEnd = Literal["", "connected", "released", "picture", "recording", "voice", "assistant", "people", "microphone"]
+"""What shows that a problem is over: the robot is connected, its emergency stop released, a picture comes, another
+recording runs, ... Empty where nothing shows it."""
 GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
 MarkKind = Literal["mark", "wizard_error", "note"]
 MarkState = Literal["done", "open", "withdrawn"]
@@ -363,13 +366,14 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something went wrong: what happened, what it means for the session, what to do."""
+    """Something went wrong: what happened, what it means for the session, what to do. ``until`` says what ends it."""
 
     stamp_ns: int
     severity: Severity
     what: str
     meaning: str
     advice: str
+    until: ProblemEnd = ""
 
 
 @dataclass(frozen=True, slots=True)

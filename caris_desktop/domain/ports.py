@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.commands import RobotCommand
+from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.sensing import FrameRef
 
 
@@ -32,6 +33,12 @@ class ValueSink(Protocol):
     """Takes domain values as they happen. Called from the thread that the source lives in; must not block."""
 
     def __call__(self, value: Any) -> None: ...
+
+
+class TellProblem(Protocol):
+    """Tells the wizard, and the record, what a :class:`Problem` holds."""
+
+    def __call__(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None: ...
 
 
 class RobotPort(Protocol):

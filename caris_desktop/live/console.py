@@ -32,6 +32,7 @@ from caris_desktop.domain.events import (
     PersonAppeared,
     PlacesChanged,
     Problem,
+    ProblemEnd,
     RobotChosen,
     ScenarioOpened,
     Severity,
@@ -294,10 +295,10 @@ class Console(QObject):
                 self._perception.use_lens(value)
         self._mailbox.put(value)
 
-    def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
+    def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
         """Tell the wizard, and the record."""
         _log.warning("%s %s %s", what, meaning, advice)
-        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice))
+        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until))
 
     def send(self, command: RobotCommand) -> bool:
         """RobotPort: to the control link, now or not at all."""
@@ -424,6 +425,7 @@ class Console(QObject):
                 "The camera's pictures have ended.",
                 "There is no video from now on; a recording goes on without it.",
                 "Start again with another --camera, or without one for the robot's own.",
+                until="picture",
             )
         elif name == self._parts.speech.name:
             again = self._may_restart(name)
@@ -435,6 +437,7 @@ class Console(QObject):
                     "This computer's voice stopped unexpectedly.",
                     "What it was saying is cut off; the session goes on.",
                     "It is being started again." if again else "It failed too often: restart the program.",
+                    until="voice",
                 )
             )
             if again:
@@ -453,6 +456,7 @@ class Console(QObject):
                 "The language model stopped unexpectedly.",
                 "The assistant gives no answers; everything else works.",
                 "It is being started again." if again else "It failed too often: restart the program.",
+                until="assistant",
             )
             if again:
                 self._start_language_model()
@@ -514,6 +518,7 @@ class Console(QObject):
                 "The robot could not be told of the emergency stop.",
                 "The console sends no motion. The robot stops by itself if it guards its commands.",
                 "Use the robot's own emergency stop button.",
+                until="connected",
             )
 
     def clear_emergency_stop(self) -> None:

@@ -157,6 +157,7 @@ class PerceptionWorker(QObject):
                         "People recognition stopped unexpectedly.",
                         "Boxes and the People panel are empty until it is back; the recording goes on.",
                         "It is being started again." if child else "It failed too often: restart the program.",
+                        until="people",
                     )
                 )
                 if child is None:

@@ -9,8 +9,9 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Event, LinkChanged, Problem, Severity
+from caris_desktop.domain.events import Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.ports import TellProblem
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.recorder_feed import RecorderFeed
@@ -42,7 +43,7 @@ class RecordingDirector(QObject):
         state: LiveState,
         *,
         new_recorder: Callable[[], ChildProcess],
-        problem: Callable[[Severity, str, str, str], None],
+        problem: TellProblem,
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
@@ -105,7 +106,7 @@ class RecordingDirector(QObject):
             folder, header = new_session()
         except ToldFailure as refusal:
             self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
-            self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+            self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="recording")
             return False
         self._folder = folder
         permissions = scenario.permissions
@@ -222,6 +223,7 @@ class RecordingDirector(QObject):
             if interrupted
             else "No session was being recorded.",
             "Start recording again: that makes a new session." if again else "Restart the program to record again.",
+            until="recording",
         )
         return True
 

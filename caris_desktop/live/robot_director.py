@@ -32,11 +32,11 @@ from caris_desktop.domain.events import (
     MapOperation,
     MappingChanged,
     MapRequestChanged,
-    Severity,
     TrafficMeasured,
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.ports import TellProblem
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
@@ -84,7 +84,7 @@ class RobotDirector(QObject):
         *,
         new_child: Callable[[ProcessBody], ChildProcess],
         publish: Callable[[Any], None],
-        problem: Callable[[Severity, str, str, str], None],
+        problem: TellProblem,
         before_goal: Callable[[], None],
         own_camera: bool,
         asyncio_thread: AsyncioThread,
@@ -157,7 +157,7 @@ class RobotDirector(QObject):
             except ToldFailure as refusal:
                 if not told:
                     told = True
-                    self._problem("error", refusal.what, refusal.meaning, refusal.advice)
+                    self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="connected")
                 await asyncio.sleep(_SETTLE_AGAIN_S)
             except Exception:
                 # Nobody waits for this task, so nobody else would hear of it.
@@ -205,6 +205,7 @@ class RobotDirector(QObject):
             else "The connection for the robot's pictures and map broke inside the console.",
             "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
             "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
+            until="connected" if name == "control" else "picture",
         )
         QTimer.singleShot(_RESTART_AFTER_MS, lambda: self._restart_link(name))
         return True
@@ -340,7 +341,11 @@ class RobotDirector(QObject):
         now_ns = clock.now_ns()
         if not self.send(GoTo(now_ns, f"g-{now_ns:x}", target_in_map, place)):
             self._problem(
-                "warning", f"The robot could not be sent to {where}.", "It stays where it is.", "Check the link."
+                "warning",
+                f"The robot could not be sent to {where}.",
+                "It stays where it is.",
+                "Check the link.",
+                until="connected",
             )
 
     # Map
@@ -389,4 +394,6 @@ class RobotDirector(QObject):
 
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
-            self._problem("warning", what, "It is not connected.", "Try again when the link is back.")
+            self._problem(
+                "warning", what, "It is not connected.", "Try again when the link is back.", until="connected"
+            )

@@ -408,4 +408,4 @@ def _safe_name(text: str) -> str:
 
 
 def _problem(error: CameraError, severity: Literal["warning", "error"], meaning: str) -> Problem:
-    return Problem(clock.now_ns(), severity, str(error), meaning, error.advice)
+    return Problem(clock.now_ns(), severity, str(error), meaning, error.advice, until="picture")

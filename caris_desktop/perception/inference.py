@@ -196,6 +196,7 @@ def _weights_problem(error: WeightsError) -> Problem:
         f"{error}.",
         f"People are not recognised; everything else works.{searched}",
         f"{error.advice}.",
+        until="people",
     )
 
 
@@ -206,6 +207,7 @@ def _start_problem() -> Problem:
         "The person detector could not be started.",
         "People are not recognised; everything else works.",
         "Run the set-up again; the log has the details.",
+        until="people",
     )
 
 
@@ -216,4 +218,5 @@ def _processing_problem() -> Problem:
         "The person detector failed on several camera frames in a row.",
         "People are not recognised any more; everything else works.",
         "Restart the program; the log has the details.",
+        until="people",
     )

@@ -85,6 +85,7 @@ class EmergencyStop:
                         "The emergency stop did not reach the robot: it is not connected.",
                         "It is set here and will be told to the robot when it is back; until then the robot decides.",
                         "Use the robot's own emergency stop.",
+                        until="connected",
                     )
                 )
         elif not self._interface.commands_robot:
@@ -97,6 +98,7 @@ class EmergencyStop:
                     "The emergency stop was not cleared: the robot is not connected.",
                     "It stays set.",
                     "Clear it when the robot is connected again.",
+                    until="connected",
                 )
             )
             self._emit(EmergencyStopChanged(now_ns(), self.latched, "robot"))
@@ -140,6 +142,7 @@ class EmergencyStop:
                     "The robot's own emergency stop is still set.",
                     "It does not move.",
                     "Release it at the robot.",
+                    until="released",
                 )
             )
             # Who asked may show it as cleared already.
@@ -187,6 +190,7 @@ class EmergencyStop:
                     f"The robot did not {verb} its emergency stop ({reason}).",
                     f"It is {state}; the console sends no motion.",
                     "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
+                    until="released",
                 )
             )
             # Who asked may show it as cleared already.

@@ -110,7 +110,7 @@ class LinkReporter:
         self.changed("lost" if self._was_connected else "connecting", what)
         # One Problem is enough for a robot that is away; the control link speaks for both.
         if self._link == "control":
-            self._put(Problem(now_ns(), "error", what, UNREACHABLE_MEANING, advice))
+            self._put(Problem(now_ns(), "error", what, UNREACHABLE_MEANING, advice, until="connected"))
 
     def refused(self, detail: str) -> None:
         self.problems.count(

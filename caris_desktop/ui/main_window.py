@@ -143,6 +143,7 @@ class MainWindow(QWidget):
     """
 
     layout_save_requested = Signal(object)  # LayoutNode
+    layout_reset_requested = Signal()
     closed = Signal()
 
     def __init__(
@@ -212,7 +213,7 @@ class MainWindow(QWidget):
         self._layout_rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self._layout_rest.timeout.connect(self._tell_layout)
         self.dock_host.layout_changed.connect(self._layout_rest.start)
-        self._problems = ProblemCards(self.theme, self.dock_host)
+        self._problems = ProblemCards(self.theme, self.dock_host, console.state)
         self._palette_overlay = CommandPalette(self.theme, self)
         self._sheet = ShortcutSheet(self.theme, self)
         self._connection = ConnectionCard(self.theme, self, console.state)
@@ -230,7 +231,6 @@ class MainWindow(QWidget):
         self.hold.escape_pressed.connect(self._sheet.close_overlay)
         self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.hold.escape_pressed.connect(self._question.put_away)
-        self.hold.escape_pressed.connect(self._close_robot_dialog)
         self.hold.escape_pressed.connect(self._close_session_windows)
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
@@ -844,11 +844,6 @@ class MainWindow(QWidget):
     def _on_robot_saved(self, choice: RobotChoice) -> None:
         self.choose_robot(choice)
 
-    def _close_robot_dialog(self) -> None:
-        # Who stops the robot from the main window keeps what was filled in.
-        if self._robot_dialog is not None and self._robot_dialog.isActiveWindow():
-            self._robot_dialog.reject()
-
     def _on_robot_dialog_finished(self, _result: int) -> None:
         if self._robot_dialog is not None:
             self._robot_dialog.deleteLater()
@@ -919,6 +914,8 @@ class MainWindow(QWidget):
         QTimer.singleShot(0, self, self._put_panels_back)
 
     def _put_panels_back(self) -> None:
+        # Whoever listens gives the scenario its own arrangement back, where another one was saved in its place.
+        self.layout_reset_requested.emit()
         self.show_scenario(self._console.scenario)
         self._console.keep_layout(self._console.scenario.layout)
 
@@ -963,14 +960,23 @@ class MainWindow(QWidget):
         if event.type() == QEvent.Type.WindowStateChange and self.isMinimized():
             self.hold.release_all("The window was minimised")
 
+    def show_in_place(self) -> None:
+        """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""
+        if self._fills_screen:
+            self.showMaximized()
+        else:
+            self.show()
+
     def _restore_place(self) -> None:
         geometry = self._settings.value(self._geometry_key) if self._settings is not None else None
         if geometry:
             self.restoreGeometry(geometry)
         else:
             self.resize(_ROOMY)
+        room = self.screen().availableSize() - _FRAME
         # A window taller than its screen hides the status bar below the edge, title bar included.
-        self.resize(self.size().boundedTo(self.screen().availableSize() - _FRAME))
+        self.resize(self.size().boundedTo(room))
+        self._fills_screen = not geometry and self.size() != _ROOMY
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._settings is not None:

@@ -4,7 +4,8 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Problem, ProblemEnd
+from caris_desktop.live.state import LiveState
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -20,10 +21,29 @@ _LOOKS = {
 }
 
 
-class ProblemCards(QWidget):
-    """The newest few problems over the lower right of the dock area; errors stay until they are dismissed."""
+def endings(state: LiveState) -> frozenset[ProblemEnd]:
+    """What is so now, of all that can end a problem."""
+    now: dict[ProblemEnd, bool] = {
+        "connected": state.link.value.state == "connected",
+        "released": not state.drive.value.emergency_stop,
+        "picture": state.frame.freshness == "fresh",
+        # From its start on: what goes wrong while it begins is about it. Going on after a pause is the same recording.
+        "recording": state.recording.value.state in ("starting", "recording", "paused"),
+        "voice": state.speech.value.ready and not state.speech.value.detail,
+        "assistant": state.assistant.value.state in ("ready", "answering"),
+        "people": state.perception.value.state == "ready",
+        "microphone": state.microphone.value.state == "on",
+    }
+    return frozenset(end for end, true in now.items() if true)
 
-    def __init__(self, theme: Theme, over: QWidget) -> None:
+
+class ProblemCards(QWidget):
+    """The newest few problems over the lower right of the dock area.
+
+    Errors stay until they are dismissed; any problem goes away once ``state`` shows that it is over.
+    """
+
+    def __init__(self, theme: Theme, over: QWidget, state: LiveState) -> None:
         super().__init__(over)
         self.setObjectName("problem_cards")
         self._theme = theme
@@ -33,6 +53,19 @@ class ProblemCards(QWidget):
         self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(tokens.GRID_PX)
         over.installEventFilter(self)
+        self._state = state
+        self._past = endings(state)
+        for value in (
+            state.link,
+            state.drive,
+            state.recording,
+            state.speech,
+            state.assistant,
+            state.perception,
+            state.microphone,
+        ):
+            value.changed.connect(self._on_state_changed)
+        state.frame.freshness_changed.connect(self._on_state_changed)
         self.hide()
 
     @property
@@ -54,6 +87,13 @@ class ProblemCards(QWidget):
             if len(self._cards) > SHOWN_AT_ONCE:
                 self._dismiss(self._cards[0])
         self._place()
+
+    def _on_state_changed(self, _value: object) -> None:
+        """What has come to be so since the last look ends the problems that waited for it."""
+        present = endings(self._state)
+        begun, self._past = present - self._past, present
+        for card in [card for card in self._cards if card.problem.until in begun]:
+            self._dismiss(card)
 
     def _dismiss(self, card: "ProblemCard") -> None:
         if card in self._cards:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
@@ -12,7 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.controls import CallService, RobotControl
-from caris_desktop.domain.events import Problem, TrafficMeasured
+from caris_desktop.domain.events import Problem, ProblemEnd, TrafficMeasured
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
@@ -31,7 +32,7 @@ from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.conftest import MemorySettings, click, find, freshen, open_window
 from tests.ui.fake_console import FakeConsole
 
 
@@ -57,6 +58,22 @@ def test_a_first_window_is_no_larger_than_its_screen(
     room = window.screen().availableSize()
     assert window.width() <= room.width()
     assert window.height() + 30 <= room.height(), "with its title bar the status bar would be below the edge"
+
+
+def test_a_first_window_fills_a_small_screen(
+    qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme
+) -> None:
+    first = MainWindow(console, settings=settings, theme=theme)
+    qtbot.addWidget(first)
+    assert first.screen().availableSize().width() < 1680, "this screen is a small one"
+    first.show_in_place()
+    assert first.isMaximized()
+    first.showNormal()
+    first.close()
+    again = MainWindow(console, settings=settings, theme=theme)
+    qtbot.addWidget(again)
+    again.show_in_place()
+    assert not again.isMaximized(), "from then on it is where it was left"
 
 
 @pytest.fixture(params=["tour-guide", "mental-health-check"])
@@ -210,6 +227,55 @@ def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWind
     assert window.focusWidget() is focused
     click(qtbot, find(cards[0], "problem_dismiss"))
     assert len(window.problems.cards) == SHOWN_AT_ONCE - 1
+
+
+def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console: FakeConsole) -> None:
+    state = console.state
+    link, drive = state.link.value, state.drive.value
+
+    def told(*whats: str) -> None:
+        assert [card.problem.what for card in window.problems.cards] == list(whats)
+
+    state.link.set(dataclasses.replace(link, state="lost"))
+    state.take(Problem(1, "error", "Away", "", "", until="connected"))
+    state.take(Problem(1, "error", "Not told", "", "", until="released"))
+    state.take(Problem(1, "error", "Broken", "", ""))
+    state.link.set(dataclasses.replace(link, state="connecting"))
+    told("Away", "Not told", "Broken")
+    state.link.set(link)
+    told("Not told", "Broken")
+    state.drive.set(dataclasses.replace(drive, emergency_stop=True))
+    told("Not told", "Broken")
+    state.drive.set(drive)
+    told("Broken")
+
+
+@pytest.mark.parametrize(
+    ("until", "value_of", "over"),
+    [
+        ("voice", "speech", {"ready": True, "detail": ""}),
+        ("assistant", "assistant", {"state": "ready"}),
+        ("people", "perception", {"state": "ready"}),
+        ("microphone", "microphone", {"state": "on"}),
+        ("recording", "recording", {"state": "starting"}),
+    ],
+)
+def test_what_came_back_takes_its_problem_away(
+    window: MainWindow, console: FakeConsole, until: ProblemEnd, value_of: str, over: dict[str, Any]
+) -> None:
+    value = getattr(console.state, value_of)
+    value.set(type(value.value)())
+    console.state.take(Problem(1, "error", "It stopped", "", "", until=until))
+    assert len(window.problems.cards) == 1
+    value.set(dataclasses.replace(value.value, **over))
+    assert window.problems.cards == ()
+
+
+def test_a_picture_that_is_back_takes_its_problem_away(window: MainWindow, console: FakeConsole) -> None:
+    console.state.frame.clear()
+    console.state.take(Problem(1, "error", "No camera", "", "", until="picture"))
+    freshen(console)
+    assert window.problems.cards == ()
 
 
 def test_anything_can_be_found_and_done(window: MainWindow, console: FakeConsole) -> None:

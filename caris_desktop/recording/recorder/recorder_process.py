@@ -237,7 +237,7 @@ class _Recorder:
     # To the console
 
     def _tell_problem(self, what: str, meaning: str, advice: str) -> None:
-        self._send(Problem(clock.now_ns(), "error", what, meaning, advice))
+        self._send(Problem(clock.now_ns(), "error", what, meaning, advice, until="recording"))
 
     def _send_report(self, report: RecorderReport) -> None:
         self._reported_ns = time.monotonic_ns()

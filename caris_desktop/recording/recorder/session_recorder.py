@@ -419,7 +419,8 @@ class SessionRecorder:
     def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         """Tell the wizard, and the record."""
         _log.warning("%s %s %s", what, meaning, advice)
-        self._record(Problem(clock.now_ns(), severity, what, meaning, advice))
+        # Whatever it is, it was about this recording.
+        self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until="recording"))
 
     def _troubles(self) -> list[str]:
         troubles = []

@@ -1,0 +1,59 @@
+"""Putting the panels back undoes an arrangement that was saved, in the window and in the file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.library import user_scenarios_dir
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode
+from caris_desktop.ui.dock_host import panels_in
+
+ARRANGED: LayoutNode = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("speak")), (0.7, 0.3))
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> QSettings:
+    return QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+
+
+@pytest.fixture
+def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRun]:
+    run = ConsoleRun(default_arguments(scenario="tour-guide", study=tmp_path / "study"), settings=settings)
+    yield run
+    run.close()
+
+
+def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: ConsoleRun) -> None:
+    shipped = run.console.scenario.layout
+    run.window.layout_save_requested.emit(ARRANGED)
+    own = user_scenarios_dir() / "tour-guide.yaml"
+    assert load_scenario(own).layout == run.console.scenario.layout == ARRANGED
+    run.window.layout_save_requested.emit(PanelLeaf("map"))
+    run.window._put_panels_back()
+    assert load_scenario(own).layout == run.console.scenario.layout == shipped
+    assert set(run.window.panels) == set(panels_in(shipped))
+    run.window._put_panels_back()
+    assert load_scenario(own).layout == shipped, "there is nothing more to undo"
+
+
+def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun) -> None:
+    run.window.layout_save_requested.emit(ARRANGED)
+    own = user_scenarios_dir() / "tour-guide.yaml"
+    own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
+    run.console.open_scenario(own)
+    run.window._put_panels_back()
+    assert panels_in(load_scenario(own).layout) == ("video", "session")
+
+
+@pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
+def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, kept: str) -> None:
+    own = user_scenarios_dir() / "tour-guide.yaml"
+    run.window.layout_save_requested.emit(PanelLeaf("map"))
+    settings.setValue("layouts_before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
+    run.window._put_panels_back()
+    assert load_scenario(own).layout == PanelLeaf("map")
