@@ -123,7 +123,7 @@ install_system_packages() {
     needed+=(xvfb xauth openbox)
   fi
   if [[ $with_tests == yes ]]; then
-    wanted+=(xdotool pulseaudio pulseaudio-utils iptables iproute2 strace)
+    wanted+=(xdotool pulseaudio pulseaudio-utils iptables iproute2 strace python3-rosbag)
   fi
 
   local -a missing_needed missing_wanted

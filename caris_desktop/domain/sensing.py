@@ -21,7 +21,8 @@ class LaserScan:
     """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid.
 
     ``map_from_laser`` is where the laser was in the map when it measured, which a turning robot has left meanwhile;
-    None where that is not known.
+    None where that is not known. ``intensities`` are float32, one for each beam in the device's own unit; empty where
+    it tells none.
     """
 
     stamp_ns: int
@@ -34,6 +35,7 @@ class LaserScan:
     ranges_m: NDArray[np.float32] = field(metadata={"shape": (-1,)})
     robot_from_laser: Pose2D
     map_from_laser: Pose2D | None = None
+    intensities: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), metadata={"shape": (-1,)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,6 +117,11 @@ def floats(message: Message, name: str, what: str, *, most: int) -> NDArray[np.f
         raise MessageError(f"{where} holds a number that is too large") from error
 
 
+def floats_or_empty(message: Message, name: str, what: str, *, most: int) -> NDArray[np.float32]:
+    """Numbers that may be missing."""
+    return floats(message, name, what, most=most) if name in message else np.zeros(0, np.float32)
+
+
 def int8s(message: Message, name: str, what: str, *, most: int) -> NDArray[np.int8]:
     """int8, shape (n,), from a list, a typed array or bytes."""
     value = field(message, name, what)

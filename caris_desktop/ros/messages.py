@@ -27,6 +27,7 @@ from caris_desktop.ros.fields import (
     encode_pose,
     field,
     floats,
+    floats_or_empty,
     frame_of,
     int8s,
     message_of,
@@ -164,12 +165,12 @@ def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_
         "range_min": scan.range_min_m,
         "range_max": scan.range_max_m,
         "ranges": np.asarray(scan.ranges_m, dtype=np.float32),
-        "intensities": np.zeros(0, dtype=np.float32),
+        "intensities": np.asarray(scan.intensities, dtype=np.float32),
     }
 
 
 def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D = _AT_ORIGIN) -> LaserScan:
-    """sensor_msgs/LaserScan. JSON's null in ``ranges`` becomes ``inf``."""
+    """sensor_msgs/LaserScan. JSON's null in ``ranges`` and ``intensities`` becomes ``inf``."""
     scan = message_of(message, "LaserScan")
     range_max_m = number_or_none(scan, "range_max", "LaserScan")
     return LaserScan(
@@ -182,6 +183,7 @@ def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D =
         range_max_m=math.inf if range_max_m is None else range_max_m,
         ranges_m=floats(scan, "ranges", "LaserScan", most=MAX_BEAMS),
         robot_from_laser=robot_from_laser,
+        intensities=floats_or_empty(scan, "intensities", "LaserScan", most=MAX_BEAMS),
     )
 
 

@@ -3,6 +3,7 @@
 import copy
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,18 @@ def test_a_scan_keeps_what_each_form_can_hold(dialect: Dialect) -> None:
     assert from_json.ranges_m.dtype == from_cbor.ranges_m.dtype == np.float32
     assert (from_json.stamp_ns, from_json.robot_stamp_ns, from_json.frame_id) == (NOW_NS, STAMP_NS, "laser")
     assert from_json.robot_from_laser == POSE
+
+
+@both_wires
+@both_dialects
+def test_a_scan_keeps_its_intensities(wire: Wire, dialect: Dialect) -> None:
+    bright = replace(scan([1.5, 2.5]), intensities=np.array([47.0, 1023.5], np.float32))
+    message = messages.encode_laser_scan(dialect, bright, stamp_ns=STAMP_NS)
+    decoded = messages.decode_laser_scan(wire(message), stamp_ns=NOW_NS)
+    assert decoded.intensities.dtype == np.float32
+    assert decoded.intensities.tolist() == [47.0, 1023.5]
+    del message["intensities"]
+    assert messages.decode_laser_scan(wire(message), stamp_ns=NOW_NS).intensities.tolist() == []
 
 
 @both_wires

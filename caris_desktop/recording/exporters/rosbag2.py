@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, UtteranceChanged
+from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
@@ -28,12 +28,13 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
-from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.pictures import Pace, picture_of
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session.robot_text import VelocityType, velocity_type
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import Dialect, encode_time
@@ -65,7 +66,7 @@ POSE = RosTopic("/robot_pose", "geometry_msgs/msg/PoseStamped")
 GRID = RosTopic("/map", "nav_msgs/msg/OccupancyGrid", latched=True)
 PATH = RosTopic("/plan", "nav_msgs/msg/Path")
 GOAL = RosTopic("/goal_pose", "geometry_msgs/msg/PoseStamped")
-COMMAND = RosTopic("/cmd_vel", "geometry_msgs/msg/TwistStamped")
+COMMAND = "/cmd_vel"
 BATTERY = RosTopic("/battery_state", "sensor_msgs/msg/BatteryState")
 PEOPLE = RosTopic("/people", "visualization_msgs/msg/MarkerArray")
 CLOCK = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
@@ -89,7 +90,13 @@ def write_rosbag2(
         bags = stack.enter_context(_Bags(out))
         videos = stack.enter_context(VideoReader(session))
         has_odometry = next(session.values("odometry"), None) is not None
-        translator = _Translator(moments, videos, has_odometry=has_odometry, image_hz=image_hz)
+        translator = _Translator(
+            moments,
+            videos,
+            has_odometry=has_odometry,
+            velocity_type=_imported_velocity_type(session),
+            image_hz=image_hz,
+        )
         bags.write(SESSION, session.clock.anchor.utc_ns_at(session.started_ns), {"data": _session_json(session)})
         duration_ns = max(1, session.ended_ns - session.started_ns)
         for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
@@ -137,7 +144,15 @@ class _Moments:
 class _Translator:
     """Turns recorded values, in the order of arrival, into messages."""
 
-    def __init__(self, moments: _Moments, videos: VideoReader, *, has_odometry: bool, image_hz: float | None) -> None:
+    def __init__(
+        self,
+        moments: _Moments,
+        videos: VideoReader,
+        *,
+        has_odometry: bool,
+        velocity_type: VelocityType,
+        image_hz: float | None,
+    ) -> None:
         self._moments = moments
         self._videos = videos
         self._has_odometry = has_odometry
@@ -147,6 +162,8 @@ class _Translator:
         self._static: dict[str, Message] = {}
         self._speaking: set[str] = set()
         self._names: dict[str, str] = {}
+        self._velocity_type = velocity_type
+        self._commands: dict[VelocityType, RosTopic] = {}
         self._by_type: dict[type[Any], Callable[[Any, int], _Out]] = {
             LaserScan: self._scan,
             Odometry: self._odometry_and_tf,
@@ -158,9 +175,8 @@ class _Translator:
                 PATH, navigation_messages.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)
             ),
             BatteryState: self._battery,
-            CommandSent: lambda command, at_ns: _one(
-                COMMAND, messages.encode_twist_stamped(_PLAIN, command.twist, stamp_ns=at_ns, frame_id=BASE)
-            ),
+            CommandSent: self._command,
+            RobotChosen: self._robot,
             GoalChanged: self._goal,
             CameraLens: self._lens,
             FrameRef: self._image,
@@ -206,6 +222,22 @@ class _Translator:
         message = messages.encode_battery_state(_PLAIN, battery, stamp_ns=at_ns, voltage_v=math.nan)
         unknown = {"power_supply_status": 0, "power_supply_health": 0, "power_supply_technology": 0}
         yield BATTERY, {**message, **unknown, "temperature": math.nan}
+
+    def _robot(self, robot: RobotChosen, _at_ns: int) -> _Out:
+        self._velocity_type = velocity_type(robot)
+        yield from ()
+
+    def _command(self, command: CommandSent, at_ns: int) -> _Out:
+        """In the type that drives the robot. Two types under one name turn a whole graph's topic over when they are
+        played, so that of another robot has a name of its own.
+        """
+        kind = self._velocity_type
+        name = f"{COMMAND}_{kind.lower()}" if self._commands and kind not in self._commands else COMMAND
+        topic = self._commands.setdefault(kind, RosTopic(name, f"geometry_msgs/msg/{kind}"))
+        if kind == "TwistStamped":
+            yield topic, messages.encode_twist_stamped(_PLAIN, command.twist, stamp_ns=at_ns, frame_id=BASE)
+        else:
+            yield topic, messages.encode_twist(command.twist)
 
     def _goal(self, goal: GoalChanged, at_ns: int) -> _Out:
         if goal.state == "requested":
@@ -328,6 +360,7 @@ class _Bags:
 
         self._ros1: Writer1 = Writer1(out / "session.bag")
         self._ros1.set_compression(Writer1.CompressionFormat.LZ4)
+        self._ros1.compressor = _lz4_for_ros
         # Version 8: the newest whose metadata ROS 2 Humble reads too.
         self._ros2: Writer2 = Writer2(out / "ros2", version=8, storage_plugin=StoragePlugin.MCAP)
         self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -397,6 +430,14 @@ class _Bags:
         self._chunks = len(self._ros1.chunks) - 1
 
 
+def _lz4_for_ros(chunk: bytes) -> bytes:
+    """A frame as ROS 1 reads it: independent blocks, a checksum of the content, and no size of it."""
+    import lz4.frame
+
+    frame: bytes = lz4.frame.compress(chunk, block_linked=False, content_checksum=True, store_size=False)
+    return frame
+
+
 _BOTH: tuple[Ros, Ros] = (1, 2)
 # Its seconds have 32 bits.
 _ROS1_ENDS_NS = 2**32 * 1_000_000_000
@@ -430,6 +471,19 @@ def _quality(*, latched: bool) -> Any:
         liveliness_lease_duration=forever,
         avoid_ros_namespace_conventions=False,
     )
+
+
+def _imported_velocity_type(session: Session) -> VelocityType:
+    """That of the bag which the session was; sessions of a robot tell theirs in its profile."""
+    source = session.header.get("source")
+    topics = source.get("topics") if isinstance(source, dict) else None
+    stamped = any(
+        isinstance(topic, dict)
+        and topic.get("became") == BY_TYPE[CommandSent].name
+        and str(topic.get("type")).endswith("/TwistStamped")
+        for topic in (topics if isinstance(topics, list) else ())
+    )
+    return "TwistStamped" if stamped else "Twist"
 
 
 def _one(topic: RosTopic, message: Message) -> _Out:
@@ -538,8 +592,8 @@ radians. Cameras: optical frames, {pictures} of each (JPEG); the videos themselv
 
 ## Topics
 `{VALUE_TOPICS}STREAM` are values and events for which there is no standard message, as JSON in `std_msgs/String`, in
-the schema that the channels of the session's `events.mcap` carry. `{COMMAND.name}` are the velocities as they were
-sent; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are opaque ids.
+the schema that the channels of the session's `events.mcap` carry. `{COMMAND}` are the velocities as they were
+sent, in the robot's own type; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are opaque ids.
 
 | topic | type | messages |
 | --- | --- | --- |

@@ -33,7 +33,7 @@ class ScenarioText:
 
 def read_scenario(event: ScenarioOpened) -> ScenarioText:
     """Fields that are missing, or not as they should be, stay empty: the record may be older than this program."""
-    content = _mapping(_parsed(event.content))
+    content = _mapping(parsed_yaml(event.content, "scenario"))
     assistant, recording = _mapping(content.get("assistant")), _mapping(content.get("recording"))
     return ScenarioText(
         title=event.title,
@@ -53,7 +53,8 @@ def read_scenario(event: ScenarioOpened) -> ScenarioText:
     )
 
 
-def _parsed(text: str) -> Any:
+def parsed_yaml(text: str, what: str) -> Any:
+    """What a recorded file holds; an empty mapping for one that cannot be read. ``what`` it is goes to the log."""
     import yaml
 
     class Loader(yaml.SafeLoader):
@@ -74,13 +75,13 @@ def _parsed(text: str) -> Any:
     if not text:
         return {}
     if len(text) > _MAX_CHARACTERS:
-        _log.warning("the recorded scenario is not read: %d characters", len(text))
+        _log.warning("the recorded %s is not read: %d characters", what, len(text))
         return {}
     try:
         return yaml.load(text, Loader=Loader)  # noqa: S506 - a SafeLoader
     except Exception as error:
         # What a tag says of a value (!!int of a word, say) raises whatever the conversion raises.
-        _log.warning("the recorded scenario cannot be read: %s", error)
+        _log.warning("the recorded %s cannot be read: %s", what, error)
         return {}
 
 

@@ -1,23 +1,29 @@
 """Sessions as bags, read by software that is not ours: rosbags for both, the plain mcap reader for that of ROS 2."""
 
 import json
+import subprocess
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer
 from scipy.spatial.transform import Rotation
 
 from caris_desktop.domain import streams
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import CommandSent
+from caris_desktop.domain.events import CommandSent, RobotChosen
+from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,
@@ -31,7 +37,10 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.rosbag2 import write_rosbag2
 from caris_desktop.recording.foreign.bag_import import import_bag
+from caris_desktop.recording.foreign.bag_messages import typed, typestore
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.ros import messages
+from caris_desktop.ros.dialect import Dialect
 from tests.recording.exporters.test_frames import rerecorded
 from tests.support.recorded_session import MadeSession, make_session, number_in
 
@@ -56,9 +65,13 @@ def out(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", params=["ros2", "session.bag"])
 def bag(request: pytest.FixtureRequest, out: Path) -> dict[str, list[Read]]:
-    """Time and typed message of everything in one of the two, by topic."""
+    return messages_in(out / request.param)
+
+
+def messages_in(path: Path) -> dict[str, list[Read]]:
+    """Time and typed message of everything in a bag, by topic."""
     read: dict[str, list[Read]] = {}
-    with AnyReader([out / request.param]) as reader:
+    with AnyReader([path]) as reader:
         for connection, at_ns, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
             read.setdefault(connection.topic, []).append((at_ns, message))
@@ -104,11 +117,11 @@ def test_scans_are_equal_and_stamped_when_they_were_measured(made: MadeSession, 
 
 def test_motion_is_equal(made: MadeSession, bag: dict[str, list[Read]]) -> None:
     for command, message in both(made, CommandSent, bag["/cmd_vel"]):
-        twist = message.twist
-        assert (twist.linear.x, twist.linear.y, twist.angular.z) == (
+        # What the profile of this robot says, or does not say.
+        assert message.__msgtype__ == "geometry_msgs/msg/Twist"
+        assert (message.linear.x, message.linear.y, message.angular.z) == (
             command.twist.forward_mps, command.twist.left_mps, command.twist.turn_radps
         )  # fmt: skip
-        assert stamp_ns(message.header) == utc_ns(made, command.stamp_ns)
     for pose, message in both(made, RobotPose, bag["/robot_pose"]):
         assert message.header.frame_id == "map"
         assert in_plane(message.pose.position, message.pose.orientation) == pytest.approx(of_pose(pose.pose_in_map))
@@ -207,10 +220,8 @@ def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
     other = replace(lens, camera="front_door")
     rerecorded(made, [(made.plan.started_ns, lens), (made.plan.started_ns, other), *made.values])
     export_session(made.folder, "rosbag2", tmp_path / "out")
-    read: dict[str, list[Any]] = {}
-    with AnyReader([tmp_path / "out" / "session.bag"]) as reader:
-        for connection, _, raw in reader.messages():
-            read.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    bag = messages_in(tmp_path / "out" / "session.bag")
+    read = {topic: [message for _, message in found] for topic, found in bag.items()}
     (info,) = read["/camera/front_door/camera_info"]
     assert len(read["/camera/front_door_2/camera_info"]) == 1
     assert (info.K[0], info.K[4], info.width) == (500.0, 510.0, 640)
@@ -222,6 +233,108 @@ def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
     for u_px, v_px in ((320.0, 240.0), (0.0, 100.0), (600.0, 470.0)):
         optical = [(u_px - 320.0) / 500.0, (v_px - 240.0) / 510.0, 1.0]
         np.testing.assert_allclose(rotation.apply(optical), model.ray(u_px, v_px), atol=1e-9)
+
+
+STAMPED = "name: new\nvelocity: {topic: /base/cmd, type: TwistStamped}\n"
+
+
+def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path) -> None:
+    made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
+    began_ns = made.plan.started_ns
+    stamped = RobotChosen(began_ns, "new", "New", "ws://127.0.0.1:9090", STAMPED)
+    plain = replace(stamped, stamp_ns=began_ns + SECOND_NS // 2, profile="velocity: [not a profile")
+    values = [(arrived_ns, value) for arrived_ns, value in made.values if not isinstance(value, RobotChosen)]
+    values = sorted([*values, (began_ns, stamped), (plain.stamp_ns, plain)], key=itemgetter(0))
+    rerecorded(made, values)
+    export_session(made.folder, "rosbag2", tmp_path / "out")
+    commands = [(arrived_ns, value) for arrived_ns, value in values if isinstance(value, CommandSent)]
+    bag = messages_in(tmp_path / "out" / "session.bag")
+    read = {topic: [message for _, message in found] for topic, found in bag.items()}
+    # The second robot's are beside the others: two types under one name stop a whole graph of ROS 1.
+    assert {message.__msgtype__ for message in read["/cmd_vel"]} == {"geometry_msgs/msg/TwistStamped"}
+    assert {message.__msgtype__ for message in read["/cmd_vel_twist"]} == {"geometry_msgs/msg/Twist"}
+    assert len(read["/cmd_vel"]) == sum(arrived_ns < plain.stamp_ns for arrived_ns, _ in commands)
+    assert len(read["/cmd_vel"]) + len(read["/cmd_vel_twist"]) == len(commands)
+    assert [stamp_ns(message.header) for message in read["/cmd_vel"]] == [
+        utc_ns(made, command.stamp_ns) for _, command in commands[: len(read["/cmd_vel"])]
+    ]
+    for name in ("session.bag", "ros2"):
+        import_bag(tmp_path / "out" / name, tmp_path / f"again-{name}")
+        again = [value for _, value in open_session(tmp_path / f"again-{name}").values("event/command_sent")]
+        assert again == [command for _, command in commands]
+
+
+def test_an_imported_bag_keeps_the_type_of_its_velocities(tmp_path: Path) -> None:
+    message = messages.encode_twist_stamped(Dialect.ROS2, Twist2D(0.4, 0.0, 0.1), stamp_ns=7 * SECOND_NS)
+    kind = "geometry_msgs/msg/TwistStamped"
+    with Writer(tmp_path / "foreign.bag") as bag:
+        connection = bag.add_connection("/cmd_vel", kind, typestore=typestore(1))
+        bag.write(connection, 7 * SECOND_NS, typestore(1).serialize_ros1(typed(1, kind, message), kind))
+    import_bag(tmp_path / "foreign.bag", tmp_path / "s")
+    export_session(tmp_path / "s", "rosbag2", tmp_path / "out")
+    for _, again in messages_in(tmp_path / "out" / "ros2")["/cmd_vel"]:
+        assert (again.__msgtype__, again.twist.linear.x) == (kind, 0.4)
+
+
+def test_intensities_are_recorded_and_exported(tmp_path: Path) -> None:
+    made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
+    bright = np.array([0.0, 47.25, 1023.5, np.nan], np.float32)
+    rerecorded(
+        made,
+        [
+            (arrived_ns, replace(value, intensities=bright) if isinstance(value, LaserScan) else value)
+            for arrived_ns, value in made.values
+        ],
+    )
+    for _, scan in open_session(made.folder).values("scan"):
+        np.testing.assert_array_equal(scan.intensities, bright)
+    export_session(made.folder, "rosbag2", tmp_path / "out")
+    for name in ("session.bag", "ros2"):
+        scans = messages_in(tmp_path / "out" / name)["/scan"]
+        assert len(scans) == len(of(made, LaserScan))
+        for _, message in scans:
+            np.testing.assert_array_equal(message.intensities, bright)
+    export_session(made.folder, "parquet", tmp_path / "tables")
+    (row, *_) = pq.read_table(tmp_path / "tables" / "scan.parquet", columns=["intensities"]).to_pylist()
+    np.testing.assert_array_equal(row["intensities"], bright)
+
+
+READER = Path(__file__).with_name("read_by_rosbag.py")
+
+
+def _isolated(*command: str) -> "subprocess.CompletedProcess[str]":
+    python, *arguments = command
+    return subprocess.run([python, "-I", *arguments], check=False, capture_output=True, text=True)
+
+
+@cache
+def python_with_rosbag() -> str | None:
+    """An interpreter of this system that has ROS 1's own reader of bags."""
+    for name in ("python3", "python3.13", "python3.12", "python3.11"):
+        path = f"/usr/bin/{name}"
+        if Path(path).exists() and not _isolated(path, "-c", "import rosbag").returncode:
+            return path
+    return None
+
+
+def test_the_reader_of_ros_1_itself_reads_the_bag(made: MadeSession, out: Path) -> None:
+    python = python_with_rosbag()
+    if python is None:
+        pytest.skip("needs ROS 1's own reader of bags (Debian: python3-rosbag)")
+    told = _isolated(python, str(READER), str(out / "session.bag"))
+    assert told.returncode == 0, told.stderr
+    read, bag = json.loads(told.stdout), messages_in(out / "session.bag")
+    assert read["compression"] == "lz4"
+    assert {topic: len(found["messages"]) for topic, found in read["topics"].items()} == {
+        topic: len(found) for topic, found in bag.items()
+    }
+    for topic, found in read["topics"].items():
+        assert found["md5"] == found["md5_of_definition"], topic
+        assert [at_ns for at_ns, _ in found["messages"]] == [at_ns for at_ns, _ in bag[topic]]
+    for (at_ns, scan), (_, message) in zip(of(made, LaserScan), read["topics"]["/scan"]["messages"], strict=True):
+        np.testing.assert_array_equal(np.array(message["ranges"], np.float32), scan.ranges_m, err_msg=str(at_ns))
+    (_, grid), *_ = of(made, OccupancyGrid)
+    assert read["topics"]["/map"]["messages"][0][1]["data"] == grid.cells.ravel().tolist()
 
 
 @dataclass(frozen=True, slots=True)
