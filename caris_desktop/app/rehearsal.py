@@ -304,9 +304,10 @@ class Rehearsal(QObject):
     def _clear_ahead_m(self, bearing_in_robot_rad: float) -> float:
         """Free distance in a corridor of the robot's width in that direction, by the last scan."""
         scan = self._state.scan.value
+        heading_rad = scan.robot_from_laser.heading_rad
         nearest_m = math.inf
         for index, range_m in enumerate(scan.ranges_m):
-            angle = scan.angle_min_rad + index * scan.angle_increment_rad + scan.robot_from_laser.heading_rad
+            angle = scan.angle_min_rad + index * scan.angle_increment_rad + heading_rad
             off = wrap_angle(angle - bearing_in_robot_rad)
             if math.isfinite(range_m) and abs(off) < math.pi / 2 and abs(range_m * math.sin(off)) < 0.35:
                 nearest_m = min(nearest_m, float(range_m * math.cos(off)))

@@ -20,6 +20,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 class LaserScan:
     """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid.
 
+    ``robot_from_laser`` is None where nobody told how it is mounted: its points are nowhere then, and not shown.
     ``map_from_laser`` is where the laser was in the map when it measured, which a turning robot has left meanwhile;
     None where that is not known. ``intensities`` are float32, one for each beam in the device's own unit; empty where
     it tells none.
@@ -33,7 +34,7 @@ class LaserScan:
     range_min_m: float
     range_max_m: float
     ranges_m: NDArray[np.float32] = field(metadata={"shape": (-1,)})
-    robot_from_laser: Pose2D
+    robot_from_laser: Pose2D | None
     map_from_laser: Pose2D | None = None
     intensities: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), metadata={"shape": (-1,)})
 

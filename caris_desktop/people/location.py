@@ -84,6 +84,8 @@ def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.floa
     laser = scan.robot_from_laser
     if scan.map_from_laser is not None:
         laser = map_from_robot.inverse() @ scan.map_from_laser
+    if laser is None:
+        return np.zeros((0, 2))
     ranges = scan.ranges_m
     valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
     angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad

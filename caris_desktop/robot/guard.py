@@ -169,7 +169,9 @@ class ObstacleGuard:
         self._sent = twist
 
     def take_scan(self, scan: LaserScan) -> None:
-        """A scan that tells nothing, such as that of a covered LIDAR, counts as none."""
+        """A scan that tells nothing, such as that of a covered LIDAR or of one mounted nobody knows where, is none."""
+        if scan.robot_from_laser is None:
+            return
         now_s = scan.stamp_ns / 1e9
         ranges_m = scan.ranges_m.astype(np.float64)
         angle_min_rad, increment_rad = scan.angle_min_rad, scan.angle_increment_rad

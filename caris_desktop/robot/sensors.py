@@ -128,15 +128,13 @@ class Sensors:
             topic.subscribe(take)
 
     def _take_scan(self, message: Any) -> None:
-        scan = decode_laser_scan(
-            message, stamp_ns=self._ros.arrival_ns, robot_from_laser=self._profile.robot_from_laser
-        )
+        scan = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns)
         mounted = None
         if scan.frame_id:
             mounted = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns)
             if mounted is None:
                 self._complain_of_frame(scan.frame_id, "The LIDAR is shown where the profile says that it is mounted.")
-        robot_from_laser = mounted or scan.robot_from_laser
+        robot_from_laser = mounted or self._profile.robot_from_laser
         # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
         map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
         scan = replace(

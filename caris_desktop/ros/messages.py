@@ -169,7 +169,7 @@ def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_
     }
 
 
-def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D = _AT_ORIGIN) -> LaserScan:
+def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D | None = None) -> LaserScan:
     """sensor_msgs/LaserScan. JSON's null in ``ranges`` and ``intensities`` becomes ``inf``."""
     scan = message_of(message, "LaserScan")
     range_max_m = number_or_none(scan, "range_max", "LaserScan")

@@ -37,7 +37,9 @@ class Mapper:
         self._published: NDArray[np.int8] | None = None
 
     def add(self, scan: LaserScan, map_from_robot: Pose2D) -> None:
-        """Take one scan, made at ``map_from_robot``, into the map."""
+        """Take one scan, made at ``map_from_robot``, into the map; not one whose laser is nobody knows where."""
+        if scan.robot_from_laser is None:
+            return
         laser = map_from_robot @ scan.robot_from_laser
         ranges = scan.ranges_m.astype(np.float64)
         # below its range a scanner tells nothing: blind beams

@@ -193,6 +193,7 @@ def test_distance_ahead_comes_from_the_beams_in_front() -> None:
     assert ahead_m == pytest.approx(2.0, abs=0.1)
     nothing = dataclasses.replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
     assert distance_ahead_m(nothing) is None
+    assert distance_ahead_m(dataclasses.replace(scan, robot_from_laser=None)) is None
 
 
 # Map
@@ -203,6 +204,8 @@ def test_scan_points_land_on_the_walls() -> None:
     points = scan_points_in_map(samples.scan_at(pose), pose)
     on_wall = (np.abs(points[:, 0]) < 0.1) | (np.abs(points[:, 1] - 8.0) < 0.1) | (np.abs(points[:, 1]) < 0.1)
     assert on_wall.mean() > 0.5
+    nowhere = dataclasses.replace(samples.scan_at(pose), robot_from_laser=None)
+    assert len(scan_points_in_map(nowhere, pose)) == 0
 
 
 def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:

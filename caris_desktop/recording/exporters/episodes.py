@@ -332,7 +332,7 @@ def _scan(scan: LaserScan) -> dict[str, Any]:
         "angle_min_rad": scan.angle_min_rad,
         "angle_increment_rad": scan.angle_increment_rad,
         "range_max_m": scan.range_max_m if math.isfinite(scan.range_max_m) else None,
-        "robot_from_laser": _pose(scan.robot_from_laser),
+        "robot_from_laser": None if scan.robot_from_laser is None else _pose(scan.robot_from_laser),
         "ranges_m": [value if math.isfinite(value) else None for value in ranges.tolist()],
     }
 

@@ -330,7 +330,8 @@ not exactly regular.
 first velocity other than zero and ends when there was none for 2 s; it keeps 0.5 s of rest at its end.
 `state` is what the console had when the step began, by arrival; null where it is not known or older than 5 s:
 - `scan`: `ranges_m` in metres, null where nothing returned; beam i looks along
-  `angle_min_rad + i * angle_increment_rad` from the laser, which sits at `robot_from_laser`.
+  `angle_min_rad + i * angle_increment_rad` from the laser, which sits at `robot_from_laser`
+  (null where nobody told).
 - `pose_in_map`: `x_m`, `y_m`, `heading_rad` (counter-clockwise) of the robot in its map.
 - `odometry`: pose in the drifting odometry frame, and velocity in the robot's own frame (m/s, rad/s, left positive).
 - `goal`: the navigation goal under way, null without one. A goal moves the robot without commands of the wizard.

@@ -195,7 +195,7 @@ class _Translator:
 
     def _scan(self, scan: LaserScan, at_ns: int) -> _Out:
         frame = scan.frame_id.lstrip("/") or "laser"
-        if frame != BASE:
+        if frame != BASE and scan.robot_from_laser is not None:
             yield from self._fixed(frame, _transform(BASE, frame, scan.robot_from_laser, at_ns=at_ns))
         message = messages.encode_laser_scan(_PLAIN, scan, stamp_ns=at_ns, scan_time_s=0.0)
         message["header"]["frame_id"] = frame

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,6 +36,7 @@ from caris_desktop.recording.foreign.bag_values import (
     ValueMaker,
     cast_channels,
     own_session,
+    tells_mounts,
 )
 from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
 from caris_desktop.recording.recorder.event_log import EventLog
@@ -60,6 +62,7 @@ _FLUSH_EVERY_NS = 1_000_000_000
 _SUFFIX = ".importing"
 _SIMULATED_BEFORE_NS = 631_152_000_000_000_000  # the year 1990
 _MAX_TOPICS_TOLD = 1000
+_MAX_MOUNTS, _MAX_MOUNT_BYTES = 1000, 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +145,7 @@ class _Survey:
     first_ns: int = _LATEST_UTC_NS
     last_ns: int = 0
     own: OwnSession | None = None
+    mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
 
 
 def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[[float], None]) -> ImportReport:
@@ -170,6 +174,11 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
     faults: dict[BagChannel, str] = {}
     try:
         writer.put(SessionStarted(clock.started_ns, folder.name), clock.started_ns)
+        for channel, data in survey.mounts:
+            if channel in casting.roles:
+                # What is wrong with one is told when its turn comes.
+                with suppress(MessageError):
+                    maker.take_mounts(readers[channel].read(data))
         for number, message in enumerate(in_order_of_time(bag.messages(notes))):
             if not number % _TELL_EVERY:
                 progress(_SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * min(1.0, message.fraction))
@@ -225,6 +234,9 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
             notes.add("Messages whose time is zero, or no time at all, were left out.")
             continue
         survey.first_ns, survey.last_ns = min(survey.first_ns, message.at_ns), max(survey.last_ns, message.at_ns)
+        few = len(survey.mounts) < _MAX_MOUNTS and len(message.data) < _MAX_MOUNT_BYTES
+        if tells_mounts(message.channel) and few:
+            survey.mounts.append((message.channel, message.data))
         if survey.own is None and message.channel.topic == SESSION_TOPIC:
             survey.own = _own_session(message.channel, message.data, message.at_ns)
     if not survey.counts or not survey.last_ns:
@@ -386,7 +398,9 @@ class _SessionWriter:
 
 def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, survey: _Survey) -> None:
     for frame in sorted(maker.lasers_without_place):
-        notes.add(f"Where the laser '{frame}' sits on the robot is not told; it is shown at the robot's centre.")
+        notes.add(
+            f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
+        )
     for camera, why in writer.without_video.items():
         notes.add(f"The video of the camera {camera} ended early: {why}.")
     if survey.own is None:

@@ -105,6 +105,11 @@ def own_session(data: Any) -> OwnSession | None:
         return None
 
 
+def tells_mounts(channel: BagChannel) -> bool:
+    """Whether its transforms hold for the whole of a bag."""
+    return plain_name(channel.type) in ("tf2_msgs/TFMessage", "tf/tfMessage") and channel.topic.endswith("static")
+
+
 def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool) -> Casting:
     """Choose for each stream the channel to take.
 
@@ -316,6 +321,11 @@ class ValueMaker:
             "utterance": self._utterance,
         }
 
+    def take_mounts(self, message: Message) -> None:
+        """What is mounted where on the robot, which holds before a bag tells it too. Raises MessageError."""
+        for transform in messages.decode_tf_message(message):
+            self._tree.put(transform)
+
     def make(self, role: Role, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
         """Domain values and pictures. Raises MessageError for a message that cannot be used."""
         match role.kind:
@@ -340,7 +350,9 @@ class ValueMaker:
         place = None if base is None else self._tree.pose_in(base, frame)
         if place is None:
             self.lasers_without_place.add(frame)
-        yield scan if place is None else replace(scan, robot_from_laser=place)
+        else:
+            self.lasers_without_place.discard(frame)
+        yield replace(scan, robot_from_laser=place)
 
     def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
         yield messages.decode_occupancy_grid(message, stamp_ns=at_ns)

@@ -101,7 +101,11 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
 
 
 def distance_ahead_m(scan: LaserScan) -> float | None:
-    """The nearest return within 20 degrees of straight ahead; None when nothing returned there."""
+    """The nearest return within 20 degrees of straight ahead; None when nothing returned there, or nobody told how the
+    laser is mounted.
+    """
+    if scan.robot_from_laser is None:
+        return None
     ranges = scan.ranges_m
     angles = (
         scan.angle_min_rad
@@ -243,7 +247,9 @@ class VideoPanel(Panel):
             twist = state.odometry.value.twist
             turn_deg = abs(math.degrees(twist.turn_radps))
             chips.append((f"{abs(twist.forward_mps):.2f} m/s · {turn_deg:.0f}°/s", "video_text"))
-        if state.scan.freshness == "fresh":
+        if state.scan.value is not None and state.scan.value.robot_from_laser is None:
+            chips.append(("Where the LIDAR looks is not known", "video_text"))
+        elif state.scan.freshness == "fresh":
             ahead_m = distance_ahead_m(state.scan.value)
             if ahead_m is None:
                 chips.append(("Nothing in reach ahead", "video_text"))

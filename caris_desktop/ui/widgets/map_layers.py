@@ -21,7 +21,9 @@ _DOT_PX = 2
 
 
 def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """Where the beams ended, float64 of shape (returns, 2), metres in the map."""
+    """Where the beams ended, float64 of shape (returns, 2), metres in the map; none where nobody told the laser's."""
+    if scan.robot_from_laser is None:
+        return np.zeros((0, 2))
     ranges = scan.ranges_m
     valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
     laser = map_from_robot @ scan.robot_from_laser

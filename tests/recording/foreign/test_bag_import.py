@@ -235,6 +235,40 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
     assert "Hello there" in (session.folder / "speech.txt").read_text()
 
 
+def scans_before_the_mount(*, mounted_ms: int | None) -> Iterator[Written]:
+    """Scans from the beginning; how the laser is mounted is told later, or never."""
+    for at in range(0, 500, 100):
+        message = messages.encode_laser_scan(ROS2, scan(30, stamp_ns=0), stamp_ns=T0_NS + at * MS)
+        message["header"]["frame_id"] = "laser_link"
+        yield "/scan", "sensor_msgs/msg/LaserScan", at, message
+        pose = messages.encode_pose_stamped(ROS2, Pose2D(1.0, 2.0, 0.0), stamp_ns=T0_NS + at * MS)
+        yield "/robot_pose", "geometry_msgs/msg/PoseStamped", at + 1, pose
+        if at == mounted_ms:
+            mount = messages.encode_tf_message(ROS2, [("base_link", "laser_link", Pose2D(0.2, 0.0, 3.1))], stamp_ns=1)
+            yield "/tf_static", "tf2_msgs/msg/TFMessage", at + 2, mount
+
+
+def test_how_a_laser_is_mounted_holds_before_it_is_told(tmp_path: Path) -> None:
+    report = import_bag(write_ros1(tmp_path / "r.bag", scans_before_the_mount(mounted_ms=300)), tmp_path / "s")
+    scans = values(open_session(report.folder), LaserScan)
+    assert [found.robot_from_laser for found in scans] == [Near(Pose2D(0.2, 0.0, 3.1))] * 5
+    assert not any("sits" in note for note in report.notes)
+
+
+def test_a_laser_that_is_nobody_knows_where_gets_no_place(tmp_path: Path) -> None:
+    report = import_bag(write_ros1(tmp_path / "r.bag", scans_before_the_mount(mounted_ms=None)), tmp_path / "s")
+    scans = values(open_session(report.folder), LaserScan)
+    assert [found.robot_from_laser for found in scans] == [None] * 5
+    assert any("laser 'laser_link' sits on the robot is not told" in note for note in report.notes)
+    export_session(report.folder, "rosbag2", tmp_path / "out")
+    with Reader1(tmp_path / "out" / "session.bag") as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counts["/scan"] == 5
+    assert "/tf_static" not in counts
+    for fmt in ("csv", "frames"):
+        export_session(report.folder, fmt, tmp_path / fmt)
+
+
 @pytest.mark.skipif(not LEGS.exists(), reason="the recorded laser of ../shared/data is not there")
 def test_a_recording_of_a_real_robot(tmp_path: Path) -> None:
     report = import_bag(LEGS, tmp_path / "legs")
