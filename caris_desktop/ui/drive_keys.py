@@ -134,9 +134,10 @@ class HoldToDrive(QObject):
         self._app.removeNativeEventFilter(self._grabs)
 
     def ask_next_key(self, letters: str, answer: Callable[[str], None]) -> None:
-        """Take the next key press before anything else sees it, if it is one of ``letters``.
+        """Take the next key press before anything else sees it, if it is one of ``letters``, by their places.
 
-        ``answer`` gets the letter, or an empty text when another key came first, which does what it always does.
+        ``answer`` gets the letter, or an empty text when another key came first, which does what it always does. Keys
+        that drive do so meanwhile, and answer nothing.
         """
         self._question = letters, answer
 
@@ -375,9 +376,12 @@ class HoldToDrive(QObject):
         """Whether this key is the answer that was asked for; any other one ends the question."""
         if self._question is None or event.key() in _MODIFIER_KEYS or not self._takes_keys():
             return False
+        if self._hold_for(code, event) is not None:
+            return False
         letters, answer = self._question
-        key = int(event.key())
-        letter = chr(key) if _is_latin(key) else position_of(sys.platform, code) or ""
+        letter = position_of(sys.platform, code) or ""
+        if code is None:
+            letter = _LETTERS.get(int(event.key()), "")
         # The fingers may still be on the modifiers of the chord before.
         if letter and letter in letters and self._without_driving_alt(event) in _LEFT_OVER:
             if event.type() == QEvent.Type.KeyPress:
@@ -653,10 +657,6 @@ def _chord(text: str) -> QKeyCombination:
     # PySide's stubs do not know that a sequence can be indexed.
     chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
     return chord
-
-
-def _is_latin(key: int) -> bool:
-    return int(Qt.Key.Key_A) <= key <= int(Qt.Key.Key_Z)
 
 
 def _is_completion(popup: QWidget) -> bool:

@@ -16,11 +16,15 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 ERROR_KINDS = (
-    ("S", "slip", "Slip", "You did what you did not mean to do: a wrong key, a wrong phrase."),
-    ("L", "late", "Late", "You did the right thing too late."),
-    ("W", "wrong branch", "Wrong branch", "You went on with the wrong step or answer."),
+    ("F", "slip", "Slip", "You did what you did not mean to do: a wrong key, a wrong phrase."),
+    ("G", "late", "Late", "You did the right thing too late."),
+    ("H", "wrong branch", "Wrong branch", "You went on with the wrong step or answer."),
 )
-"""Key, recorded label, words and what is meant by them, of each kind of wizard error."""
+"""Key, recorded label, words and what is meant by them, of each kind of wizard error.
+
+The keys lie beside the hand that drives and do nothing else: a digit that comes too late would send the robot to a
+place.
+"""
 
 WIDTH_PX = 720
 _SHOWN_MS = 6000
@@ -303,7 +307,7 @@ class MarkCard(QWidget):
         self._earlier.set_key(self._actions.key_text("mark_earlier"))
         self._undo.set_key(self._actions.key_text("mark_undo"))
         for letter, label, button in self._kind_buttons:
-            button.set_key(letter if self._asks else "")
+            button.set_key(self._actions.letter(letter) if self._asks else "")
             button.setCheckable(True)
             button.setChecked(self._mark is not None and self._mark.label == label)
 

@@ -142,7 +142,7 @@ def test_marks_by_real_keys_while_driving_and_typing(desktop: Desktop) -> None:
     desktop.expect(FORWARD)
     desktop.do("key", "ctrl+m")
     desktop.expect("mark ('', 'mark')")
-    desktop.do("key", "ctrl+shift+m", "key", "l")
+    desktop.do("key", "ctrl+shift+m", "key", "g")
     desktop.expect("mark ('', 'wizard_error')", "change_mark")
     assert "'late'" in desktop.intents("change_mark")[0]
     desktop.do("key", "ctrl+n")

@@ -10,8 +10,12 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Marked
+from caris_desktop.robot.profile import HeadInterface, load_profile
 from caris_desktop.scenario.model import RecordingSettings
+from caris_desktop.ui.actions import ACTIONS
+from caris_desktop.ui.key_positions import position_codes
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.mark_card import ERROR_KINDS
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -173,10 +177,9 @@ def test_escape_leaves_a_note(window: MainWindow, console: FakeConsole) -> None:
 def test_a_wizard_error_takes_two_keystrokes(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     held, alt = window.hold.held, alt_of(console, window)
     for key, modifiers, label in (
-        (Qt.Key.Key_S, NONE, "slip"),
-        (Qt.Key.Key_L, SHIFT, "late"),
-        # The finger that drives forward cannot press W anew.
-        *(() if alt else ((Qt.Key.Key_W, CTRL | SHIFT, "wrong branch"),)),
+        (Qt.Key.Key_F, NONE, "slip"),
+        (Qt.Key.Key_G, SHIFT, "late"),
+        (Qt.Key.Key_H, CTRL | SHIFT, "wrong branch"),
     ):
         console.calls.clear()
         console.marks.clear()
@@ -189,8 +192,51 @@ def test_a_wizard_error_takes_two_keystrokes(focused: QWidget, window: MainWindo
         assert window.hold.held == held
         assert [name for name, _ in console.calls] == ["mark", "change_mark"]
         assert find(window, "speak_field").property("text") == "", "the letter is not typed"
-    QTest.keyClick(focused, Qt.Key.Key_L, alt)
+    QTest.keyClick(focused, Qt.Key.Key_G, alt)
     assert len(console.named("change_mark")) == 1, "the next one is a letter again"
+
+
+def test_drive_keys_drive_while_a_wizard_error_is_told(window: MainWindow, console: FakeConsole) -> None:
+    head = HeadInterface("joint_trajectory", "/head", "pan", "tilt")
+    console.state.robot.set(dataclasses.replace(load_profile("simulated"), head=head))
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+    assert window.marking.card.text.startswith("Wizard error · what kind?")
+    console.calls.clear()
+    for key in "WASDIJKL":
+        code = Qt.Key(ord(key))
+        QTest.keyPress(view, code)
+        assert len(window.hold.held) == 1, f"{key} belongs to driving"
+        QTest.keyRelease(view, code)
+    assert len(console.named("drive")) == 4
+    assert console.named("change_mark") == []
+    QTest.keyPress(view, Qt.Key.Key_W)
+    QTest.keyClick(view, Qt.Key.Key_H)
+    assert [label for _, label, *_ in console.named("change_mark")] == ["wrong branch"], "driving is no answer"
+    assert window.hold.held == {"drive_forward"}
+    QTest.keyRelease(view, Qt.Key.Key_W)
+
+
+def test_no_kind_of_wizard_error_has_a_key_of_anything_else() -> None:
+    bare = {key for spec in ACTIONS for key in spec.driving_keys}
+    assert bare >= {"W", "S", "L", "1", "M"}
+    assert not bare & {letter for letter, *_ in ERROR_KINDS}
+    assert {letter for letter, *_ in ERROR_KINDS} <= set(position_codes("linux")), "known by their place, as those are"
+
+
+def test_the_card_shows_the_keys_that_work(window: MainWindow, console: FakeConsole) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+    caps = [find(window, f"mark_card_{name}") for name in ("slip", "late", "wrong_branch")]
+    assert [cap.key for cap in caps] == ["F", "G", "H"]  # type: ignore[attr-defined]
+    window.actions_table.use_letters({"F": "Φ"})
+    assert caps[0].key == "Φ"  # type: ignore[attr-defined]
+    # Where a layout types another letter with that key, the key answers all the same.
+    press = QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_U, NONE, position_codes("linux")["F"], 0, 0, "")
+    assert window.hold.eventFilter(view, press)
+    assert [label for _, label, *_ in console.named("change_mark")] == ["slip"]
 
 
 def test_any_other_key_does_what_it_always_does(window: MainWindow, console: FakeConsole) -> None:
@@ -205,11 +251,11 @@ def test_any_other_key_does_what_it_always_does(window: MainWindow, console: Fak
         QTest.keyClick(field, key, modifiers)
         assert console.calls == [("mark", ("", "wizard_error")), expected]
         assert not window.marking.card.isVisible()
-        QTest.keyClick(field, Qt.Key.Key_S)
+        QTest.keyClick(field, Qt.Key.Key_F)
     QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
     QTest.keyClick(field, Qt.Key.Key_A)
-    QTest.keyClick(field, Qt.Key.Key_L)
-    assert field.property("text") == "ssal"
+    QTest.keyClick(field, Qt.Key.Key_G)
+    assert field.property("text") == "ffag"
     QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
     assert window.hold.held == {"drive_forward"}
@@ -222,8 +268,8 @@ def test_the_answer_is_waited_for_five_seconds(window: MainWindow, console: Fake
     QTest.keyClick(field, Qt.Key.Key_M, CTRL | SHIFT)
     assert window.marking._answer_time.interval() == 5000
     window.marking._answer_time.timeout.emit()
-    QTest.keyClick(field, Qt.Key.Key_S)
-    assert field.property("text") == "s"
+    QTest.keyClick(field, Qt.Key.Key_F)
+    assert field.property("text") == "f"
     assert console.named("change_mark") == []
 
 
