@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QMouseEvent
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QMouseEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QAbstractSpinBox,
@@ -27,7 +27,7 @@ from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui.actions import Actions, ActionSpec
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
-from caris_desktop.ui.physical_keys import KeyboardGrabs, PhysicalKeys
+from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
 
@@ -77,6 +77,8 @@ class HoldToDrive(QObject):
     in between; nothing else in the application sees it. Keys, screen and gamepad add up. Motion ends when nothing is
     held any more, and at once when the application or its windows are deactivated, a dialog or menu opens, or the
     driving focus is lost; then a key has to be pressed anew, and a stick to be let go first.
+
+    While something drives, or a finger is still on its key, no window closes: with Alt held to drive, F4 is a phrase.
     """
 
     held_changed = Signal(object)  # frozenset of action ids
@@ -84,6 +86,7 @@ class HoldToDrive(QObject):
     key_owner_changed = Signal(str)
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
+    close_refused = Signal()  # a window was asked to close while something drives
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
     mark_released = Signal(str)  # and came up again, or can no longer be heard of
 
@@ -98,6 +101,9 @@ class HoldToDrive(QObject):
         self._chords: dict[tuple[int | str, int], str] = {}
         self._mark_keys: dict[tuple[int, int], str] = {}
         self._bare_mark_keys: dict[tuple[int, int], str] = {}
+        self._function_keys: dict[int, str] = {}
+        self._alt_drove = False
+        self._last_refused_s = float("-inf")
         self._marking: dict[int, str] = {}
         self._question: tuple[str, Callable[[str], None]] | None = None
         self._owned: dict[int, _Hold | None] = {}
@@ -275,7 +281,11 @@ class HoldToDrive(QObject):
         self._chords.clear()
         self._mark_keys.clear()
         self._bare_mark_keys.clear()
+        self._function_keys.clear()
         for spec in self._actions.all_specs:
+            if spec.kind == "command" and not spec.within:
+                chords = (_chord(text) for text in spec.keys)
+                self._function_keys |= {int(chord.key()): spec.id for chord in chords if _is_function_key(chord)}
             if spec.kind == "mark":
                 for keys, texts in ((self._mark_keys, spec.keys), (self._bare_mark_keys, spec.driving_keys)):
                     for text in texts:
@@ -305,6 +315,9 @@ class HoldToDrive(QObject):
             if letters:
                 self._actions.use_letters(letters)
             self._update_key_owner()
+        elif kind == QEvent.Type.Close and isinstance(event, QCloseEvent) and isinstance(watched, QWidget):
+            # What the program closes itself is not spontaneous for the widget, though it is for its window.
+            return event.spontaneous() and self._filter_close(event)
         elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
             if kind == QEvent.Type.Show and _takes_over(watched):
                 self.release_all("A dialog or menu opened")
@@ -325,8 +338,39 @@ class HoldToDrive(QObject):
         self._emergency_stop()
         return True
 
+    def _filter_close(self, event: QCloseEvent) -> bool:
+        """A window manager asks to close a window: not while the wizard drives, who meant another key."""
+        if not self._fingers_drive():
+            return False
+        event.ignore()
+        now_s = time.monotonic()
+        repeats = now_s - self._last_refused_s < LONGEST_REPEAT_GAP_S
+        self._last_refused_s = now_s
+        if repeats:
+            return True
+        # The key itself went to the window manager.
+        down = self._keys.function_key_down()
+        action_id = None if down is None or down[1] in self._owned else self._function_keys.get(down[0])
+        if action_id is not None:
+            self._actions.run(action_id)
+        else:
+            self.close_refused.emit()
+        return True
+
+    def _fingers_drive(self) -> bool:
+        """Whether something moves the robot, or a key that did is still down, or Alt from driving."""
+        down = {identity for identity, hold in self._owned.items() if hold is not None}
+        if self._keys.exact:
+            down = self._keys.still_down(down)
+        alt_down = bool(QApplication.queryKeyboardModifiers() & Qt.KeyboardModifier.AltModifier)
+        return self._sent.moving or bool(down) or (self._alt_drove and alt_down)
+
     def _filter_key(self, event: QKeyEvent) -> bool:
         key = int(event.key())
+        if key == Qt.Key.Key_Alt:
+            self._alt_drove = self._alt_drove and event.type() != QEvent.Type.KeyRelease
+        elif not event.modifiers() & Qt.KeyboardModifier.AltModifier:
+            self._alt_drove = False
         if key in (Qt.Key.Key_Escape, Qt.Key.Key_Pause):
             event.accept()
             if event.type() == QEvent.Type.KeyRelease:
@@ -357,6 +401,13 @@ class HoldToDrive(QObject):
                 self._marking[identity] = mark
                 self.mark_pressed.emit(mark)
             return True
+        command = None if repeated else self._function_key_for(event)
+        if command is not None:
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self._owned[identity] = None
+                self._actions.run(command)
+            return True
         hold = self._hold_for(code, event)
         if hold is None:
             if repeated and event.type() == QEvent.Type.ShortcutOverride and not event.isAutoRepeat():
@@ -369,6 +420,7 @@ class HoldToDrive(QObject):
             return False
         event.accept()
         if event.type() == QEvent.Type.KeyPress and not repeated:
+            self._alt_drove = bool(event.modifiers() & Qt.KeyboardModifier.AltModifier)
             self._on_press(identity, hold)
         return True
 
@@ -402,11 +454,18 @@ class HoldToDrive(QObject):
             mark = self._bare_mark_keys.get(where)
         return mark if mark is not None and self._actions.available(mark) else None
 
+    def _function_key_for(self, event: QKeyEvent) -> str | None:
+        """The command of a function key that is pressed beside an Alt that drives; Qt would take it for another key."""
+        if not event.modifiers() & Qt.KeyboardModifier.AltModifier or not self._takes_keys():
+            return None
+        alone = self._without_driving_alt(event) == Qt.KeyboardModifier.NoModifier
+        return self._function_keys.get(int(event.key())) if alone else None
+
     def _without_driving_alt(self, event: QKeyEvent) -> Qt.KeyboardModifier:
         """The modifiers of a key, less an Alt that is down because the wizard drives with it."""
         modifiers = event.modifiers()
         # Also where the motion has ended meanwhile: the fingers are still where they were.
-        if any(hold is not None and not hold.bare for hold in self._owned.values()):
+        if self._alt_drove or any(hold is not None and not hold.bare for hold in self._owned.values()):
             modifiers &= ~Qt.KeyboardModifier.AltModifier
         return modifiers
 
@@ -657,6 +716,11 @@ def _chord(text: str) -> QKeyCombination:
     # PySide's stubs do not know that a sequence can be indexed.
     chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
     return chord
+
+
+def _is_function_key(chord: QKeyCombination) -> bool:
+    alone = chord.keyboardModifiers() == Qt.KeyboardModifier.NoModifier
+    return alone and int(Qt.Key.Key_F1) <= int(chord.key()) <= int(Qt.Key.Key_F12)
 
 
 def _is_completion(popup: QWidget) -> bool:

@@ -52,7 +52,7 @@ from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
 from caris_desktop.ui.top_bar import IN_SESSION, TopBar, as_menu
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
-from caris_desktop.ui.words import UNDER_WAY
+from caris_desktop.ui.words import UNDER_WAY, shortened
 
 logger = logging.getLogger(__name__)
 
@@ -232,6 +232,7 @@ class MainWindow(QWidget):
         self.hold.escape_pressed.connect(self._connection.close_overlay)
         self.hold.escape_pressed.connect(self._question.put_away)
         self.hold.escape_pressed.connect(self._close_session_windows)
+        self.hold.close_refused.connect(self._on_close_refused)
         self.theme.changed.connect(self.update)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
@@ -866,18 +867,23 @@ class MainWindow(QWidget):
         self._console.use_robot(choice.name)
 
     def _what_another_robot_ends(self) -> str:
+        ends = self._motion_that_ends()
+        if self._console.state.recording.value.state in ("recording", "starting"):
+            ends.append("The recording goes on with the other robot.")
+        return " ".join(ends)
+
+    def _motion_that_ends(self) -> list[str]:
+        """What moves the robot now and would end with its link."""
         state = self._console.state
         drive: DriveStatus = state.drive.value
         goal: GoalChanged | None = state.goal.value
-        present = state.link.value.robot or "The present robot"
-        ends = []
+        present = shortened(state.link.value.robot, 40) or "The present robot"
         if goal is not None and goal.state in UNDER_WAY:
-            ends.append(f"{present} is on its way to {goal.place or 'a point on the map'} and will stop.")
-        elif drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps:
-            ends.append(f"{present} is being driven and will stop.")
-        if state.recording.value.state in ("recording", "starting"):
-            ends.append("The recording goes on with the other robot.")
-        return " ".join(ends)
+            place = shortened(goal.place or "", 40) or "a point on the map"
+            return [f"{present} is on its way to {place} and will stop."]
+        if drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps:
+            return [f"{present} is being driven and will stop."]
+        return []
 
     def _is_current(self, choice: RobotChoice) -> bool:
         robot = self._console.state.robot.value
@@ -978,7 +984,45 @@ class MainWindow(QWidget):
         self.resize(self.size().boundedTo(room))
         self._fills_screen = not geometry and self.size() != _ROOMY
 
+    # ---- closing
+
+    def _what_closing_ends(self) -> list[str]:
+        if self._timeline is not None:
+            return []  # it was recorded and driven long ago
+        saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
+        return [*(["The recording ends and is saved."] if saved else []), *self._motion_that_ends()]
+
+    def _ask_before_closing(self, ends: list[str]) -> None:
+        for overlay in (self._palette_overlay, self._sheet, self._connection):
+            overlay.close_overlay()
+        if self.isMinimized():
+            self.showNormal()
+        self._question.ask(
+            f"Close the console? {' '.join(ends)}", "Close the console", lambda: self._on_close_agreed(ends)
+        )
+
+    def _on_close_agreed(self, asked: list[str]) -> None:
+        ends = self._what_closing_ends()
+        if set(ends) <= set(asked):
+            self.close()
+        else:
+            self._ask_before_closing(ends)
+
+    def _on_close_refused(self) -> None:
+        self._problems.show_problem(
+            Problem(
+                self._console.state.present.now_ns(), "info", "The window stays open while you drive.", "",
+                "Let go of the drive keys and of Alt, then close it.",
+            )
+        )  # fmt: skip
+
     def closeEvent(self, event: QCloseEvent) -> None:
+        ends = self._what_closing_ends() if event.spontaneous() else []
+        if ends:
+            # Asked by a person, not by the program itself.
+            event.ignore()
+            self._ask_before_closing(ends)
+            return
         if self._settings is not None:
             self._settings.setValue(self._geometry_key, self.saveGeometry())
         self._layout_rest.stop()

@@ -17,7 +17,8 @@ logger = logging.getLogger(__name__)
 
 _CORE_KEYBOARD = 0x0100
 _FOCUS_OUT, _NOTIFY_GRAB = 10, 1
-_XK_ESCAPE, _XK_PAUSE = 0xFF1B, 0xFF13
+_XK_ESCAPE, _XK_PAUSE, _XK_F1 = 0xFF1B, 0xFF13, 0xFFBE
+_FUNCTION_KEYS = {_XK_F1 + number: int(Qt.Key.Key_F1) + number for number in range(12)}
 
 LONGEST_REPEAT_GAP_S = 1.2
 """A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
@@ -121,14 +122,23 @@ class PhysicalKeys:
 
     def stop_key_down(self) -> int | None:
         """Qt's key of Escape or Pause if one of them is down at this moment, whoever gets it."""
+        down = self._first_down({_XK_PAUSE: int(Qt.Key.Key_Pause), _XK_ESCAPE: int(Qt.Key.Key_Escape)})
+        return None if down is None else down[0]
+
+    def function_key_down(self) -> tuple[int, int] | None:
+        """Qt's key and the key code of F1 to F12 if one of them is down at this moment, whoever gets it."""
+        return self._first_down(_FUNCTION_KEYS)
+
+    def _first_down(self, keys: Mapping[int, int]) -> tuple[int, int] | None:
+        """``keys`` are Qt's keys by keysym."""
         if self._x11 is None:
             return None
         keymap = ctypes.create_string_buffer(32)
         self._x11.XQueryKeymap(self._display, keymap)
-        for keysym, key in ((_XK_PAUSE, Qt.Key.Key_Pause), (_XK_ESCAPE, Qt.Key.Key_Escape)):
+        for keysym, key in keys.items():
             code = self._x11.XKeysymToKeycode(self._display, keysym)
             if code and keymap.raw[code // 8] >> code % 8 & 1:
-                return int(key)
+                return key, int(code)
         return None
 
     def letters(self, codes: Mapping[str, int]) -> dict[str, str]:

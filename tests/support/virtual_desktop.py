@@ -19,6 +19,7 @@ _OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
   <keyboard>
     <keybind key="C-Escape"><action name="Lower"/></keybind>
     <keybind key="C-F11"><action name="Lower"/></keybind>
+    <keybind key="A-F4"><action name="Close"/></keybind>
   </keyboard>
   <mouse><context name="Client"><mousebind button="Left" action="Press">
     <action name="Focus"/><action name="Raise"/></mousebind></context></mouse>

@@ -30,6 +30,7 @@ class Subject(QObject):
         self.console.calls.clear()
         self.gamepads = Gamepads(self.console.state, lambda event: print("GAMEPAD", event.connected, flush=True))
         self.window = MainWindow(self.console, gamepads=self.gamepads)
+        self.window.closed.connect(lambda: print("CLOSED", flush=True))
         self.window.resize(1200, 700)
         field = self.window.findChild(QLineEdit, "speak_field")
         assert field is not None
@@ -63,12 +64,17 @@ class Subject(QObject):
             "DIALOG": dialog is not None,
             "ACTIVE": type(QApplication.activeWindow()).__name__,
             "KEYS": self.window.hold.key_owner,
+            "QUESTION": self._question(),
             "CAP": self.window.actions_table.key_text("drive_forward"),
         }
         for name, value in shown.items():
             if self._shown.get(name) != value:
                 print(name, value, flush=True)
         self._shown = shown
+
+    def _question(self) -> str | None:
+        band = self.window.findChild(QWidget, "question_band")
+        return band.accessibleName() if band is not None and band.isVisible() else None
 
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")

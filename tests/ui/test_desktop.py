@@ -155,6 +155,32 @@ def test_marks_by_real_keys_while_driving_and_typing(desktop: Desktop) -> None:
     assert not [line for line in desktop.since() if line.startswith("TEXT ('") and not line.startswith("TEXT ('',")]
 
 
+def test_nothing_closes_while_alt_drives(desktop: Desktop) -> None:
+    desktop.do("key", "Return")
+    desktop.expect("KEYS typing")
+    desktop.do("keydown", "alt", "keydown", "w")
+    desktop.expect(FORWARD)
+    desktop.do("key", "F2")  # the window manager lets it through
+    desktop.expect("say ('Please follow me.', 'phrase')")
+    assert not desktop.intents("release_drive")
+    desktop.do("keydown", "F4", "sleep", "0.9", "keyup", "F4")  # it keeps this one, again and again, and closes windows
+    desktop.expect("release_drive The window manager took the keyboard", "say ('Let me think…', 'phrase')")
+    desktop.do("keyup", "w", "keydown", "w")
+    desktop.expect(FORWARD)
+    desktop.do("keyup", "w", "keyup", "alt")
+    desktop.expect("release_drive")
+    assert len(desktop.intents("say")) == 2
+    # Alone it closes, after a question; Esc stops while that is open.
+    desktop.do("key", "alt+F4")
+    desktop.expect("QUESTION Close the console? The recording ends and is saved.")
+    desktop.do("key", "Escape")
+    desktop.expect("stop", "QUESTION")
+    assert "QUESTION None" in desktop.since()
+    assert not [line for line in desktop.since() if "CLOSED" in line]
+    desktop.do("type", "--delay", "5", "w")
+    desktop.expect("TEXT ('w', 1)")
+
+
 def test_keys_are_known_by_their_place_on_the_keyboard(desktop: Desktop) -> None:
     desktop.use_layout("fr")
     try:
