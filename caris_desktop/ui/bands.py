@@ -1,44 +1,40 @@
-"""Bands under the top bar: what holds until the wizard decides, each with the one button that ends it."""
+"""Bands in the strip under the top bar: what holds until the wizard decides, each with the one button that ends it."""
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import QRectF
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+_BUTTON_PX = 28
 
 
 class Band(QWidget):
-    """One sentence and its buttons, over the whole width, in the colour of what it says."""
+    """One sentence and its buttons, in the colour of what it says."""
 
     def __init__(self, theme: Theme, name: str, *, role: str) -> None:
         super().__init__()
         self.setObjectName(name)
         self._theme = theme
         self._role = role
-        self.text = QLabel()
-        self.text.setTextFormat(Qt.TextFormat.PlainText)
-        # A long sentence is cut short by the window rather than making it wider.
-        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.row = QHBoxLayout()
-        self.row.setContentsMargins(16, 8, 16, 8)
-        self.row.setSpacing(12)
+        self.text = CutLabel()
+        self.row = QHBoxLayout(self)
+        self.row.setContentsMargins(14, 0, 4, 0)
+        self.row.setSpacing(tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 8, 8, 0)
-        layout.addLayout(self.row)
         theme.changed.connect(self._style)
         self._style()
         self.hide()
 
     def say(self, text: str) -> None:
         self.text.setText(text)
-        self.text.setToolTip(text)
         self.setAccessibleName(text)
 
     def _style(self) -> None:
@@ -51,7 +47,7 @@ class Band(QWidget):
         painter.setPen(QPen(self._theme.color(self._role), 1.4))
         painter.setBrush(self._theme.color(f"{self._role}_soft"))
         painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(8.7, 8.7, -8.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+            QRectF(self.rect()).adjusted(0.7, 0.7, -0.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
         )
 
 
@@ -64,7 +60,7 @@ class EmergencyBand(Band):
     def __init__(self, theme: Theme, console: WizardIntents) -> None:
         super().__init__(theme, "emergency_band", role="red")
         self.say("Emergency stop is on. The robot stays where it is until you release it.")
-        self.release = ActionButton(theme, "Release emergency stop")
+        self.release = ActionButton(theme, "Release emergency stop", height_px=_BUTTON_PX)
         self.release.setObjectName("emergency_release")
         self.release.clicked.connect(console.clear_emergency_stop)
         self.row.addWidget(self.release)
@@ -81,7 +77,7 @@ class GuardBand(Band):
     def __init__(self, theme: Theme, console: WizardIntents) -> None:
         super().__init__(theme, "guard_band", role="amber")
         self.say("Obstacle guard is off. Nothing slows or stops the robot before obstacles.")
-        on = ActionButton(theme, "Switch the guard on", icon="shield-check")
+        on = ActionButton(theme, "Switch the guard on", icon="shield-check", height_px=_BUTTON_PX)
         on.setObjectName("guard_on")
         on.clicked.connect(lambda: console.set_guard(on=True))
         self.row.addWidget(on)
@@ -98,10 +94,10 @@ class QuestionBand(Band):
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "question_band", role="amber")
         self._do: Callable[[], None] | None = None
-        self.yes = ActionButton(theme, "Yes")
+        self.yes = ActionButton(theme, "Yes", height_px=_BUTTON_PX)
         self.yes.setObjectName("question_yes")
         self.yes.clicked.connect(self._on_yes)
-        no = ActionButton(theme, "Cancel", look="ghost")
+        no = ActionButton(theme, "Cancel", look="ghost", height_px=_BUTTON_PX)
         no.setObjectName("question_no")
         no.clicked.connect(self.put_away)
         self.row.addWidget(self.yes)

@@ -29,6 +29,7 @@ from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.gamepad_dialog import GamepadDialog
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.marking import Marking
+from caris_desktop.ui.notice_strip import NoticeStrip
 from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panels.assistant import AssistantPanel
@@ -195,11 +196,11 @@ class MainWindow(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._top_bar)
-        layout.addWidget(EmergencyBand(self.theme, console))
-        layout.addWidget(GuardBand(self.theme, console))
-        layout.addWidget(self._question)
+        bands = {EmergencyBand(self.theme, console): 3, GuardBand(self.theme, console): 2, self._question: 4}
+        self._strip = NoticeStrip(self.theme, console, bands)
+        layout.addWidget(self._strip)
         holder = QVBoxLayout()
-        holder.setContentsMargins(8, 8, 8, 8)
+        holder.setContentsMargins(8, 6, 8, 8)
         self._middle = QSplitter(Qt.Orientation.Vertical)
         self._middle.setObjectName("middle")
         self._middle.setHandleWidth(8)
@@ -263,6 +264,7 @@ class MainWindow(QWidget):
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay()
         self._status_bar.show_replay()
+        self._strip.hide()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
         bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
         # On a low screen the panels scroll: they show what was, and nothing in them needs to be at hand.

@@ -199,6 +199,17 @@ def drive_line(drive: DriveStatus) -> str:
     return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
 
 
+def robot_now(drive: DriveStatus, goal: events.GoalChanged | None) -> str:
+    """What the robot does now, in one line; why it does nothing where it may not."""
+    if not drive.allowed:
+        return drive.reason
+    by_itself = goal is not None and goal.state in UNDER_WAY
+    if goal is None or not by_itself:
+        return drive_line(drive)
+    left = "" if goal.distance_left_m is None else f", {goal.distance_left_m:.1f} m left"
+    return f"Going to {goal.place or 'the chosen point'}{left}"
+
+
 def head_angles(pan_rad: float, tilt_rad: float) -> str:
     """Where the head looks, in two short lines."""
     pan, tilt = round(math.degrees(pan_rad)), round(math.degrees(tilt_rad))

@@ -151,9 +151,31 @@ def test_the_guard_is_on_show_and_can_be_switched(window: MainWindow, console: F
     assert reason.property("text") == "Obstacle 0.4 m ahead · slowing"
     console.state.drive.set(dataclasses.replace(drive, guard="blocked", guard_distance_m=0.1))
     assert reason.property("text") == "Blocked · obstacle 0.1 m ahead"
+    assert button.text() == "Guard"
     qtbot.mouseClick(button, LEFT)
-    assert console.calls == [("set_guard", False)]
-    assert button.accessibleName() == "Guard is off"
+    assert console.calls == [], "one click is a slip"
+    assert reason.property("text") == "Hold Guard for a second to switch it off."
+    qtbot.mousePress(button, LEFT)
+    QTest.keyClick(button, Qt.Key.Key_Escape)
+    assert not button.holding
+    assert console.calls == [("stop", None)], "Esc gives it up"
+    qtbot.mouseRelease(button, LEFT)
+    qtbot.mousePress(button, LEFT)
+    qtbot.waitUntil(lambda: console.named("set_guard") == [False])
+    qtbot.mouseMove(button)
+    qtbot.mouseRelease(button, LEFT)
+    assert console.named("set_guard") == [False], "letting go is no click"
+    assert (button.text(), button.accessibleName()) == ("Guard off", "Guard is off")
     assert window.panels["drive"].fact == ("guard off", "amber")
     qtbot.mouseClick(button, LEFT)
     assert console.calls[-1] == ("set_guard", True)
+
+
+def test_the_guard_is_labelled_also_where_the_panel_is_low(window: MainWindow, console: FakeConsole) -> None:
+    window.dock_host.show_panel("drive")
+    panel = window.panels["drive"]
+    console.state.drive.set(dataclasses.replace(console.state.drive.value, guard="overridden"))
+    panel.resize(480, 130)
+    button = find(window, "guard_button")
+    assert button.property("text") == "Guard off"
+    assert button.width() >= button.sizeHint().width()

@@ -1,14 +1,15 @@
 """The window as a whole: scenarios, permissions, the start dialog, emergency stop, problems, finding things."""
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -474,6 +475,27 @@ def test_the_guard_that_is_off_is_there_to_be_switched_on(
     click(qtbot, find(window, "guard_on"))
     assert console.calls[-1] == ("set_guard", True)
     assert not window.findChild(QWidget, "guard_band").isVisible()  # type: ignore[union-attr]
+
+
+def test_no_band_moves_the_panels(window: MainWindow, console: FakeConsole) -> None:
+    def places() -> list[QRect]:
+        QApplication.processEvents()
+        return [QRect(panel.mapTo(window, QPoint()), panel.size()) for panel in window.panels.values()]
+
+    before = places()
+    assert find(window, "robot_now").property("text") == "Going to Robot arm, 6.2 m left"
+    console.set_guard(on=False)
+    assert places() == before
+    console.emergency_stop()
+    window._question.ask("Connect to TIAGo now? " + "It will stop. " * 20, "Connect", lambda: None)
+    assert places() == before
+    assert (window.width(), window.height()) == (1366, 768)
+    bands = [find(window, name) for name in ("emergency_band", "guard_band", "question_band")]
+    assert all(later.x() > earlier.geometry().right() for earlier, later in itertools.pairwise(bands))
+    for band in bands:
+        for button in band.findChildren(ActionButton):
+            assert button.width() >= button.sizeHint().width(), "its answer is legible"
+    assert not window.findChild(QWidget, "robot_now").isVisible()  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("command", ["go to the kitchen", "Drive to kitchen", "navigate to the kichen", "kitchen"])

@@ -1,6 +1,6 @@
 """Drive: arrows and stick, speed, obstacle guard, head, and what the robot is asked to do now."""
 
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
@@ -14,6 +14,7 @@ from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.hold_button import HoldButton
 from caris_desktop.ui.widgets.joystick import Joystick
 from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.key_owner import owner_sentence
@@ -34,6 +35,7 @@ _NAMES = {
 _LOW_PX = 196
 _GAP_PX = 12
 _ARROW_WIDTH_PX = 74
+_GUARD_HINT_MS = 4000
 
 
 class DrivePanel(Panel):
@@ -70,9 +72,14 @@ class DrivePanel(Panel):
         self._speed = SpeedSteps(self.theme, self.table)
         self._speed.setObjectName("speed_steps")
         self._speed.chosen.connect(self._on_speed_chosen)
-        self._guard = ActionButton(self.theme, "Guard", icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
+        self._guard = HoldButton(self.theme, "Guard", icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
         self._guard.setObjectName("guard_button")
+        self._guard.held.connect(self._on_guard_held)
+        self._guard.let_go.connect(self._on_guard_let_go)
         self._guard.clicked.connect(self._on_guard_clicked)
+        self.hold.escape_pressed.connect(self._guard.give_up)
+        self._guard_hint = QTimer(self, singleShot=True, interval=_GUARD_HINT_MS)
+        self._guard_hint.timeout.connect(self._on_keys_changed)
         # What is shown of arrows, stick and head where there is not room for all; the chosen one comes first.
         self._chosen_view = 0
         self._words = QWidget()
@@ -222,8 +229,16 @@ class DrivePanel(Panel):
         self.console.set_speed_fraction(fraction)
 
     def _on_guard_clicked(self) -> None:
-        drive: DriveStatus = self.state.drive.value
-        self.console.set_guard(on=drive.guard == "overridden")
+        # On by one click; off only by holding it.
+        if self.state.drive.value.guard == "overridden":
+            self.console.set_guard(on=True)
+
+    def _on_guard_held(self) -> None:
+        self.console.set_guard(on=False)
+
+    def _on_guard_let_go(self) -> None:
+        self._guard_hint.start()
+        self._show(self.state.drive.value)
 
     def _show(self, drive: DriveStatus) -> None:
         going_to = self._going_to()
@@ -259,6 +274,8 @@ class DrivePanel(Panel):
             return "Release it in the red bar above to drive again.", "red"
         if not drive.allowed:
             return drive.reason, "amber"
+        if self._guard_hint.isActive() and drive.guard != "overridden":
+            return "Hold Guard for a second to switch it off.", "amber"
         if guard:
             return guard, "amber"
         if drive.cap_reason:
@@ -273,17 +290,16 @@ class DrivePanel(Panel):
 
     def _show_guard(self, drive: DriveStatus) -> None:
         self._guard.setVisible(drive.guard != "absent")
-        # Beside the arrows there is room for its sign only; the words are in the line above.
-        beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
+        self._guard.wants_hold = drive.guard != "overridden"
         if drive.guard == "overridden":
-            self._guard.set_label("" if beside else "Guard off", icon="shield-slash", look="amber")
+            self._guard.set_label("Guard off", icon="shield-slash", look="amber")
             self._guard.setAccessibleName("Guard is off")
-            self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Press to switch the guard on.")
+            self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label("" if beside else "Guard", icon=icon, look="plain")
+            self._guard.set_label("Guard", icon=icon, look="plain")
             self._guard.setAccessibleName("Guard is on")
-            self._guard.setToolTip("Slows and stops the robot before obstacles. Press to switch it off.")
+            self._guard.setToolTip("Slows and stops the robot before obstacles. Hold for a second to switch it off.")
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)

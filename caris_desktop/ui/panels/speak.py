@@ -76,7 +76,7 @@ class SpeakPanel(Panel):
         scroll.setWidget(body)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        layout = QVBoxLayout(self)
+        layout = self._column = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 6)
         layout.setSpacing(8)
         layout.addWidget(self.field)
@@ -107,7 +107,9 @@ class SpeakPanel(Panel):
             self._row.set_gap(gap_px)
             for chip in self._chips:
                 chip.set_size(height_px=chip_px, text_px=text_px)
-            self.field.setMinimumHeight(42 if smallest else 48)
+            self.field.setMinimumHeight(40 if smallest else 48)
+            self._column.setContentsMargins(14, 7 if smallest else 10, 14, 4 if smallest else 6)
+            self._column.setSpacing(6 if smallest else 8)
             self._hints.setVisible(not smallest)
             if self._row.heightForWidth(self.width() - 36) <= self.height() - 106:
                 break

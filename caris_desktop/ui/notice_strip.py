@@ -1,0 +1,68 @@
+"""The strip under the top bar: what holds until the wizard decides has its place there, and moves nothing."""
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.bands import Band
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+HEIGHT_PX = 38
+
+
+class NoticeStrip(QWidget):
+    """Always of the same height. The bands share its width; while there is none it says what the robot does now."""
+
+    def __init__(self, theme: Theme, console: WizardIntents, bands: dict[Band, int]) -> None:
+        """``bands`` from left to right, each with its share of the width."""
+        super().__init__()
+        self.setObjectName("notice_strip")
+        self.setFixedHeight(HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self._theme = theme
+        self._console = console
+        self._bands = tuple(bands)
+        self._now = CutLabel()
+        self._now.setObjectName("robot_now")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 4, 8, 0)
+        row.setSpacing(tokens.GRID_PX)
+        row.addWidget(self._now, 1)
+        for band, share in bands.items():
+            row.addWidget(band, share)
+            band.installEventFilter(self)
+        state = console.state
+        for value in (state.drive, state.goal, state.robot, state.link):
+            value.changed.connect(self._on_changed)
+        theme.changed.connect(self._style)
+        self._style()
+        self._make_room()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.ShowToParent, QEvent.Type.HideToParent):
+            self._make_room()
+        return super().eventFilter(watched, event)
+
+    def _make_room(self) -> None:
+        self._now.setVisible(all(band.isHidden() for band in self._bands))
+
+    def _on_changed(self, _value: object) -> None:
+        self._say()
+
+    def _say(self) -> None:
+        drive: DriveStatus = self._console.state.drive.value
+        goal: GoalChanged | None = self._console.state.goal.value
+        self._now.setText(words.robot_now(drive, goal))
+
+    def _style(self) -> None:
+        self._now.setFont(self._theme.font(tokens.STATUS_PX))
+        palette = self._now.palette()
+        palette.setColor(self._now.foregroundRole(), self._theme.color("dim"))
+        self._now.setPalette(palette)
+        self._now.setAlignment(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        self._now.setContentsMargins(14, 0, 8, 0)
+        self._say()
