@@ -220,12 +220,15 @@ def head_angles(pan_rad: float, tilt_rad: float) -> str:
 
 def guard_line(drive: DriveStatus) -> str:
     """What the obstacle guard does now; empty while it does nothing."""
-    ahead = "" if drive.guard_distance_m is None else f" {max(0.0, drive.guard_distance_m):.1f} m ahead"
+    # In the direction of the motion, which may be back or sideways.
+    away = "" if drive.guard_distance_m is None else f" {max(0.0, drive.guard_distance_m):.1f} m away"
     match drive.guard:
         case "slowing":
-            return f"Obstacle{ahead} · slowing"
+            return f"Obstacle{away} · slowing"
         case "blocked":
-            return f"Blocked · obstacle{ahead}"
+            return f"Blocked · obstacle{away}"
+        case "blind":
+            return f"The guard lets it crawl only: {drive.guard_detail or 'it sees nothing'}"
         case _:
             return ""
 

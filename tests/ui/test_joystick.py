@@ -148,9 +148,9 @@ def test_the_guard_is_on_show_and_can_be_switched(window: MainWindow, console: F
     assert not button.isVisible(), "this robot has none"
     drive = dataclasses.replace(console.state.drive.value, guard="slowing", guard_distance_m=0.42)
     console.state.drive.set(drive)
-    assert reason.property("text") == "Obstacle 0.4 m ahead · slowing"
+    assert reason.property("text") == "Obstacle 0.4 m away · slowing"
     console.state.drive.set(dataclasses.replace(drive, guard="blocked", guard_distance_m=0.1))
-    assert reason.property("text") == "Blocked · obstacle 0.1 m ahead"
+    assert reason.property("text") == "Blocked · obstacle 0.1 m away"
     assert button.text() == "Guard"
     qtbot.mouseClick(button, LEFT)
     assert console.calls == [], "one click is a slip"

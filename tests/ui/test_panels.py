@@ -38,7 +38,6 @@ from caris_desktop.ui.panels.video import (
     VideoPanel,
     box_strength,
     boxes_fit,
-    distance_ahead_m,
     moved_since,
 )
 from tests.ui import samples
@@ -185,15 +184,6 @@ def test_black_frames_without_people_have_no_boxes(window: MainWindow, console: 
     frame = show_flat(console, (0, 0, 0))
     console.state.take(samples.people_for(frame.sequence, 640, 480, []))
     assert view.visible_boxes() == []
-
-
-def test_distance_ahead_comes_from_the_beams_in_front() -> None:
-    scan = samples.scan_at(Pose2D(2.0, 4.0, math.pi))
-    ahead_m = distance_ahead_m(scan)
-    assert ahead_m == pytest.approx(2.0, abs=0.1)
-    nothing = dataclasses.replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
-    assert distance_ahead_m(nothing) is None
-    assert distance_ahead_m(dataclasses.replace(scan, robot_from_laser=None)) is None
 
 
 # Map

@@ -12,10 +12,11 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PersonBox, RobotPose
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox, RobotPose
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
@@ -28,7 +29,6 @@ BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
 """Between these ages, next to the picture on show, boxes fade away."""
 
-CLOSE_M = 0.6
 _FORESEEN_S = 0.25
 _STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
 _PHOTO_SHOWN_S = 2.5
@@ -43,7 +43,6 @@ _CHIP_ICONS = {
 }  # fmt: skip
 _NOTE_SHOWN_S = 3.0
 _CLICK_PX = 6
-_AHEAD_RAD = math.radians(20.0)
 
 
 def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
@@ -93,28 +92,11 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
         case "slowing":
             return f"The guard slows down before an obstacle{left}", "slowing"
         case "blind":
-            return "The guard has no fresh LIDAR: slow", "warning"
+            return f"The guard lets it crawl only: {drive.guard_detail or 'it sees nothing'}", "warning"
         case "overridden":
             return "The guard is off: nothing stops before obstacles", "override"
         case _:
             return None
-
-
-def distance_ahead_m(scan: LaserScan) -> float | None:
-    """The nearest return within 20 degrees of straight ahead; None when nothing returned there, or nobody told how the
-    laser is mounted.
-    """
-    if scan.robot_from_laser is None:
-        return None
-    ranges = scan.ranges_m
-    angles = (
-        scan.angle_min_rad
-        + scan.angle_increment_rad * np.arange(ranges.size, dtype=np.float32)
-        + scan.robot_from_laser.heading_rad
-    )
-    ahead = np.abs(np.remainder(angles + math.pi, 2 * math.pi) - math.pi) <= _AHEAD_RAD
-    valid = ahead & np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    return float(ranges[valid].min()) + scan.robot_from_laser.x_m if bool(valid.any()) else None
 
 
 class VideoPanel(Panel):
@@ -250,13 +232,10 @@ class VideoPanel(Panel):
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:
             chips.append(("Where the LIDAR looks is not known", "video_text"))
         elif state.scan.freshness == "fresh":
-            ahead_m = distance_ahead_m(state.scan.value)
-            if ahead_m is None:
-                chips.append(("Nothing in reach ahead", "video_text"))
-            elif ahead_m < CLOSE_M:
-                chips.append((f"Close! Obstacle {ahead_m:.1f} m ahead", "warning"))
-            else:
-                chips.append((f"Obstacle {ahead_m:.1f} m ahead", "video_text"))
+            head = state.head.value if state.head.freshness == "fresh" else None
+            away = looks_away(state.robot.value, self.view.frame, head)
+            text, warns = ahead_words(ahead_of(state.scan.value), away)
+            chips.append((text, "warning" if warns else "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
             chips.append(("LIDAR is silent", "warning"))
         chips += self._hints()

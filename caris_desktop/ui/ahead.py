@@ -1,0 +1,86 @@
+"""What lies ahead of the robot's base, as far as the LIDAR looks, and whether the picture shows that direction."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
+from caris_desktop.robot.profile import RobotProfile
+
+CLOSE_M = 0.6
+_AHEAD_RAD = math.radians(20.0)
+_LOOKS_AWAY_RAD = math.radians(15.0)
+_LOOKS_BACK_RAD = math.radians(120.0)
+_NEXT_BEAM_RAD = math.radians(2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """Within 20 degrees of the base's forward direction: the nearest return, None where nothing returned, and the
+    share of that view which the LIDAR covers, 0 to 1.
+    """
+
+    distance_m: float | None
+    covered: float
+
+
+def ahead_of(scan: LaserScan) -> Ahead:
+    """What the scan tells of the way ahead; nothing where nobody told how the laser is mounted."""
+    if scan.robot_from_laser is None:
+        return Ahead(None, 0.0)
+    ranges = scan.ranges_m
+    angles = (
+        scan.angle_min_rad
+        + scan.angle_increment_rad * np.arange(ranges.size, dtype=np.float32)
+        + scan.robot_from_laser.heading_rad
+    )
+    angles = np.remainder(angles + math.pi, 2 * math.pi) - math.pi
+    with np.errstate(invalid="ignore"):
+        # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
+        looks = ranges >= 0.0
+        valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    returned = valid & (np.abs(angles) <= _AHEAD_RAD)
+    near = float(ranges[returned].min()) + scan.robot_from_laser.x_m if bool(returned.any()) else None
+    # Directions half a degree apart, each covered where a beam that looks is next to it.
+    directions = np.linspace(-_AHEAD_RAD, _AHEAD_RAD, 81)
+    beams = np.sort(angles[looks])
+    if not beams.size:
+        return Ahead(near, 0.0)
+    after = np.searchsorted(beams, directions)
+    apart = np.minimum(
+        np.abs(directions - beams[np.clip(after - 1, 0, beams.size - 1)]),
+        np.abs(directions - beams[np.clip(after, 0, beams.size - 1)]),
+    )
+    return Ahead(near, float(np.mean(apart <= max(_NEXT_BEAM_RAD, abs(scan.angle_increment_rad)))))
+
+
+def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
+    """In words, and whether it is a warning. ``looks_away`` says where the picture looks instead."""
+    of_base, away = (" of the base", f" · {looks_away}") if looks_away else ("", "")
+    if ahead.distance_m is not None:
+        close = ahead.distance_m < CLOSE_M
+        return f"{'Close! ' if close else ''}Obstacle {ahead.distance_m:.1f} m ahead{of_base}{away}", close
+    if ahead.covered < 0.1:
+        return f"The LIDAR does not look ahead{of_base}{away}", False
+    if ahead.covered < 0.9:
+        return f"Nothing ahead{of_base} where the LIDAR looks; it does not see all of it{away}", False
+    return f"Nothing in reach ahead{of_base}{away}", False
+
+
+def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:
+    """Where the picture looks in words, if not ahead; empty where it does or nothing is told of the camera."""
+    cameras = robot.cameras if robot is not None and frame is not None else ()
+    model = next((camera.model for camera in cameras if frame is not None and camera.name == frame.camera), None)
+    if model is None:
+        return ""
+    if model.on_head and head is None:
+        return "the head may look elsewhere"
+    if head is not None:
+        model = model.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
+    heading_rad = math.remainder(model.heading_rad, 2 * math.pi)
+    if abs(heading_rad) <= _LOOKS_AWAY_RAD:
+        return ""
+    if abs(heading_rad) >= _LOOKS_BACK_RAD:
+        return "the picture looks back"
+    return f"the picture looks {'left' if heading_rad > 0 else 'right'}"
