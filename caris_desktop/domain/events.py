@@ -177,7 +177,7 @@ class ControlUsed:
 @dataclass(frozen=True, slots=True)
 class TopicTraffic:
     """How one topic fared in the last second. ``age_ms`` is how old its newest message was on arrival by the robot's
-    own stamp and the estimated clock offset; None where it carries no stamp.
+    own stamp and the estimated clock offset; None where it carries no stamp. ``encoding`` is empty while nothing came.
     """
 
     topic: str
@@ -187,6 +187,7 @@ class TopicTraffic:
     last_heard_s: float | None
     age_ms: float | None
     refused: int
+    encoding: Literal["", "cbor", "json"] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +196,7 @@ class TrafficMeasured:
 
     stamp_ns: int
     link: str
-    encoding: Literal["cbor", "json"]
+    encoding: Literal["cbor", "json", "both"]
     refused: int
     topics: tuple[TopicTraffic, ...]
 

@@ -20,7 +20,6 @@ from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
 from caris_desktop.robot.head import RobotHead
-from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
@@ -33,6 +32,7 @@ from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.voice import make_voice
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
     encode_twist,
@@ -83,13 +83,13 @@ class ControlLink:
             unconfirmed=self._report_unconfirmed_cancel,
         )
         self._voice = make_voice(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._head = RobotHead(self._ros, self._dialect, profile.head, emit=self._put)
-        self._latched = LatchedTopics(self._ros, self._dialect)
+        self._watched = WatchedTopics(self._ros, self._dialect, tell=self._put)
+        self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(
             self._ros,
             self._dialect,
             profile.controls,
-            self._latched,
+            self._watched,
             velocity_topic=profile.velocity.topic,
             emit=self._put,
             unusable=self._report_unusable_reading,
@@ -108,7 +108,7 @@ class ControlLink:
             self._dialect,
             profile.emergency_stop,
             self,
-            self._latched,
+            self._watched,
             emit=self._put,
             in_background=self._in_background,
         )
@@ -117,7 +117,7 @@ class ControlLink:
             profile,
             self._report,
             self._measurement,
-            self._latched,
+            self._watched,
             put=self._put,
             scan_taken=self._scan_taken,
             odometry_taken=self._guard.take_odometry,
@@ -153,7 +153,7 @@ class ControlLink:
             # The timer goes on sending the zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
         self._closing = True
-        self._latched.link_lost()
+        self._watched.link_lost()
         self._controls.close()
         for task in self._tasks:
             task.cancel()
@@ -370,7 +370,7 @@ class ControlLink:
         self._navigator.link_connected()
         self._voice.link_connected()
         self._emergency_stop.link_connected()
-        self._latched.link_connected()
+        self._watched.link_connected()
         self._controls.link_connected()
         self._in_background(self._look_around())
 
@@ -406,7 +406,7 @@ class ControlLink:
         self._head.link_lost()
         self._controls.link_lost()
         self._maps.link_lost()
-        self._latched.link_lost()
+        self._watched.link_lost()
         self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:

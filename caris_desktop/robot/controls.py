@@ -25,9 +25,9 @@ from caris_desktop.domain.controls import (
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
-from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.actions import Ending
 from caris_desktop.ros.definitions import plain_name
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
@@ -147,7 +147,7 @@ class RobotControls:
         ros: SafeRos,
         dialect: Dialect,
         own: tuple[RobotControl, ...],
-        latched: LatchedTopics,
+        watched: WatchedTopics,
         *,
         velocity_topic: str,
         emit: Callable[[Any], None],
@@ -163,7 +163,7 @@ class RobotControls:
         self._unusable = unusable
         self._in_background = in_background
         self._types = MessageTypes(ros, dialect)
-        self._latched = latched
+        self._watched = watched
         self._controls: dict[str, RobotControl] = {}
         self._publishers: dict[tuple[str, str], SafeTopic] = {}
         self._servers: dict[tuple[str, str], _Server] = {}
@@ -374,7 +374,7 @@ class RobotControls:
 
     def _listen(self) -> None:
         for topic in self._readings:
-            self._latched.unsubscribe(topic)
+            self._watched.unsubscribe(topic)
         self._readings.clear()
         self._values = {name: value for name, value in self._values.items() if name in self._controls}
         by_topic: dict[tuple[str, str], list[RobotControl]] = {}
@@ -385,7 +385,7 @@ class RobotControls:
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
             topic = SafeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
             self._readings.append(topic)
-            self._latched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
+            self._watched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
 
     def _take_value(self, control: str, value: ControlValue | None) -> None:
         if value is None or (control in self._values and self._values[control] == value):

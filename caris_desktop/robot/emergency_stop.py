@@ -7,10 +7,10 @@ from typing import Any, Literal, Protocol
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
-from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool, encode_bool
 
@@ -39,7 +39,7 @@ class EmergencyStop:
         dialect: Dialect,
         interface: EmergencyStopInterface | None,
         stopped: StoppedByIt,
-        latched: LatchedTopics,
+        watched: WatchedTopics,
         *,
         emit: Callable[[Any], None],
         in_background: Callable[[Coroutine[Any, Any, None]], None],
@@ -58,7 +58,7 @@ class EmergencyStop:
         if self._interface.topic is not None:
             state = SafeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
             # Robots tell it when it changes: what they told before this console was there counts too.
-            latched.subscribe(state, self._take_state)
+            watched.subscribe(state, self._take_state)
         if self._interface.command_topic is not None:
             # Latched: who subscribes a moment later must learn of it too.
             self._command = SafeTopic(ros, self._interface.command_topic, bool_type, latch=True, queue_size=1)

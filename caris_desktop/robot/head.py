@@ -10,6 +10,7 @@ from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.sensing import HeadState
 from caris_desktop.robot.profile import HeadInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.joint_messages import (
     decode_joint_state,
@@ -33,7 +34,13 @@ class RobotHead:
     """
 
     def __init__(
-        self, ros: SafeRos, dialect: Dialect, head: HeadInterface | None, *, emit: Callable[[Any], None]
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        head: HeadInterface | None,
+        watched: WatchedTopics,
+        *,
+        emit: Callable[[Any], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
@@ -59,7 +66,7 @@ class RobotHead:
         states = SafeTopic(
             ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True
         )
-        states.subscribe(self._take_joints)
+        watched.subscribe(states, self._take_joints)
 
     def move(self, pan_rad: float, tilt_rad: float) -> str:
         """Turn the head. Why it is refused, or an empty text."""

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -13,7 +14,6 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens
-from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
@@ -22,6 +22,7 @@ from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
@@ -53,24 +54,25 @@ class MediaLink:
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
+        self._watched = WatchedTopics(self._ros, dialect, tell=self._put)
         for camera in profile.cameras:
-            SafeTopic(
+            images = SafeTopic(
                 self._ros,
                 camera.topic,
                 type_name(dialect, "sensor_msgs", "CompressedImage"),
                 throttle_rate=camera.throttle_ms,
-            ).subscribe(lambda message, camera=camera: self._take_image(message, camera))
+            )
+            self._watched.subscribe(images, partial(self._take_image, camera=camera))
             if camera.info is not None:
                 info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
                 info = SafeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
-                info.subscribe(lambda message, camera=camera: self._take_lens(message, camera))
-        self._latched = LatchedTopics(self._ros, dialect)
+                self._watched.subscribe(info, partial(self._take_lens, camera=camera))
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
         if profile.map is not None:
             grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
             topic = SafeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
-            self._latched.subscribe(topic, self._take_map)
+            self._watched.subscribe(topic, self._take_map)
         if profile.map_updates is not None:
             SafeTopic(
                 self._ros,
@@ -96,7 +98,7 @@ class MediaLink:
 
     async def finish(self) -> None:
         self._closing = True
-        self._latched.link_lost()
+        self._watched.link_lost()
         if self._measuring is not None:
             self._measuring.cancel()
         await self._ros.aclose(GOODBYE_S)
@@ -104,7 +106,7 @@ class MediaLink:
 
     def link_connected(self) -> None:
         self._report.changed("connected")
-        self._latched.link_connected()
+        self._watched.link_connected()
 
     def link_silent(self) -> None:
         self._report.changed("trouble", "No video or map for a moment")
@@ -113,7 +115,7 @@ class MediaLink:
         self._report.changed("connected")
 
     def link_lost(self, reason: str) -> None:
-        self._latched.link_lost()
+        self._watched.link_lost()
         self._merger.forget()
         self._lenses.clear()
         if not self._closing:

@@ -13,12 +13,12 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
-from caris_desktop.robot.latched import LatchedTopics
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.profile import RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
     decode_battery_state,
@@ -50,7 +50,7 @@ class Sensors:
         profile: RobotProfile,
         report: LinkReporter,
         measurement: LinkMeasurement,
-        latched: LatchedTopics,
+        watched: WatchedTopics,
         *,
         put: Callable[[Any], None],
         scan_taken: Callable[[LaserScan], None],
@@ -66,7 +66,7 @@ class Sensors:
         self._scan_taken = scan_taken
         self._odometry_taken = odometry_taken
         self._pose_taken = pose_taken
-        self._latched = latched
+        self._watched = watched
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
         self._told_frames: set[str] = set()
@@ -92,11 +92,12 @@ class Sensors:
         self._listen(profile.scan, "sensor_msgs", "LaserScan", self._take_scan)
         self._listen(profile.odometry, "nav_msgs", "Odometry", self._take_odometry)
         self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._take_pose)
-        static = None if profile.tf_static is None else replace(profile.tf_static, latched=True)
-        self._listen(static, "tf2_msgs", "TFMessage", lambda m: self._take_transforms(m, static=True), every=True)
+        self._listen(
+            profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._take_transforms(m, static=True), every=True
+        )
         # Several nodes share this topic, each with its own transforms: none may replace another.
         self._listen(profile.tf, "tf2_msgs", "TFMessage", self._take_transforms, every=True)
-        self._listen(profile.path, "nav_msgs", "Path", self._take_path)
+        self._listen(profile.path, "nav_msgs", "Path", self._take_path, watched=False)
         self._listen(profile.battery, "sensor_msgs", "BatteryState", self._take_battery)
         if profile.simulation_time:
             self._listen(
@@ -111,7 +112,9 @@ class Sensors:
         take: Callable[[Any], None],
         *,
         every: bool = False,
+        watched: bool = True,
     ) -> None:
+        """``watched`` False: it is silent for most of the time, and what came in between would be missed."""
         if source is None:
             return
         topic = SafeTopic(
@@ -122,8 +125,8 @@ class Sensors:
             queue_length=20 if every else 1,
             every_message=every,
         )
-        if source.latched:
-            self._latched.subscribe(topic, take)
+        if watched or source.latched:
+            self._watched.subscribe(topic, take)
         else:
             topic.subscribe(take)
 

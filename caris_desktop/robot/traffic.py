@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.robot.clock_offset import OffsetEstimate
@@ -17,6 +17,7 @@ class _Count:
     messages: int = 0
     size_bytes: int = 0
     refused: int = 0
+    encoding: Literal["", "cbor", "json"] = ""
     heard_ns: int | None = None
     stamp_ns: int | None = None
 
@@ -28,7 +29,6 @@ class TrafficMeter:
         self._link = link
         self._counts: dict[str, _Count] = {}
         self._began_ns: int | None = None
-        self._binary = False
         self._refused = 0
 
     def listens(self, topic: str, message_type: str) -> None:
@@ -48,8 +48,8 @@ class TrafficMeter:
 
     def decoded(self, topic: str, message: Any, *, binary: bool) -> None:
         """One message was decoded: note its stamp."""
-        self._binary = binary
         if topic in self._counts:
+            self._counts[topic].encoding = "cbor" if binary else "json"
             self._counts[topic].stamp_ns = stamp_of(message)
 
     def refused(self, topic: str | None) -> None:
@@ -80,10 +80,13 @@ class TrafficMeter:
                     last_heard_s=None if count.heard_ns is None else max(0.0, (now_ns - count.heard_ns) / 1e9),
                     age_ms=age_ms,
                     refused=count.refused,
+                    encoding=count.encoding,
                 )
             )
             count.messages = count.size_bytes = 0
-        return TrafficMeasured(now_ns, self._link, "cbor" if self._binary else "json", self._refused, tuple(topics))
+        used = {topic.encoding for topic in topics} - {""}
+        encoding: Literal["cbor", "json", "both"] = "both" if len(used) > 1 else "cbor" if "cbor" in used else "json"
+        return TrafficMeasured(now_ns, self._link, encoding, self._refused, tuple(topics))
 
     def _count(self, topic: str) -> _Count:
         count = self._counts.get(topic)

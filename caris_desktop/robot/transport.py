@@ -12,9 +12,9 @@ established" this means "now, or not at all". What the stock transport does, and
 2. It never pings. Here the peer is pinged, any byte counts as a sign of life, silence is reported as trouble and then
    ends the connection (``wire.Timings``).
 3. Its back-off grows to an hour. Here it grows from 0.2 s to 1 s, also when a server keeps closing the connection.
-4. It knows no CBOR, fragments or status. Here subscriptions ask for CBOR and accept JSON as an answer; when binary
-   messages come but none of them decodes, everything is subscribed again in JSON. Fragments are put together, status
-   messages are logged.
+4. It knows no CBOR, fragments or status. Here subscriptions ask for CBOR where the type can be sent in it, and accept
+   either as an answer; when binary messages come but none of them decodes, everything is subscribed again in JSON, and
+   a topic can be asked for in the other encoding. Fragments are put together, status messages are logged.
 5. ``unsubscribe()`` of one Topic silences all others of that name, and a Topic used in both directions loses its
    subscription on reconnect. A ``SafeTopic`` has its own callback and its own ids; what a Topic asked for is remembered
    by id and not in the Topic.
@@ -50,6 +50,7 @@ from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, auth_operation
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure, open_wire
+from caris_desktop.ros.definitions import cbor_carries
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 
@@ -392,6 +393,7 @@ class SafeFactory:
         self._retired: set[str] = set()
         self._established: set[str] = set()
         self._every_message: set[str] = set()
+        self._in_other_encoding: set[str] = set()
         self.arrival_ns = 0
         self._arrived: deque[_Arrival] = deque()
         self._newest: dict[str, _Arrival] = {}
@@ -474,10 +476,33 @@ class SafeFactory:
     def _establish(self, key: str, operation: Operation) -> bool:
         if self._proto is None:
             return False
-        if operation.get("compression") == "cbor" and not self._cbor_works:
-            operation = {**operation, "compression": "none"}
+        if operation.get("compression") in ("cbor", "none"):
+            operation = {**operation, "compression": self._encoding_of(operation)}
         self._established.add(key)
         return self._proto.send_operation(operation)
+
+    def _encoding_of(self, subscription: Operation) -> str:
+        binary = (subscription["compression"] == "cbor") is not (subscription["topic"] in self._in_other_encoding)
+        return "cbor" if binary and self._cbor_works else "none"
+
+    def subscribe_anew(self, topic: str, *, other_encoding: bool, leave_first: bool) -> str:
+        """Ask again for a topic, in the other encoding from now on or in the same; returns which that is.
+
+        ``leave_first`` ends the subscriptions before. Without, a server changes them as they stand and misses nothing.
+        """
+        if other_encoding:
+            self._in_other_encoding ^= {topic}
+        standing = [
+            (key, operation)
+            for key, operation in self._standing.items()
+            if operation["op"] == "subscribe" and operation["topic"] == topic
+        ]
+        for _, operation in standing:
+            if leave_first and self._proto is not None:
+                self._proto.send_operation({"op": "unsubscribe", "id": operation.get("id"), "topic": topic})
+        for key, operation in standing:
+            self._establish(key, operation)
+        return self._encoding_of(standing[0][1]) if standing else ""
 
     def binary_worked(self) -> None:
         self._binary_failures = -1
@@ -844,6 +869,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
     """A topic that shares nothing with other Topics of its name.
 
     ``every_message`` asks for each message where they do not replace one another (results, transforms).
+    ``compression`` None asks for CBOR where rosbridge can send the type in it.
     """
 
     SUPPORTED_COMPRESSION_TYPES = ("none", "cbor")
@@ -856,7 +882,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
         name: str,
         message_type: str,
         *,
-        compression: str = "cbor",
+        compression: str | None = None,
         latch: bool = False,
         throttle_rate: int = 0,
         queue_size: int = 10,
@@ -867,7 +893,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
             ros,
             name,
             message_type,
-            compression=compression,
+            compression=compression or ("cbor" if cbor_carries(message_type) else "none"),
             latch=latch,
             throttle_rate=throttle_rate,
             queue_size=queue_size,

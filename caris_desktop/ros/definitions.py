@@ -1,4 +1,4 @@
-"""The fields of ROS messages: as types tell them, and those of the types that robots are commanded with."""
+"""The fields of ROS messages: as types tell them, and those of the types that robots tell and are commanded with."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -59,6 +59,27 @@ def shipped_definition(type_: str) -> Definition | None:
     return None if fields is None else Definition(fields, known)
 
 
+def cbor_carries(type_: str) -> bool:
+    """Whether rosbridge can send messages of this type as CBOR. False also where the type is not known here.
+
+    Of a type that holds a list of fixed length or, in ROS 1, one of texts or of times it sends nothing at all, and no
+    error either (its issues 526 and 864; ROS 2 has the first of them too). JSON carries everything.
+    """
+    definition = shipped_definition(type_)
+    return definition is not None and all(_cbor_carries(field, definition) for field in definition.fields)
+
+
+def _cbor_carries(field: FieldType, definition: Definition) -> bool:
+    if field.type in TIMES or field.type in TEXTS:
+        return field.length is None
+    if field.length:
+        return False
+    if field.type in INTEGER_RANGES or field.type in FLOATS or field.type in TRUTHS:
+        return True
+    inside = definition.nested.get(plain_name(field.type))
+    return inside is not None and all(_cbor_carries(one, definition) for one in inside)
+
+
 def parse_fields(text: str) -> tuple[FieldType, ...]:
     """The fields of a message definition as ``.msg`` files write them, separated by line ends or semicolons."""
     fields = []
@@ -105,6 +126,50 @@ _TEXTS = {
     "geometry_msgs/PointStamped": "std_msgs/Header header; geometry_msgs/Point point",
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular",
     "geometry_msgs/TwistStamped": "std_msgs/Header header; geometry_msgs/Twist twist",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header; string child_frame_id; geometry_msgs/Transform transform"
+    ),
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose; float64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header; geometry_msgs/PoseWithCovariance pose",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist; float64[36] covariance",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "tf/tfMessage": "geometry_msgs/TransformStamped[] transforms",
+    "rosgraph_msgs/Clock": "time clock",
+    "nav_msgs/Path": "std_msgs/Header header; geometry_msgs/PoseStamped[] poses",
+    "nav_msgs/Odometry": (
+        "std_msgs/Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose; "
+        "geometry_msgs/TwistWithCovariance twist"
+    ),
+    "nav_msgs/MapMetaData": (
+        "time map_load_time; float32 resolution; uint32 width; uint32 height; geometry_msgs/Pose origin"
+    ),
+    "nav_msgs/OccupancyGrid": "std_msgs/Header header; nav_msgs/MapMetaData info; int8[] data",
+    "map_msgs/OccupancyGridUpdate": (
+        "std_msgs/Header header; int32 x; int32 y; uint32 width; uint32 height; int8[] data"
+    ),
+    "sensor_msgs/LaserScan": (
+        "std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; "
+        "float32 time_increment; float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; "
+        "float32[] intensities"
+    ),
+    "sensor_msgs/CompressedImage": "std_msgs/Header header; string format; uint8[] data",
+    "sensor_msgs/Image": (
+        "std_msgs/Header header; uint32 height; uint32 width; string encoding; uint8 is_bigendian; uint32 step; "
+        "uint8[] data"
+    ),
+    "sensor_msgs/RegionOfInterest": "uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify",
+    "sensor_msgs/CameraInfo": (
+        "std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; "
+        "float64[9] R; float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi"
+    ),
+    "sensor_msgs/BatteryState": (
+        "std_msgs/Header header; float32 voltage; float32 current; float32 charge; float32 capacity; "
+        "float32 design_capacity; float32 percentage; uint8 power_supply_status; uint8 power_supply_health; "
+        "uint8 power_supply_technology; bool present; float32[] cell_voltage; string location; string serial_number"
+    ),
+    "actionlib_msgs/GoalStatus": "actionlib_msgs/GoalID goal_id; uint8 status; string text",
+    "actionlib_msgs/GoalStatusArray": "std_msgs/Header header; actionlib_msgs/GoalStatus[] status_list",
     "sensor_msgs/JointState": (
         "std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort"
     ),

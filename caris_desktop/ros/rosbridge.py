@@ -4,6 +4,7 @@ CBOR arrays are RFC 8746 typed arrays and become numpy arrays, which costs no in
 """
 
 import base64
+import contextlib
 import json
 import math
 import re
@@ -145,7 +146,7 @@ class FragmentAssembler:
 
     def __init__(self, *, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
         self._max_bytes = max_bytes
-        self._pending: dict[str, tuple[int, dict[int, str]]] = {}
+        self._pending: dict[str | int, tuple[float, dict[int, str]]] = {}
         self._held_bytes = 0
 
     @property
@@ -170,10 +171,15 @@ class FragmentAssembler:
         if number not in pieces:
             pieces[number] = data
             self._held_bytes += len(data)
-        if len(pieces) == total:
-            text = "".join(pieces[index] for index in range(total))
+        text = _joined(pieces, total)
+        if text is not None and len(pieces) == math.ceil(total):
             self._drop(key)
             return decode_json(text, max_bytes=self._max_bytes)
+        if text is not None:
+            with contextlib.suppress(ProtocolError):
+                whole = decode_json(text, max_bytes=self._max_bytes)
+                self._drop(key)
+                return whole
         while self._held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
             oldest = next(iter(self._pending))
             self._drop(oldest)
@@ -186,25 +192,25 @@ class FragmentAssembler:
         self._pending.clear()
         self._held_bytes = 0
 
-    def _drop(self, key: str) -> None:
+    def _drop(self, key: str | int) -> None:
         _, pieces = self._pending.pop(key)
         self._held_bytes -= sum(len(piece) for piece in pieces.values())
 
 
-def fragments_of(text: str, *, message_id: str, size: int) -> list[dict[str, Any]]:
+def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[str, Any]]:
     """``text`` cut into ``fragment`` operations of at most ``size`` characters each."""
     if size < 1:
         raise ValueError("a fragment holds at least one character")
-    total = max(1, math.ceil(len(text) / size))
+    count = max(1, math.ceil(len(text) / size))
     return [
         {
             "op": "fragment",
             "id": message_id,
             "data": text[index * size : (index + 1) * size],
             "num": index,
-            "total": total,
+            "total": count,
         }
-        for index in range(total)
+        for index in range(count)
     ]
 
 
@@ -246,19 +252,28 @@ def _operation(value: Any) -> dict[str, Any]:
     return value
 
 
-def _fragment_parts(fragment: dict[str, Any]) -> tuple[str, int, int, str]:
+def _joined(pieces: dict[int, str], total: float) -> str | None:
+    """The text, where these may be all of its pieces.
+
+    rosbridge divides without rounding, and its 4.2953 means four pieces; servers that divide otherwise mean five.
+    """
+    if len(pieces) < max(1, math.floor(total)) or max(pieces) != len(pieces) - 1:
+        return None
+    return "".join(pieces[index] for index in range(len(pieces)))
+
+
+def _fragment_parts(fragment: dict[str, Any]) -> tuple[str | int, int, float, str]:
     key, number, total, data = (fragment.get(name) for name in ("id", "num", "total", "data"))
-    if not isinstance(key, str) or not isinstance(data, str):
-        raise ProtocolError("a fragment needs a text 'id' and a text 'data'")
+    # rosbridge numbers the messages of topics, or rather gives all of them the number 0.
+    if not isinstance(key, (str, int)) or isinstance(key, bool) or not isinstance(data, str):
+        raise ProtocolError("a fragment needs a text or a number as 'id' and a text 'data'")
     if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
         raise ProtocolError("a fragment needs a number 'num'")
     if isinstance(total, bool) or not isinstance(total, (int, float)) or not 0 < total <= _MAX_FRAGMENTS:
         raise ProtocolError(f"a fragment's 'total' must be between 1 and {_MAX_FRAGMENTS}")
-    # rosbridge_suite divides without rounding, so 4.2953 means five fragments
-    whole = math.ceil(total)
-    if not 0 <= number < whole or number != int(number):
-        raise ProtocolError(f"fragment {number} of {whole} cannot be")
-    return key, int(number), whole, data
+    if not 0 <= number < math.ceil(total) or number != int(number):
+        raise ProtocolError(f"fragment {number} of {total} cannot be")
+    return key, int(number), float(total), data
 
 
 def _typed_array(tag: Any, immutable: bool = False) -> Any:

@@ -13,13 +13,13 @@ from caris_desktop.domain.commands import CancelGoal, Drive, GoTo
 from caris_desktop.domain.events import GoalChanged, LinkQuality, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
-from caris_desktop.robot import latched, sensors
+from caris_desktop.robot import sensors
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, TopicSource, TransformFrames, VelocityTopic
 from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.messages import encode_laser_scan, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
-from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
+from tests.robot.loop_bench import LoopBench, with_link
 
 ROBOT = RobotProfile(
     "test",
@@ -229,40 +229,3 @@ def test_stamps_follow_the_simulated_clock() -> None:
         assert abs(first["header"]["stamp"]["sec"] - 40) <= 3
 
     with_link(robot, test)
-
-
-def test_a_latched_topic_that_stays_silent_is_asked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(latched, "FIRST_LOOK_S", 0.1)
-    robot = replace(ROBOT, ros=2)
-
-    def prepare(bridge: Bridge) -> None:
-        bridge.answers.update(inventory({"/tf_static": "tf2_msgs/msg/TFMessage", "/tf": "tf2_msgs/msg/TFMessage"}))
-
-        async def react(operation: dict[str, Any]) -> None:
-            # As with rosbridge of ROS 2: the first subscription came before the publisher and is volatile.
-            subscriptions = bridge.operations("subscribe", "/tf_static")
-            if operation["op"] == "subscribe" and operation["topic"] == "/tf_static" and len(subscriptions) == 2:
-                message = encode_tf_message(Dialect.ROS2, [("base_footprint", "laser", Pose2D(0.4, 0, 0))], stamp_ns=1)
-                await bridge.publish("/tf_static", message)
-
-        bridge.on_operation = react
-
-    async def test(bench: LoopBench) -> None:
-        await bench.until(lambda: len(bench.bridge.operations("subscribe", "/tf_static")) == 2, "a second subscription")
-        first, second = bench.bridge.operations("subscribe", "/tf_static")
-        assert first["id"] != second["id"]
-        assert [line["id"] for line in bench.bridge.operations("unsubscribe", "/tf_static")] == [first["id"]]
-
-        async def mounted() -> bool:
-            await bench.bridge.publish("/scan", scan_message(START_NS))
-            await asyncio.sleep(0.01)
-            return bool(bench.of(LaserScan)) and bench.of(LaserScan)[-1].robot_from_laser.x_m == 0.4
-
-        while not await mounted():
-            pass
-        # It was heard, so it is left alone.
-        await asyncio.sleep(0.3)
-        assert len(bench.bridge.operations("subscribe", "/tf_static")) == 2
-        assert len(bench.bridge.operations("subscribe", "/tf")) == 1
-
-    with_link(robot, test, prepare=prepare)

@@ -35,13 +35,25 @@ def test_rate_size_age_and_refusals_are_counted_by_topic() -> None:
     measured = meter.measure(12 * S, lambda _: OffsetEstimate(100 * S, 1))
     assert (measured.link, measured.encoding, measured.refused) == ("control", "cbor", 2)
     assert measured.topics == (
-        TopicTraffic("/scan", "sensor_msgs/LaserScan", 10.0, 10_000.0, 0.1, pytest.approx(50.0), 1),
+        TopicTraffic("/scan", "sensor_msgs/LaserScan", 10.0, 10_000.0, 0.1, pytest.approx(50.0), 1, "cbor"),
         TopicTraffic("/silent", "std_msgs/Empty", 0.0, 0.0, None, None, 0),
     )
     # Nothing came since: it is not as fresh as it was.
     assert meter.measure(13 * S).topics[0] == TopicTraffic(
-        "/scan", "sensor_msgs/LaserScan", 0.0, 0.0, pytest.approx(1.1), None, 1
+        "/scan", "sensor_msgs/LaserScan", 0.0, 0.0, pytest.approx(1.1), None, 1, "cbor"
     )
+
+
+def test_a_link_that_uses_both_encodings_says_so() -> None:
+    meter = TrafficMeter("control")
+    for topic in ("/scan", "/odom"):
+        meter.listens(topic, "")
+        meter.arrived(topic, size_bytes=1, arrival_ns=0)
+    meter.decoded("/scan", {}, binary=True)
+    assert meter.measure(S).encoding == "cbor"
+    meter.decoded("/odom", {}, binary=False)
+    assert meter.measure(2 * S).encoding == "both"
+    assert [topic.encoding for topic in meter.measure(3 * S).topics] == ["json", "cbor"]
 
 
 def test_a_server_that_invents_topics_fills_no_memory() -> None:

@@ -82,6 +82,9 @@ def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float)
     return "live"
 
 
+_ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": "CBOR and JSON"}
+
+
 def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
     """The robot's clock is 3.1 ± 0.4 ms ahead."""
     if link.clock_offset_ms is None:
@@ -95,7 +98,7 @@ def link_words(measured: TrafficMeasured) -> str:
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
     return (
-        f"{name} link: {measured.encoding.upper()}, {len(measured.topics)} topics, {messages:.0f} messages/s, "
+        f"{name} link: {_ENCODINGS[measured.encoding]}, {len(measured.topics)} topics, {messages:.0f} messages/s, "
         f"{bandwidth(total)}, {measured.refused} refused"
     )
 
@@ -210,7 +213,7 @@ def cell_text(row: TopicRow, column: int) -> str:
         case 6:
             return str(traffic.refused)
         case 7:
-            return traffic.type
+            return f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type
         case _:
             return _LINK_WORDS.get(row.link, row.link)
 

@@ -1,0 +1,135 @@
+"""Topics that should not stay silent: they are asked for anew, and in the other encoding, until something comes."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import Problem
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect
+
+logger = logging.getLogger(__name__)
+
+FIRST_LOOK_S = 3.0
+LONGEST_PAUSE_S = 60.0
+_ENCODINGS = {"cbor": "the compact form (CBOR)", "none": "plain text (JSON)"}
+
+
+class _Listener:
+    """One subscription, and whether anything came on it in this connection."""
+
+    def __init__(self, topic: SafeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]) -> None:
+        self.topic = topic
+        self.heard = False
+        self.asked_anew = 0
+        self.encoding_tried = ""
+        self._take = take
+        self._heard = heard
+
+    def hear(self, message: Any) -> None:
+        if not self.heard:
+            self.heard = True
+            self._heard(self)
+        self._take(message)
+
+
+class WatchedTopics:
+    """Asks anew for topics that are silent although the robot has somebody who publishes them.
+
+    Two things can be wrong. rosbridge says nothing of a message that it cannot write in the encoding that was asked
+    for: the other one is tried, and ``tell`` gets a Problem where that helped. And rosbridge of ROS 2 takes its quality
+    of service from the publishers that it knows when a subscription is made: made too early it is volatile, and a
+    message that was published once, before that, never comes.
+
+    Topics on which every message counts and silence is usual do not belong here: in ROS 2 a message may be lost between
+    the old subscription and the new one.
+    """
+
+    def __init__(self, ros: SafeRos, dialect: Dialect, *, tell: Callable[[Problem], None]) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._tell = tell
+        # Several may listen to a topic of one name, each with a subscription of its own.
+        self._known: list[_Listener] = []
+        self._told: set[str] = set()
+        self._watch: asyncio.Task[None] | None = None
+
+    def subscribe(self, topic: SafeTopic, take: Callable[[Any], None]) -> None:
+        """Subscribe to ``topic``, and see to it that it is heard."""
+        listener = _Listener(topic, take, self._on_heard)
+        self._known.append(listener)
+        topic.subscribe(listener.hear)
+        if self._ros.is_connected:
+            self._begin()
+
+    def unsubscribe(self, topic: SafeTopic) -> None:
+        """End a subscription that was made here."""
+        self._known = [listener for listener in self._known if listener.topic is not topic]
+        topic.unsubscribe()
+
+    def link_connected(self) -> None:
+        for listener in self._known:
+            listener.heard = False
+            listener.asked_anew = 0
+        self._begin()
+
+    def link_lost(self) -> None:
+        """Also to be called when the link ends."""
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+
+    def _begin(self) -> None:
+        if self._known and (self._watch is None or self._watch.done()):
+            self._watch = asyncio.get_running_loop().create_task(self._look_after())
+
+    async def _look_after(self) -> None:
+        pause_s = FIRST_LOOK_S
+        while True:
+            await asyncio.sleep(pause_s)
+            silent = {listener.topic.name: listener for listener in self._known if not listener.heard}
+            if not silent:
+                return
+            for name, listener in silent.items():
+                if await self._is_published(name) and not listener.heard:
+                    self._ask_anew(listener)
+            # A map that is still being made comes later by itself; asking on and on costs the robot something.
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    async def _is_published(self, topic: str) -> bool:
+        try:
+            answer = await self._ros.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic})
+        except ServiceCallError as error:
+            logger.debug("Who publishes %s is not known: %s", topic, error)
+            return False
+        return bool(answer.get("publishers"))
+
+    def _ask_anew(self, listener: _Listener) -> None:
+        name = listener.topic.name
+        # In ROS 2 the quality of service is the likelier reason: it comes first.
+        other = self._dialect is Dialect.ROS1 or listener.asked_anew % 2 == 1
+        listener.asked_anew += 1
+        # To ROS 2 the quality of service is new only with a new subscription; ROS 1 changes one without a gap.
+        encoding = self._ros.factory.subscribe_anew(
+            name, other_encoding=other, leave_first=self._dialect is Dialect.ROS2
+        )
+        listener.encoding_tried = encoding if other else ""
+        logger.info("Nothing came on %s; subscribing anew, encoding %s", name, encoding)
+
+    def _on_heard(self, listener: _Listener) -> None:
+        name, encoding = listener.topic.name, listener.encoding_tried
+        if encoding not in _ENCODINGS or name in self._told:
+            return
+        self._told.add(name)
+        [before] = _ENCODINGS.keys() - {encoding}
+        self._tell(
+            Problem(
+                now_ns(),
+                "info",
+                f"The robot sent nothing on {name} in {_ENCODINGS[before]}; in {_ENCODINGS[encoding]} it does.",
+                "It is received now. What it tells was missing until this moment.",
+                "There is nothing to do; the log of rosbridge on the robot may tell why.",
+            )
+        )
