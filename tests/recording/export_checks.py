@@ -3,9 +3,11 @@
 import csv
 import importlib.util
 import json
+import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 from caris_desktop.recording.export import FORMATS
 
@@ -49,6 +51,56 @@ def _eaf(out: Path) -> None:
     assert Eaf(str(path)).get_linked_files() or not list(out.glob("*.mp4"))
     if _SCHEMA.exists():
         xmlschema.validate(str(path), str(_SCHEMA))
+    check_what_elan_insists_on(path)
+
+
+def check_what_elan_insists_on(path: Path) -> None:
+    """What the schema lets pass and ELAN's own parser needs: its languages of a vocabulary are those of its
+    descriptions, and it looks values, types and slots up without asking whether they are there.
+    """
+    root = ElementTree.parse(path).getroot()  # noqa: S314 - our own
+    assert {"AUTHOR", "DATE", "FORMAT", "VERSION"} <= set(root.keys())
+    languages = {language.get("LANG_ID") for language in root.iter("LANGUAGE")}
+    for language in root.iter("LANGUAGE"):
+        assert language.get("LANG_ID")
+        assert language.get("LANG_DEF")
+        assert language.get("LANG_LABEL")
+    entries: dict[str, dict[str, str]] = {}
+    for vocabulary in root.iter("CONTROLLED_VOCABULARY"):
+        name = vocabulary.attrib["CV_ID"]
+        assert name not in entries
+        of_description = [description.get("LANG_REF") for description in vocabulary.findall("DESCRIPTION")]
+        assert of_description, f"the vocabulary '{name}' has no DESCRIPTION: a NullPointerException in addEntry"
+        assert len(set(of_description)) == len(of_description)
+        assert set(of_description) <= languages
+        assert [child.tag for child in vocabulary][: len(of_description)] == ["DESCRIPTION"] * len(of_description)
+        entries[name] = {}
+        for entry in vocabulary.findall("CV_ENTRY_ML"):
+            assert [value.get("LANG_REF") for value in entry.findall("CVE_VALUE")] == of_description
+            assert entry.attrib["CVE_ID"] not in {known for of_one in entries.values() for known in of_one}
+            entries[name][entry.attrib["CVE_ID"]] = entry.findtext("CVE_VALUE") or ""
+    types: dict[str, str | None] = {}
+    for kind in root.iter("LINGUISTIC_TYPE"):
+        assert kind.get("TIME_ALIGNABLE") == "true"
+        assert kind.get("CONSTRAINTS") is None
+        assert kind.get("GRAPHIC_REFERENCES") == "false"
+        types[kind.attrib["LINGUISTIC_TYPE_ID"]] = kind.get("CONTROLLED_VOCABULARY_REF")
+    assert {name for name in types.values() if name is not None} <= set(entries)
+    slots = {slot.attrib["TIME_SLOT_ID"]: int(slot.attrib["TIME_VALUE"]) for slot in root.iter("TIME_SLOT")}
+    for tier in root.iter("TIER"):
+        assert tier.get("PARENT_REF") is None
+        vocabulary_name = types[tier.attrib["LINGUISTIC_TYPE_REF"]]
+        for annotation in tier.iter("ALIGNABLE_ANNOTATION"):
+            assert re.search(r"\d", annotation.attrib["ANNOTATION_ID"])
+            assert slots[annotation.attrib["TIME_SLOT_REF1"]] < slots[annotation.attrib["TIME_SLOT_REF2"]]
+            if (chosen := annotation.get("CVE_REF")) is not None:
+                assert vocabulary_name is not None
+                assert entries[vocabulary_name][chosen] == (annotation.findtext("ANNOTATION_VALUE") or "")
+    for media in root.iter("MEDIA_DESCRIPTOR"):
+        assert media.get("MEDIA_URL")
+        assert media.get("MIME_TYPE")
+    stereotypes = {constraint.get("STEREOTYPE") for constraint in root.iter("CONSTRAINT")}
+    assert stereotypes == {"Time_Subdivision", "Symbolic_Subdivision", "Symbolic_Association", "Included_In"}
 
 
 def _textgrid(out: Path) -> None:

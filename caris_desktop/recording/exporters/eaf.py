@@ -137,8 +137,9 @@ def eaf_text(document: AnnotationDocument, *, media: Iterable[LinkedMedia] = (),
         _child(root, "CONSTRAINT", DESCRIPTION=description, STEREOTYPE=stereotype)
     for vocabulary in document.vocabularies:
         element = _child(root, "CONTROLLED_VOCABULARY", CV_ID=plain_text(vocabulary.name))
-        if vocabulary.description:
-            _child(element, "DESCRIPTION", plain_text(vocabulary.description), LANG_REF="und")
+        # ELAN takes the languages of a vocabulary from its descriptions: without one, even an empty one, no entry has
+        # a language to be in, and its parser fails on the first.
+        _child(element, "DESCRIPTION", plain_text(vocabulary.description), LANG_REF="und")
         for entry in vocabulary.entries:
             holder = _child(element, "CV_ENTRY_ML", CVE_ID=entry_ids[vocabulary.name, entry.value])
             described = {"DESCRIPTION": plain_text(entry.description)} if entry.description else {}

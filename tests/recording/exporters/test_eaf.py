@@ -31,6 +31,7 @@ from caris_desktop.recording.annotation.store import load_documents, save_coder
 from caris_desktop.recording.export import export_session
 from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session.session_reader import open_session
+from tests.recording.export_checks import check_what_elan_insists_on
 from tests.recording.told_session import at, heard, said, tell, tour
 from tests.support.recorded_session import make_session, number_in
 
@@ -80,6 +81,8 @@ def test_what_is_exported_reads_back_identical(tmp_path: Path, elan_schema: xmls
     document = coded("anna", "ben", "zoë <m>")
     path = write(tmp_path, document)
     elan_schema.validate(str(path))
+    # One of the vocabularies has no description.
+    check_what_elan_insists_on(path)
     assert read_eaf(path) == document
     assert read_eaf(path, coder="somebody") == document
 
@@ -160,7 +163,11 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("eaf") / "P07 run 1"
     make_session(folder, seconds=6.0, size_px=(160, 90), mark_every_s=2.0, utterance_every_s=2.0)
     for coder in ("anna", "ben"):
-        document = editing.add_tier(AnnotationDocument(duration_ms=6000), "Looks", coder)
+        document = editing.add_vocabulary(
+            AnnotationDocument(duration_ms=6000),
+            Vocabulary("Gaze", (VocabularyEntry("robot"), VocabularyEntry("floor"))),
+        )
+        document = editing.add_tier(document, "Looks", coder, "Gaze")
         save_coder(folder, editing.add_annotation(document, document.tiers[0].tier_id, 500, 1500, "robot"), coder)
     out = folder.parent / "out"
     export_session(folder, "eaf", out)
@@ -171,6 +178,7 @@ def test_a_session_becomes_a_project(exported: tuple[Path, Path], elan_schema: x
     folder, out = exported
     path = out / "P07 run 1.eaf"
     elan_schema.validate(str(path))
+    check_what_elan_insists_on(path)
     session = open_session(folder)
     document = editing.merge_documents(session_tiers(session), load_documents(folder))
     assert read_eaf(path) == document
