@@ -25,6 +25,7 @@ from caris_desktop.domain.events import (
     DriveEnded,
     EmergencyStopChanged,
     Event,
+    GoalChanged,
     GuardChanged,
     LayoutChanged,
     LinkChanged,
@@ -633,7 +634,7 @@ class Console(QObject):
         if not self._scenario.permissions.assistant or not question.strip():
             return
         # Neither the record nor a model on another computer gets to know the names.
-        people = [f"person {number}" for number, _row in enumerate(self._state.persons.value, 1)]
+        people = [f"person {row.number}" for row in self._state.persons.value]
         messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question.strip())
         settings = self._scenario.assistant
         if not self._assistant.ask(
@@ -676,13 +677,15 @@ class Console(QObject):
         self._assistant.forget()
         connection = self._robot.connection
         started = self._recording.start_session(
-            lambda: self._parts.new_session(details, self._scenario, connection), self._scenario, self._standing()
+            lambda: self._parts.new_session(details, self._scenario, connection),
+            self._scenario,
+            self._standing(resumed=False),
         )
         if started and self._scenario.permissions.audio_recording:
             self._microphone.open()
 
-    def _standing(self) -> list[Event]:
-        """What happened once and holds until it happens again, as it stands now."""
+    def _standing(self, *, resumed: bool) -> list[Event]:
+        """What happened once and holds until it happens again, as it stands now that a recording begins or goes on."""
         now_ns = clock.now_ns()
         link: LinkStatus = self._state.link.value
         standing: list[Event] = [
@@ -696,11 +699,15 @@ class Console(QObject):
             standing.append(replace(self._layout, stamp_ns=now_ns))
         if self._state.drive.value.emergency_stop:
             standing.append(EmergencyStopChanged(now_ns, True, "wizard"))
-        if self._state.goal.value is not None:
-            standing.append(replace(self._state.goal.value, stamp_ns=now_ns))
-        for number, row in enumerate(self._state.persons.value, start=1):
-            if row.here:
-                standing.append(PersonAppeared(now_ns, row.person_id, row.track, number))
+        goal: GoalChanged | None = self._state.goal.value
+        if goal is not None and (resumed or goal.state in ("requested", "active")):
+            # One that came to its end before is none of this recording; during a pause its end is still missing.
+            standing.append(replace(goal, stamp_ns=now_ns))
+        standing += [
+            PersonAppeared(now_ns, row.person_id, row.track, row.number)
+            for row in self._state.persons.value
+            if row.here
+        ]
         return standing
 
     def stop_session(self) -> None:
@@ -719,7 +726,7 @@ class Console(QObject):
             self._microphone.close()
         elif self._scenario.permissions.audio_recording:
             self._microphone.open()
-        self._recording.pause_session(self._standing(), paused=paused)
+        self._recording.pause_session(self._standing(resumed=True), paused=paused)
 
     def expected_bytes_per_hour(self) -> float | None:
         return self._parts.expected_bytes_per_hour(self._scenario)

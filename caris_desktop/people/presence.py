@@ -31,7 +31,7 @@ class PersonRow:
     """One row of the People panel. ``name`` is what to show: the given name, or "Person 3".
 
     ``since_ns`` is when this visit began, on the session clock. ``camera`` is the one that sees them, empty in older
-    recordings.
+    recordings. ``number`` is the 3 of "Person 3", which they keep when they have a name too; 0 in older recordings.
     """
 
     person_id: str
@@ -41,6 +41,7 @@ class PersonRow:
     since_ns: int
     last_seen_ns: int
     camera: str = ""
+    number: int = 0
 
 
 _Track = tuple[str, int]  # camera, and its tracker's number
@@ -120,7 +121,7 @@ class Presence:
             ]
         name = " ".join(name.split())[:MAX_NAME_LENGTH]
         events = self._store(now_ns, lambda register: register.rename(person_id, name))
-        self._rows[person_id] = replace(row, name=name or unnamed_label(list(self._rows).index(person_id) + 1))
+        self._rows[person_id] = replace(row, name=name or unnamed_label(row.number))
         return [PersonRenamed(now_ns, person_id), *events]
 
     def persons(self, *, include_left: bool = False) -> tuple[PersonRow, ...]:
@@ -149,10 +150,7 @@ class Presence:
             self._rows[person_id] = replace(row, last_seen_ns=now_ns)
             return []
         self._rows[person_id] = replace(row, here=True, since_ns=now_ns, last_seen_ns=now_ns)
-        return [self._appeared(person_id, row.track, now_ns)]
-
-    def _appeared(self, person_id: str, track: int, now_ns: int) -> PersonAppeared:
-        return PersonAppeared(now_ns, person_id, track, list(self._rows).index(person_id) + 1)
+        return [PersonAppeared(now_ns, person_id, row.track, row.number)]
 
     def _appear(self, track: _Track, now_ns: int) -> list[Event]:
         del self._candidates[track]
@@ -164,17 +162,19 @@ class Presence:
             except PeopleStoreError as error:
                 problems = self._report(error, now_ns)
         self._id_of_track[track] = person_id
-        camera, number = track
+        camera, its_track = track
+        number = len(self._rows) + 1
         self._rows[person_id] = PersonRow(
             person_id,
-            number,
-            unnamed_label(len(self._rows) + 1),
+            its_track,
+            unnamed_label(number),
             here=True,
             since_ns=now_ns,
             last_seen_ns=now_ns,
             camera=camera,
+            number=number,
         )
-        return [self._appeared(person_id, number, now_ns), *problems]
+        return [PersonAppeared(now_ns, person_id, its_track, number), *problems]
 
     def _leave(self, row: PersonRow, now_ns: int) -> list[Event]:
         self._rows[row.person_id] = replace(row, here=False)

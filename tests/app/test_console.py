@@ -7,11 +7,16 @@ from pathlib import Path
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
-from caris_desktop.domain.events import ChatMessage, Problem, UtteranceChanged
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.recording.annotation.session_tiers import session_tiers
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.studies.measures import measure_session
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.trial import TrialDetails
@@ -73,6 +78,45 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         assert console.state.scenario.value == console.scenario == scenario
     finally:
         console.shutdown()
+
+
+def test_a_recording_begins_with_what_goes_on_and_with_people_as_the_screen_numbers_them(
+    qtbot: QtBot, tmp_path: Path
+) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    scenario = replace(scenario, permissions=replace(scenario.permissions, audio_recording=False))
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    console = Console(replace(parts, inference=None), scenario)
+    state = console.state
+    try:
+        console.start()
+        cancelled = GoalChanged(clock.now_ns(), "g-1", "cancelled", Pose2D(1.0, 2.0, 0.0), "Kitchen")
+        state.goal.set(cancelled)
+        # Persons 1 and 2 have left, 3 has a name.
+        state.persons.set(
+            (
+                PersonRow("p-3", 5, "Ada", True, 10, 20, number=3),
+                PersonRow("p-4", 6, "Person 4", True, 10, 20, number=4),
+            )
+        )
+        console.start_session(TrialDetails(participant="P1"))
+        qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
+        folder = Path(state.recording.value.folder)
+        console.pause_session(paused=True)
+        qtbot.waitUntil(lambda: state.recording.value.state == "paused", timeout=60_000)
+        console.pause_session(paused=False)
+        qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
+    finally:
+        console.shutdown()
+    session = open_session(folder)
+    appeared = [event for _, event in session.values("event/person_appeared")]
+    assert [(event.person_id, event.number) for event in appeared] == 2 * [("p-3", 3), ("p-4", 4)]
+    tiers = session_tiers(session)
+    assert {tier.name for tier in tiers.tiers if tier.name.startswith("Person ")} == {"Person 3", "Person 4"}
+    # The goal is told once, after the pause, and was over before the recording began.
+    assert [event.state for _, event in session.values("event/goal_changed")] == ["cancelled"]
+    assert "Navigation goals" not in {tier.name for tier in tiers.tiers}
+    assert measure_session(session).driving.goals == {}
 
 
 def _robot(camera: str) -> RobotConnection:

@@ -45,6 +45,7 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
@@ -125,7 +126,7 @@ class SessionRecord:
         self._session = session
         self._utterances: list[UtteranceChanged] = []
         self._marks: list[Marked] = []
-        self._goals: dict[str, list[GoalChanged]] = {}
+        self._goals: list[GoalChanged] = []
         self._pauses: list[RecordingPaused] = []
         self._people: list[PersonAppeared | PersonLeft] = []
         self._exchanges: list[LlmExchange] = []
@@ -141,7 +142,7 @@ class SessionRecord:
             UtteranceChanged: self._utterances.append,
             Marked: self._marks.append,
             CommandSent: self._add_command,
-            GoalChanged: lambda goal: self._goals.setdefault(goal.goal_id, []).append(goal),
+            GoalChanged: self._goals.append,
             RecordingPaused: self._add_pause,
             PersonAppeared: self._people.append,
             PersonLeft: self._people.append,
@@ -237,7 +238,8 @@ class SessionRecord:
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
         yield _Row("Motion", motion, "Motion", "Robot")
         yield _Row("Driving source", self._sources.until(ended_ns), "Driving source", "Wizard")
-        yield _Row("Navigation goals", [_of_goal(goal, ended_ns) for goal in self._goals.values()], "", "Robot")
+        goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
+        yield _Row("Navigation goals", [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
 
     def _people_rows(self) -> Iterable[_Row]:
         present = self._presence()
@@ -255,10 +257,13 @@ class SessionRecord:
         yield _Row("People present", counts)
         if len(present) > MOST_PEOPLE:
             return
-        numbers = {event.person_id: event.number for event in self._people if isinstance(event, PersonAppeared)}
-        for place, (person_id, spans) in enumerate(present.items(), start=1):
-            number = numbers.get(person_id) or place  # as the wizard saw it; older records do not tell
-            yield _Row(f"Person {number}", [_Stretch(*span, "present") for span in spans], "", person_id)
+        numbers = {
+            event.person_id: event.number
+            for event in self._people
+            if isinstance(event, PersonAppeared) and event.number
+        }
+        for person_id, spans in present.items():
+            yield _Row(_person(person_id, numbers), [_Stretch(*span, "present") for span in spans], "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:
         yield _Row(
@@ -411,6 +416,17 @@ class SessionRecord:
         return tuple(vocabularies)
 
 
+def _person(person_id: str, numbers: dict[str, int]) -> str:
+    """As the wizard saw it. By the id where the record does not tell the number, or tells it of somebody else too: the
+    people of another study begin at 1 again.
+    """
+    number = numbers.get(person_id)
+    if number is None:
+        return f"Person {person_id}"
+    first = next(other for other, its_number in numbers.items() if its_number == number)
+    return f"Person {number}" if first == person_id else f"Person {number} {person_id}"
+
+
 def _is_event(spec: StreamSpec) -> bool:
     return spec.delivery is Delivery.LOSSLESS and spec.value_type not in _NO_TIERS
 
@@ -493,11 +509,9 @@ def _of_mark(mark: FinalMark, value: str) -> _Stretch:
     return _Stretch(mark.start_ns, mark.end_ns, " ".join(value.split()))
 
 
-def _of_goal(changes: list[GoalChanged], ended_ns: int) -> _Stretch:
-    first, last = changes[0], changes[-1]
-    over = last.state in ("reached", "cancelled", "failed")
-    target = first.place or f"({first.target_in_map.x_m:.2f}, {first.target_in_map.y_m:.2f})"
-    return _Stretch(first.stamp_ns, last.stamp_ns if over else ended_ns, f"{target}: {last.state}")
+def _of_goal(goal: NavigationGoal, ended_ns: int) -> _Stretch:
+    target = goal.place or f"({goal.target_in_map.x_m:.2f}, {goal.target_in_map.y_m:.2f})"
+    return _Stretch(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, f"{target}: {goal.state}")
 
 
 def _lanes(

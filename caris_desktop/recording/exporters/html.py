@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import (
     AnswerUsed,
-    GoalChanged,
     LinkChanged,
     LlmExchange,
     PhotoTaken,
@@ -293,7 +292,7 @@ class _Seen:
                 stretch.start_ns, stretch.end_ns, "failed-goal" if stretch.label == "failed" else "navigated",
                 f"Navigation, {stretch.label}",
             )
-            for stretch in goal_stretches(facts.of(GoalChanged), ended_ns)
+            for stretch in goal_stretches(facts)
         ]  # fmt: skip
         yield Row("Driving", tuple(moves))
         yield from self._people()
@@ -377,7 +376,7 @@ def _way(
         return {"way": None, "way_fact": "", "way_legend": []}
     headings_rad = points[:, 2] if in_map else _headings(points[:, :2])
     thin = max(1, stamps_ns.size // _MAX_WAY_POINTS)
-    goals = goal_stretches(facts.of(GoalChanged), facts.session.ended_ns)
+    goals = goal_stretches(facts)
     by_itself = np.zeros(stamps_ns.size, bool)
     for stretch in goals:
         by_itself |= (stamps_ns >= stretch.start_ns) & (stamps_ns <= stretch.end_ns)

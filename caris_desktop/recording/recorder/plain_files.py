@@ -17,11 +17,13 @@ from caris_desktop.recording.session.session_clock import SessionClock
 # Somebody who stays is seen at every frame; that needs no new file each time.
 _PEOPLE_EVERY_NS = 10_000_000_000
 _POSE_EVERY_NS = 1_000_000_000
-_STILL_M, _STILL_RAD = 0.01, math.radians(1.0)
+# The place of a robot that stands trembles by centimetres.
+_STILL_M, _STILL_RAD = 0.05, math.radians(3.0)
 _MOVEMENT_HEAD = (
     "# How the robot was driven. Times: clock on the wall, then seconds of the session.\n"
-    "# command: the velocity sent to the robot, at each change. pose: where it was in the map, once per second\n"
-    "# while it moves. forward and left in m/s, turn in degrees/s (left positive), x and y in m, heading in degrees.\n"
+    "# command: the velocity sent to the robot, at each change. pose: where it was in the map, when that changed by\n"
+    "# 5 cm or 3 degrees, once per second at most. forward and left in m/s, turn in degrees/s (left positive), x and\n"
+    "# y in m, heading in degrees.\n"
     f"{'time':<12} {'session_s':>10} {'what':<8} {'forward':>8} {'left':>8} {'turn':>8}"
     f" {'x':>9} {'y':>9} {'heading':>8}  by\n"
 )

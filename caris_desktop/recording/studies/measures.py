@@ -42,6 +42,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
@@ -516,22 +517,27 @@ def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
     ]
 
 
-def goal_stretches(goals: Iterable[GoalChanged], ended_ns: int) -> tuple[Stretch, ...]:
+def goals_of(facts: SessionFacts) -> tuple[NavigationGoal, ...]:
+    """The navigation goals of the recording, refused ones too."""
+    pauses = [(pause.start_ns, pause.end_ns) for pause in facts.pauses]
+    return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=pauses)
+
+
+def goal_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
     """When the robot was on its way by itself; ``label`` is the outcome, ``unfinished`` where the session ended first.
 
     Goals that were refused at once are none.
     """
-    histories: dict[str, list[GoalChanged]] = {}
-    for event in goals:
-        histories.setdefault(event.goal_id, []).append(event)
     stretches = []
-    for history in histories.values():
-        last = history[-1]
-        if last.state in ("requested", "active"):
-            stretches.append(Stretch(history[0].stamp_ns, max(ended_ns, history[0].stamp_ns), "unfinished"))
-        elif len(history) > 1:
-            stretches.append(Stretch(history[0].stamp_ns, last.stamp_ns, last.state))
+    for goal in goals_of(facts):
+        end_ns = max(facts.session.ended_ns, goal.start_ns) if goal.end_ns is None else goal.end_ns
+        if goal.end_ns is None or end_ns > goal.start_ns:
+            stretches.append(Stretch(goal.start_ns, end_ns, _outcome(goal)))
     return tuple(sorted(stretches, key=lambda stretch: stretch.start_ns))
+
+
+def _outcome(goal: NavigationGoal) -> str:
+    return "unfinished" if goal.end_ns is None else goal.state
 
 
 def presence(facts: SessionFacts) -> tuple[Stretch, ...]:
@@ -554,7 +560,6 @@ def _driving(facts: SessionFacts) -> Driving:
     seconds: dict[str, float] = {}
     for start_ns, end_ns, source in _commanded(facts):
         seconds[source] = seconds.get(source, 0.0) + (end_ns - start_ns) / 1e9
-    goals: dict[str, str] = {event.goal_id: event.state for event in facts.of(GoalChanged)}
     ended_ns = facts.session.ended_ns
     guard = _states([(event.stamp_ns, event.state) for event in facts.of(GuardChanged)], ended_ns)
     guard_s: dict[GuardState, float] = {}
@@ -573,8 +578,8 @@ def _driving(facts: SessionFacts) -> Driving:
         stops=len(facts.of(StopRequested)),
         emergency_stops=_rises([event.latched for event in facts.of(EmergencyStopChanged)]),
         ended_by_itself=dict(Counter(event.reason for event in facts.of(DriveEnded))),
-        goals=dict(Counter("unfinished" if state in ("requested", "active") else state for state in goals.values())),
-        navigating_s=covered_s(goal_stretches(facts.of(GoalChanged), ended_ns)),
+        goals=dict(Counter(_outcome(goal) for goal in goals_of(facts))),
+        navigating_s=covered_s(goal_stretches(facts)),
         guard_interventions=_rises([event.state in ("slowing", "blocked") for event in facts.of(GuardChanged)]),
         guard_s=guard_s,
     )

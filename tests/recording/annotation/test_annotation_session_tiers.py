@@ -1,6 +1,7 @@
 """Tiers and overview made from the record."""
 
 import json
+import re
 import wave
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from caris_desktop.domain.events import (
     CommandSent,
     EmergencyStopChanged,
     GoalChanged,
+    GoalState,
     LinkChanged,
     LinkQuality,
     Marked,
@@ -31,6 +33,7 @@ from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
 from caris_desktop.recording.annotation.session_tiers import scenario_labels, session_tiers
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.studies.measures import measure_session
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
 
 
@@ -165,7 +168,9 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
         (10_000, 20_000, "2"),
         (20_000, 59_000, "1"),
     ]
-    assert found["Person 1"] == [(5000, 20_000, "present")]
+    # What the wizard read is not told: no number is made up.
+    assert found["Person p-2"] == [(5000, 20_000, "present")]
+    assert not [name for name in found if re.fullmatch(r"Person \d+", name)]
     assert found["LLM exchanges"] == [(12_000, 13_500, "Hello.")]
     assert found["LLM answer use"] == [(15_000, 15_200, "edited")]
     assert found["Link trouble"] == [(30_000, 33_000, "control: lost (no answer)")]
@@ -174,7 +179,59 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
     # What is measured every second would bury the rest.
     assert not [name for name in found if "quality" in name.lower()]
     (folder / "people.json").write_text(json.dumps({"people": people}))
-    assert "Person 3" not in rows(session_tiers(open_session(folder)))
+    assert "Person p-9" not in rows(session_tiers(open_session(folder)))
+
+
+def test_people_have_the_numbers_of_the_screen(tmp_path: Path) -> None:
+    values = [
+        PersonAppeared(at(0.0), "p-e", 9, 5),
+        PersonAppeared(at(3.0), "p-f", 12, 6),
+        PersonLeft(at(9.0), "p-e", 9),
+        PersonAppeared(at(12.0), "p-e", 9, 5),
+        # Another study was opened: its people begin at 1.
+        PersonAppeared(at(20.0), "q-a", 1, 1),
+        PersonAppeared(at(25.0), "q-e", 2, 5),
+    ]
+    document = session_tiers(open_session(tell(tmp_path / "s", values, lasts_s=60.0)))
+    shown = {tier.name: tier.participant for tier in document.tiers if tier.name.startswith("Person ")}
+    assert shown == {"Person 5": "p-e", "Person 6": "p-f", "Person 1": "q-a", "Person 5 q-e": "q-e"}
+    assert len({tier.tier_id for tier in document.tiers}) == len(document.tiers)
+
+
+def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path) -> None:
+    def goal(session_s: float, name: str, state: GoalState) -> GoalChanged:
+        return GoalChanged(at(session_s), name, state, Pose2D(1.0, 2.0, 0.0), name)
+
+    values = [
+        # Told as it stood when the recording began, and again after each pause.
+        goal(-0.01, "before", "cancelled"),
+        RecordingPaused(at(60.0), True),
+        goal(73.99, "before", "cancelled"),
+        RecordingPaused(at(74.0), False),
+        goal(80.0, "kitchen", "requested"),
+        goal(81.0, "kitchen", "active"),
+        RecordingPaused(at(85.0), True),
+        goal(94.99, "kitchen", "cancelled"),
+        RecordingPaused(at(95.0), False),
+        RecordingPaused(at(100.0), True),
+        goal(109.99, "kitchen", "cancelled"),
+        RecordingPaused(at(110.0), False),
+        RecordingPaused(at(111.0), True),
+        goal(113.99, "asked in a pause", "reached"),
+        RecordingPaused(at(114.0), False),
+        goal(115.0, "refused", "failed"),
+        goal(116.0, "lab", "requested"),
+    ]
+    session = open_session(tell(tmp_path / "s", values, lasts_s=120.0))
+    found = rows(session_tiers(session))
+    assert found["Navigation goals"] == [
+        (80_000, 94_990, "kitchen: cancelled"),
+        (115_000, 115_200, "refused: failed"),
+        (116_000, 120_000, "lab: requested"),
+    ]
+    driving = measure_session(session).driving
+    assert driving.goals == {"cancelled": 1, "failed": 1, "unfinished": 1}
+    assert driving.navigating_s == pytest.approx(14.99 + 4.0)
 
 
 @dataclass(frozen=True, slots=True)

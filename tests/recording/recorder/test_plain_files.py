@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import CommandSent, PersonAppeared, UtteranceChanged, UtteranceState
 from caris_desktop.domain.geometry import Pose2D, Twist2D
@@ -41,6 +43,19 @@ def test_movement_shows_changes_of_command_and_where_the_robot_was(tmp_path: Pat
         ("2.000", "0.950"),
     ]
     files.close()
+
+
+def test_a_robot_that_stands_writes_no_lines_however_its_place_trembles(tmp_path: Path) -> None:
+    files = PlainFiles(tmp_path, CLOCK, on_full=lambda: False)
+    tremble = np.random.default_rng(4)
+    for tick in range(1200):
+        x_m, y_m, heading_rad = tremble.normal((1.0, 2.0, 0.0), (0.008, 0.008, 0.004)).tolist()
+        files.add(RobotPose(at(tick * 0.1), None, Pose2D(x_m, y_m, heading_rad)))
+    for tick in range(1200, 1220):
+        files.add(RobotPose(at(tick * 0.1), None, Pose2D(1.0 + (tick - 1199) * 0.03, 2.0, 0.0)))
+    files.close()
+    rows = [line.split() for line in lines(tmp_path / "movement.txt")][1:]
+    assert [(row[1], row[2]) for row in rows] == [("0.000", "pose"), ("120.100", "pose"), ("121.100", "pose")]
 
 
 def test_speech_shows_each_sentence_once_and_what_became_of_it(tmp_path: Path) -> None:
