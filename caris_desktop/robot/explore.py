@@ -22,6 +22,8 @@ from caris_desktop.robot.preflight import (
     in_dialect,
     map_services_of,
     named_in,
+    picture_advice,
+    republish_advice,
     services_of,
     take_inventory,
 )
@@ -40,6 +42,7 @@ from caris_desktop.ros import joint_messages, messages, navigation_messages
 from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import Dialect, decode_time, same_type
 from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.raw_image import decode_image
 
 logger = logging.getLogger(__name__)
 
@@ -51,8 +54,8 @@ _UNRELATED_S = 3600.0
 _RESEMBLES = 0.7
 _OF_INTEREST = (
     "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
-    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/BatteryState", "nav_msgs/Odometry",
-    "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
+    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/Image", "sensor_msgs/BatteryState",
+    "nav_msgs/Odometry", "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
 )  # fmt: skip
 _NO_ROSAPI = (
     "The robot does not tell what it has: rosapi does not answer.",
@@ -234,7 +237,10 @@ async def check_streams(
         ears = []
         for named in named_in(profile):
             kind = inventory.topics.get(named.topic)
-            if kind is None:
+            otherwise = picture_advice(named, inventory)
+            if otherwise:
+                say(_unfit(named, otherwise))
+            elif kind is None:
                 say(_absent(named))
             elif kind and not any(same_type(kind, wanted) for wanted in named.types):
                 say(_unfit(named, f"It carries {kind}; {' or '.join(named.types)} was expected."))
@@ -508,6 +514,8 @@ def _description_of(named: NamedTopic, profile: RobotProfile) -> Callable[[Any],
     if named.field == "head.joint_states" and profile.head is not None:
         joints = (profile.head.pan_joint, profile.head.tilt_joint)
         return lambda message: _joints(message, joints)
+    if named.types == ("sensor_msgs/Image",):
+        return lambda message: f"{_raw_picture(message)} Not compressed: {republish_advice(named.topic)}."
     for control in profile.controls:
         if control.reading is not None and named.field == f"controls.{control.id}.shows":
             path = control.reading.field
@@ -533,6 +541,12 @@ def _picture(message: Any) -> str:
     size = picture_size(image.content)
     pixels = f" of {size[0]}x{size[1]} pixels" if size else ""
     return f"{image.encoding}{pixels}, {len(image.content) / 1000:.0f} kB."
+
+
+def _raw_picture(message: Any) -> str:
+    height_px, width_px = decode_image(message).image_bgr.shape[:2]
+    size_kb = message["step"] * height_px / 1000
+    return f"{message['encoding']} of {width_px}x{height_px} pixels, {size_kb:.0f} kB."
 
 
 def _grid(message: Any) -> str:

@@ -9,15 +9,18 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from caris_desktop.domain import commands
+from caris_desktop.domain import clock, commands
 from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
 from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.preflight import republish_advice
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.traffic import TrafficMeter
@@ -28,9 +31,11 @@ from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.messages import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
+from caris_desktop.ros.raw_image import decode_image
 
 # It hardly ever changes, and rosbridge wants a throttle for what comes with every picture.
 LENS_EVERY_MS = 2000
+_ADVISE_AFTER_NS = 5_000_000_000
 
 logger = logging.getLogger(__name__)
 
@@ -55,11 +60,13 @@ class MediaLink:
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
         self._watched = WatchedTopics(self._ros, dialect, tell=self._put)
+        self._raw_bytes: dict[str, tuple[int, int]] = {}
+        self._advised: set[str] = set()
         for camera in profile.cameras:
             images = SafeTopic(
                 self._ros,
                 camera.topic,
-                type_name(dialect, "sensor_msgs", "CompressedImage"),
+                type_name(dialect, "sensor_msgs", camera.type),
                 throttle_rate=camera.throttle_ms,
             )
             self._watched.subscribe(images, partial(self._take_image, camera=camera))
@@ -131,23 +138,21 @@ class MediaLink:
         self._report.refused(detail)
 
     def _take_image(self, message: Any, camera: CameraTopic) -> None:
-        image = decode_compressed_image(message)
-        image_bgr = None
-        with contextlib.suppress(cv2.error):
-            image_bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
-        problem = "is not a picture that can be read"
-        if image_bgr is not None:
+        try:
+            image_bgr, robot_stamp_ns = _unfolded(message) if camera.type == "CompressedImage" else _raw(message)
+        except MessageError as error:
+            problem = f"cannot be read as a picture: {error}"
+        else:
             try:
                 ref = self._frames.write(
-                    image_bgr,
-                    stamp_ns=self._ros.arrival_ns,
-                    robot_stamp_ns=image.robot_stamp_ns,
-                    camera=camera.name,
+                    image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
                 )
             except ValueError as error:
                 problem = f"does not fit: {error}"
             else:
                 self._put(ref)
+                if camera.type == "Image":
+                    self._advise(camera, image_bgr)
                 return
         self._report.problems.count(
             f"image {camera.name}",
@@ -155,6 +160,25 @@ class MediaLink:
             what=f"{{count}} picture(s) of the camera {camera.name} were dropped: the data {problem}.",
             meaning="The video stands still or stutters.",
             advice=f"Check what the robot publishes on {camera.topic}.",
+        )
+
+    def _advise(self, camera: CameraTopic, image_bgr: NDArray[np.uint8]) -> None:
+        """Once, when it is known how much it is: pictures that are not compressed are a load that is easily avoided."""
+        at_ns = self._ros.arrival_ns
+        began_ns, total = self._raw_bytes.get(camera.name, (at_ns, 0))
+        self._raw_bytes[camera.name] = began_ns, total + image_bgr.nbytes
+        if camera.name in self._advised or at_ns - began_ns < _ADVISE_AFTER_NS:
+            return
+        self._advised.add(camera.name)
+        self._put(
+            Problem(
+                clock.now_ns(),
+                "info",
+                f"The camera {camera.name} sends its pictures uncompressed, about "
+                f"{total / (at_ns - began_ns) * 1e3:.0f} MB a second.",
+                "Over a wireless link the picture may stutter, and everything else be late with it.",
+                f"Compress them on the robot: {republish_advice(camera.topic)}.",
+            )
         )
 
     def _take_lens(self, message: Any, camera: CameraTopic) -> None:
@@ -205,3 +229,19 @@ class MediaLink:
         grid = self._merger.snapshot()
         if grid is not None:
             self._put(grid)
+
+
+def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
+    """A compressed picture as uint8 BGR, and the robot's stamp. Raises MessageError."""
+    image = decode_compressed_image(message)
+    image_bgr = None
+    with contextlib.suppress(cv2.error):
+        image_bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
+    if image_bgr is None:
+        raise MessageError("it is neither a whole JPEG nor a whole PNG")
+    return np.asarray(image_bgr, np.uint8), image.robot_stamp_ns
+
+
+def _raw(message: Any) -> tuple[NDArray[np.uint8], int | None]:
+    image = decode_image(message)
+    return image.image_bgr, image.robot_stamp_ns

@@ -118,6 +118,10 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
 
     for named in named_in(profile):
         kind = inventory.topics.get(_absolute(named.topic))
+        otherwise = picture_advice(named, inventory)
+        if otherwise:
+            sentences.append(f"{named.label}: {otherwise}")
+            continue
         wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
             if named.needed:
@@ -140,6 +144,28 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     if nodes and not any(inventory.has_service(service) for service in nodes):
         sentences.append(f"Maps: the robot has none of {', '.join(nodes)}.")
     return sentences
+
+
+def republish_advice(raw_topic: str) -> str:
+    """What to start on the robot so that its pictures are compressed."""
+    return (
+        f"run 'image_transport republish raw compressed' for {raw_topic} on it, or install the plugin for compressed "
+        f"pictures there, and name {raw_topic}/compressed in the profile"
+    )
+
+
+def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
+    """A sentence where a camera's pictures are there in the other form than the profile says; empty otherwise."""
+    if not named.field.startswith("cameras.") or named.field.endswith(".info"):
+        return ""
+    kind = inventory.topics.get(named.topic)
+    if named.types == ("sensor_msgs/Image",):
+        compressed = same_type(kind or "", "sensor_msgs/CompressedImage")
+        return f"{named.topic} is compressed: leave out 'type: Image'." if compressed else ""
+    raw = named.topic if kind is not None else named.topic.removesuffix("/compressed")
+    if not same_type(inventory.topics.get(raw, ""), "sensor_msgs/Image"):
+        return ""
+    return f"{raw} is there uncompressed only. Write 'type: Image' for it; better, {republish_advice(raw)}."
 
 
 def map_services_of(profile: RobotProfile) -> tuple[str, ...]:
@@ -172,7 +198,7 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
     for index, camera in enumerate(profile.cameras):
         label = f"Camera {camera.name}"
         yield NamedTopic(
-            f"cameras.{index}", label, camera.topic, ("sensor_msgs/CompressedImage",), expected_hz=_LEAST_PICTURES_HZ
+            f"cameras.{index}", label, camera.topic, (f"sensor_msgs/{camera.type}",), expected_hz=_LEAST_PICTURES_HZ
         )
         if camera.info is not None:
             yield NamedTopic(

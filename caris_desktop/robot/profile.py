@@ -21,6 +21,7 @@ from caris_desktop.domain.shipped import resources_dir
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
 
 RosVersion = Literal[1, 2]
+PictureType = Literal["CompressedImage", "Image"]
 VelocityType = Literal["Twist", "TwistStamped"]
 NavigationKind = Literal["move_base", "navigate_to_pose"]
 
@@ -66,8 +67,8 @@ class TransformFrames:
 
 @dataclass(frozen=True, slots=True)
 class CameraTopic:
-    """One camera: a topic of sensor_msgs/CompressedImage. ``model`` tells where it looks; ``info`` is a topic of
-    sensor_msgs/CameraInfo whose focal lengths replace those of the model.
+    """One camera. ``type`` is of sensor_msgs: Image is not compressed and a heavy load. ``model`` tells where it looks;
+    ``info`` is a topic of sensor_msgs/CameraInfo whose focal lengths replace those of the model.
     """
 
     name: str
@@ -75,6 +76,7 @@ class CameraTopic:
     throttle_ms: int = 60
     model: CameraModel | None = None
     info: str | None = None
+    type: PictureType = "CompressedImage"
 
 
 @dataclass(frozen=True, slots=True)

@@ -218,6 +218,7 @@ class _Builder:
                     camera.get("throttle_ms", 60),
                     self._camera_model(camera["model"], (*path, "model")) if "model" in camera else None,
                     self._name(camera["info"], (*path, "info")) if "info" in camera else None,
+                    camera.get("type", "CompressedImage"),
                 )
             )
         return tuple(cameras)
@@ -428,6 +429,8 @@ def _source_data(key: str, source: TopicSource | None) -> dict[str, Any] | None:
 
 def _camera_data(camera: CameraTopic) -> dict[str, Any]:
     data: dict[str, Any] = {"name": camera.name, "topic": camera.topic, "throttle_ms": camera.throttle_ms}
+    if camera.type != "CompressedImage":
+        data["type"] = camera.type
     if camera.info is not None:
         data["info"] = camera.info
     if camera.model is not None:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from caris_desktop.robot.preflight import republish_advice
 from caris_desktop.robot.profile import (
     CameraTopic,
     EmergencyStopInterface,
@@ -24,6 +25,7 @@ from caris_desktop.robot.profile import (
 from caris_desktop.ros.dialect import Dialect, same_type
 
 MOST_CAMERAS = 4
+_RAW_THROTTLE_MS = 100
 # Nobody knows yet how the robot drives: slow enough for a first try.
 CAUTIOUS = MotionLimits(
     forward_mps=0.3, backward_mps=0.2, turn_radps=0.6, acceleration_mps2=0.5, deceleration_mps2=1.0,
@@ -97,7 +99,7 @@ def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
     fields: list[FieldProposal] = [
         _proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_FIRST
     ]
-    cameras = ranked.topics(_CAMERA)
+    cameras = ranked.cameras()
     for index in range(min(MOST_CAMERAS, len(_distinct_cameras(cameras)))):
         fields.append(_camera_proposal(index, cameras))
     fields.append(_proposal("navigation", "Navigation", ranked.navigation()))
@@ -244,6 +246,11 @@ _CAMERA = _Kind(
     "cameras.0", "Camera", ("sensor_msgs/CompressedImage",), ("compressed",),
     ("depth", "infra", "ir", "left", "right", "stereo", "theora", "debug", "overlay", "mask", "bottom", "rear", "back"),
 )  # fmt: skip
+_RAW_CAMERA = replace(
+    _CAMERA,
+    types=("sensor_msgs/Image",),
+    names=("image_raw", "image_color", "image", "image_rect_color", "color", "rgb", "image_rect"),
+)
 _SPEECH_TOPICS = (
     _Kind(
         "speech.speaking", "Voice: is speaking", ("std_msgs/Bool",), ("speaking", "is_speaking", "tts_active"),
@@ -302,6 +309,18 @@ class _Ranking:
             and (kind.about is None or kind.about.search(topic))
         ]
         return _best_first(found)
+
+    def cameras(self) -> list[Candidate]:
+        """Compressed pictures before others."""
+        raw = [
+            replace(
+                candidate,
+                confidence=_clipped(candidate.confidence - 0.3),
+                why=f"{candidate.why}, but not compressed: a heavy load",
+            )
+            for candidate in self.topics(_RAW_CAMERA)
+        ]
+        return _best_first([*self.topics(_CAMERA), *raw])
 
     def navigation(self) -> list[Candidate]:
         found = []
@@ -466,6 +485,10 @@ def _notes(offer: Offer, fields: Iterable[FieldProposal]) -> Iterator[str]:
         yield "The robot publishes /clock, so its time is that of a simulator."
     if values.get("cameras.0"):
         yield "Where the camera is cannot be asked: add 'model' to it, and clicks in the video find the floor."
+    for index in range(MOST_CAMERAS):
+        topic = values.get(f"cameras.{index}", "")
+        if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
+            yield f"{topic} is not compressed, too much for a wireless link. Better, {republish_advice(topic)}."
     if values.get("velocity") and _has_multiplexer(offer):
         yield "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."
 
@@ -504,7 +527,10 @@ def _cameras(offer: Offer, chosen: Mapping[str, str]) -> Iterator[CameraTopic]:
         if name in names:
             name = f"{name}-{index + 1}"
         names.add(name)
-        yield CameraTopic(name, topic, info=info if known else None)
+        camera = CameraTopic(name, topic, info=info if known else None)
+        if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
+            camera = replace(camera, type="Image", throttle_ms=_RAW_THROTTLE_MS)
+        yield camera
 
 
 def _speech(offer: Offer, chosen: Mapping[str, str]) -> SpeechInterface | None:

@@ -99,6 +99,20 @@ def test_of_several_the_robot_s_own_comes_first_and_the_doubtful_ones_are_candid
     assert "'rear' speaks against it" in scan.candidates[1].why
 
 
+def test_raw_pictures_are_taken_where_there_are_no_compressed_ones_and_that_is_told() -> None:
+    raw = {"/camera/image_raw": "sensor_msgs/Image", "/camera/depth/image_raw": "sensor_msgs/Image"}
+    both = propose(offer({**raw, "/camera/image_raw/compressed": "sensor_msgs/CompressedImage"}))
+    assert both.chosen["cameras.0"] == "/camera/image_raw/compressed"
+    assert not any("republish" in note for note in both.notes)
+    found = offer({**raw, "/camera/camera_info": "sensor_msgs/CameraInfo"})
+    only_raw = propose(found)
+    assert only_raw.chosen["cameras.0"] == "/camera/image_raw"
+    assert "not compressed" in why(only_raw, "cameras.0")
+    assert any("republish" in note for note in only_raw.notes)
+    [camera] = profile_of(found, only_raw.chosen, name="a", title="A", address="ws://a").cameras
+    assert (camera.type, camera.topic, camera.info) == ("Image", "/camera/image_raw", "/camera/camera_info")
+
+
 def test_a_person_drives_through_the_input_of_the_multiplexer() -> None:
     names = ("/nav_vel", "/key_vel", "/joy_vel", "/mobile_base_controller/cmd_vel", "/twist_mux/out")
     topics = dict.fromkeys(names, "geometry_msgs/Twist")

@@ -192,3 +192,59 @@ def test_a_camera_tells_its_own_lens_and_the_profile_where_it_is() -> None:
         assert first.model == expected
 
     with_link(robot, test, media=True)
+
+
+class Kept:
+    """Takes what would go to the ring."""
+
+    def __init__(self) -> None:
+        self.images: list[np.ndarray] = []
+
+    def write(self, image_bgr: np.ndarray, *, stamp_ns: int, robot_stamp_ns: int | None, camera: str) -> FrameRef:
+        self.images.append(image_bgr)
+        height, width = image_bgr.shape[:2]
+        return FrameRef(stamp_ns, robot_stamp_ns, camera, "kept", 0, len(self.images), width, height)
+
+
+def raw_message(image: np.ndarray, encoding: str) -> dict[str, object]:
+    height, width = image.shape[:2]
+    step = image.nbytes // height
+    stamp = {"secs": 3, "nsecs": 4}
+    return {"header": {"stamp": stamp}, "encoding": encoding, "width": width, "height": height, "step": step,
+            "is_bigendian": 0, "data": image.tobytes()}  # fmt: skip
+
+
+RAW = RobotProfile("test", "Test", cameras=(CameraTopic("front", "/camera/image_raw", type="Image"),))
+
+
+def test_raw_pictures_arrive_and_torn_ones_are_one_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("caris_desktop.robot.media_link._ADVISE_AFTER_NS", 100_000_000)
+
+    async def test(bench: LoopBench) -> None:
+        kept = Kept()
+        bench.link._frames = kept
+        [subscribed] = [each for each in bench.bridge.lines if each.get("op") == "subscribe"]
+        assert subscribed["type"] == "sensor_msgs/Image"
+        image = np.zeros((48, 64, 3), np.uint8)
+        image[:, :, 0] = 200  # red, as rgb8
+        whole = raw_message(image, "rgb8")
+        await bench.bridge.publish("/camera/image_raw", whole, cbor=True)
+        [ref] = await bench.until(lambda: bench.of(FrameRef), "the picture")
+        assert (ref.camera, ref.robot_stamp_ns, ref.width_px, ref.height_px) == ("front", 3_000_000_004, 64, 48)
+        assert kept.images[0][5, 5].tolist() == [0, 0, 200]
+        await bench.bridge.publish("/camera/image_raw", {**whole, "data": image.tobytes()[:-7]}, cbor=True)
+        [refused] = await bench.until(lambda: bench.of(Problem), "a problem")
+        assert "1 picture(s) of the camera front" in refused.what
+        assert "9209 bytes for 48 rows of 192" in refused.what
+        for torn in ({"step": 64}, {"height": 47}, {"encoding": "h264"}):
+            await bench.bridge.publish("/camera/image_raw", {**whole, **torn}, cbor=True)
+        as_text = {**whole, "data": base64.b64encode(image.tobytes()).decode()}
+        while len(bench.of(Problem)) == 1:
+            seen = len(bench.of(FrameRef))
+            await bench.bridge.publish("/camera/image_raw", as_text)
+            await bench.until(lambda seen=seen: len(bench.of(FrameRef)) > seen, "the next whole picture")
+        [advice] = [problem for problem in bench.of(Problem) if problem.severity == "info"]
+        assert "uncompressed" in advice.what
+        assert "image_transport republish raw compressed" in advice.advice
+
+    with_link(RAW, test, media=True)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from caris_desktop.robot.preflight import RobotInventory, missing_from, named_in, services_of
-from caris_desktop.robot.profile import load_profile, parse_profile, shipped_profiles
+from caris_desktop.robot.profile import CameraTopic, load_profile, parse_profile, shipped_profiles
 from caris_desktop.ros.dialect import Dialect
 
 TIAGO = load_profile("tiago")
@@ -38,6 +38,20 @@ def test_each_thing_that_is_missing_is_a_sentence_of_its_own() -> None:
 
 def test_what_comes_only_at_times_is_not_missed() -> None:
     assert missing_from(TIAGO, without("/move_base/GlobalPlanner/plan", "/amcl_pose", "/initialpose")) == []
+
+
+def test_pictures_that_are_there_uncompressed_are_told_with_what_to_do() -> None:
+    camera = TIAGO.cameras[0].topic
+    raw = camera.removesuffix("/compressed")
+    only_raw = replace(without(camera), topics={**without(camera).topics, raw: "sensor_msgs/Image"})
+    for inventory in (only_raw, replace(WHOLE, topics={**TOPICS, camera: "sensor_msgs/Image"})):
+        [sentence] = missing_from(TIAGO, inventory)
+        assert "uncompressed only. Write 'type: Image'" in sentence
+        assert "image_transport republish raw compressed" in sentence
+    takes_raw = replace(TIAGO, cameras=(CameraTopic("front", raw, type="Image"),))
+    assert missing_from(takes_raw, only_raw) == []
+    [sentence] = missing_from(replace(TIAGO, cameras=(CameraTopic("front", camera, type="Image"),)), WHOLE)
+    assert sentence == f"Camera front: {camera} is compressed: leave out 'type: Image'."
 
 
 def test_controls_without_effect_are_one_sentence() -> None:

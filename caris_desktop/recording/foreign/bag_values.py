@@ -30,12 +30,12 @@ from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.definitions import plain_name
-from caris_desktop.ros.fields import Message, MessageError, blob, count, frame_of, message_of, stamp_of, text
+from caris_desktop.ros.fields import Message, MessageError, frame_of, message_of, text
+from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image
 
 _log = logging.getLogger(__name__)
 MAP_FRAME, BASE_FRAMES = "map", ("base_link", "base_footprint")
 SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
-_MAX_PICTURE_PX = 64_000_000
 _MAX_FRAMES, _MAX_DEPTH = 2000, 50
 _TF_POSE_EVERY_NS = 50_000_000
 # A value that our own export wrote belongs to the moment it lies at; another clock's is not to be mixed in.
@@ -330,7 +330,8 @@ class ValueMaker:
         """Domain values and pictures. Raises MessageError for a message that cannot be used."""
         match role.kind:
             case "image":
-                yield Picture(role.camera, stamp_of(message, "Image"), _image_bgr(message))
+                raw = decode_image(message)
+                yield Picture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
             case "compressed_image":
                 image = messages.decode_compressed_image(message)
                 yield Picture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
@@ -445,54 +446,13 @@ class ValueMaker:
         return place
 
 
-_CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1, "yuv422": 2, "yuyv": 2}
-_BAYER = {"bayer_rggb8": "BayerBG", "bayer_bggr8": "BayerRG", "bayer_gbrg8": "BayerGR", "bayer_grbg8": "BayerGB"}
-_YUV = {"uyvy": "yuv422", "yuv422_yuy2": "yuyv"}
-
-
-def _image_bgr(message: Message) -> NDArray[np.uint8]:
-    """sensor_msgs/Image as uint8 BGR, shape (height, width, 3)."""
-    import cv2
-
-    encoding = text(message, "encoding", "Image")
-    encoding = _YUV.get(encoding, encoding)
-    width, height = (count(message, name, "Image", most=messages.MAX_IMAGE_SIDE_PX) for name in ("width", "height"))
-    step = count(message, "step", "Image", most=2**31)
-    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
-    if channels is None:
-        raise MessageError(f"pictures encoded as '{encoding}' are not read")
-    data = message.get("data")
-    if isinstance(data, str):
-        data = np.frombuffer(blob(message, "data", "Image", most=4 * _MAX_PICTURE_PX), np.uint8)
-    if not isinstance(data, np.ndarray) or data.dtype != np.uint8:
-        raise MessageError("Image.data must be bytes")
-    if not width or not height or width * height > _MAX_PICTURE_PX:
-        raise MessageError(f"a picture of {width} x {height} pixels")
-    if step < width * channels or len(data) < step * height:
-        raise MessageError(f"Image.data has {len(data)} bytes, too few for {width} x {height} pixels")
-    pixels = data[: step * height].reshape(height, step)[:, : width * channels].reshape(height, width, channels)
-    conversions = {
-        "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR,
-        "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR,
-        "yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuyv": cv2.COLOR_YUV2BGR_YUY2,
-    }  # fmt: skip
-    conversion = conversions.get(encoding)
-    if encoding in _BAYER:
-        conversion = getattr(cv2, f"COLOR_{_BAYER[encoding]}2BGR")
-    image = np.ascontiguousarray(pixels)
-    try:
-        return image if conversion is None else np.asarray(cv2.cvtColor(image, conversion), np.uint8)
-    except cv2.error as error:
-        raise MessageError(f"a picture that cannot be converted ({encoding})") from error
-
-
 def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
     import cv2
 
     size = picture_size(content)
     if size is None:
         raise MessageError("a picture that is neither JPEG nor PNG")
-    if not size[0] or not size[1] or size[0] * size[1] > _MAX_PICTURE_PX:
+    if not size[0] or not size[1] or size[0] * size[1] > MOST_PIXELS:
         raise MessageError(f"a picture of {size[0]} x {size[1]} pixels")
     try:
         image_bgr = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
