@@ -26,7 +26,7 @@ from tests.app.shown_state import shown_state
 
 def _rehearse(scenario: str, out: Path, *, tracer: tuple[str, ...] = ()) -> Path:
     """Play it, watched by ``tracer`` if any, and give the session folder."""
-    program = (*tracer, sys.executable, "-m", "tests.app.watched_rehearsal")
+    program = (*tracer, sys.executable, "-m", "tests.support.late_main", "tests.app.watched_rehearsal")
     done = subprocess.run(
         [*program, out.with_suffix(".samples"), scenario, "--out", out],
         capture_output=True,

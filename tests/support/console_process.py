@@ -20,7 +20,7 @@ class ConsoleProcess:
         self, address: str, study: Path, *, module: str = "tests.app.console_child", **environment: str
     ) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, address, str(study)],
+            [sys.executable, "-m", "tests.support.late_main", module, address, str(study)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

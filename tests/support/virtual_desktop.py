@@ -47,7 +47,7 @@ class VirtualDesktop:
         )
         self._output = (folder / "output").open("w+")
         self._subject = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", module, *arguments],
+            [sys.executable, "-X", "faulthandler", "-m", "tests.support.late_main", module, *arguments],
             env=self.environment,
             cwd=_REPOSITORY,
             stdin=subprocess.PIPE,
