@@ -63,6 +63,11 @@ def log_file() -> Path:
     return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
 
 
+def live_consoles_dir() -> Path:
+    """Where a replay finds the consoles that run, to stop their robots."""
+    return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "live"
+
+
 def imports_dir() -> Path:
     """Where bags of others are kept as sessions."""
     return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "imported bags"

@@ -21,6 +21,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
+from caris_desktop.live.live_robots import LiveRobotHost
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
@@ -69,6 +70,7 @@ class ConsoleRun:
             ),
         )
         self.console = Console(parts, scenario)
+        self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(
             self.console,
@@ -102,6 +104,7 @@ class ConsoleRun:
             if self._garbage is not None:
                 rest.callback(self._garbage.stop)
             rest.callback(self.library.shutdown)
+            rest.callback(self.host.shutdown)
             rest.callback(self.console.shutdown)
             rest.callback(self.window.close)
 
@@ -111,6 +114,7 @@ class ConsoleRun:
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
         self.console.start()
+        self.host.start()
         if self._refused_scenario:
             self.console.problem(
                 "warning",

@@ -154,6 +154,7 @@ def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str
         frame_times=functools.cache(videos.frame_times_ns),
         monotonic_ns=time.monotonic_ns,
         unsaved_dir=composition.log_file().parent / "unsaved annotations",
+        live_consoles=composition.live_consoles_dir(),
     )
 
 

@@ -176,8 +176,12 @@ class ReplayControls(Protocol):
     """What the bar and the timeline of a replay ask for. GUI thread only; every call returns at once.
 
     ``playback`` holds a PlaybackStatus, ``overview`` a SessionOverview once it was made in the background (None until
-    then), ``coding`` the annotations of every coder as an AnnotationDocument.
+    then), ``coding`` the annotations of every coder as an AnnotationDocument. ``live_robots`` holds a LiveRobotsStatus:
+    whose robots ``stop`` and ``emergency_stop`` of the replay's console stop.
     """
+
+    @property
+    def live_robots(self) -> LiveValue: ...
 
     @property
     def playback(self) -> LiveValue: ...

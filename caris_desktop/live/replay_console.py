@@ -1,4 +1,5 @@
-"""A recorded session in the place of the running console: the same window shows it, and nothing can be driven.
+"""A recorded session in the place of the running console: the same window shows it, and nothing can be driven. A stop
+goes to the robot of the console that runs beside it.
 
 GUI thread, except where a method says otherwise.
 """
@@ -30,10 +31,12 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.coding_desk import CodingDesk
 from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
+from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
@@ -51,7 +54,8 @@ _SAME_MOMENT_NS = 20_000_000
 class ReplayParts:
     """What is chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError for what this
     version cannot read; ``start_scenario`` stands in until the record names one. ``name_of`` gives names of people.
-    ``unsaved_dir`` takes annotations that cannot be saved in the session.
+    ``unsaved_dir`` takes annotations that cannot be saved in the session. ``live_consoles`` is where those that run are
+    found, whose robots are stopped from here too.
     """
 
     start_scenario: Scenario
@@ -64,6 +68,7 @@ class ReplayParts:
     frame_times: Callable[[str], list[int]]
     monotonic_ns: Callable[[], int]
     unsaved_dir: Path | None = None
+    live_consoles: Path | None = None
 
 
 class ReplayConsole(QObject):
@@ -100,6 +105,8 @@ class ReplayConsole(QObject):
         self._player.standing_jumped.connect(self._on_standing_jumped)
         self._coding = CodingDesk(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
+        self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._tell, self)
+        self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
         self._state.scenario.set(self._scenario)
         self._state.places.set(self._scenario.places)
         self._state.cameras.set(parts.cameras)
@@ -110,6 +117,8 @@ class ReplayConsole(QObject):
         self._player.start()
         self._thumbnails.start()
         self._coding.start()
+        if self._live is not None:
+            self._live.start()
         if self._session.notices:
             self._tell(
                 "warning",
@@ -121,6 +130,8 @@ class ReplayConsole(QObject):
     def shutdown(self) -> None:
         """Save annotations and end the threads; blocks some seconds at most. ``unsaved`` says what was not saved."""
         self.unsaved = self._coding.close() or self.unsaved
+        if self._live is not None:
+            self._live.shutdown()
         self._player.close()
         self._thumbnails.close()
         self._asyncio.stop()
@@ -150,6 +161,10 @@ class ReplayConsole(QObject):
     @property
     def overview(self) -> LiveValue:
         return self._coding.overview
+
+    @property
+    def live_robots(self) -> LiveValue:
+        return self._no_live_robots if self._live is None else self._live.status
 
     @property
     def coding(self) -> LiveValue:
@@ -276,10 +291,15 @@ class ReplayConsole(QObject):
         self._refuse()
 
     def stop(self) -> None:
-        """Nothing moves; Esc also closes what is open, so that it is not answered."""
+        """The live robot, if there is one. Esc also closes what is open, so that it is not answered without."""
+        if self._live is not None:
+            self._live.stop()
 
     def emergency_stop(self) -> None:
-        self._refuse()
+        if self._live is None or not self._live.emergency_stop():
+            self._tell(
+                "info", "There is no live robot to stop.", "This is a replay, and no console of yours runs here.", ""
+            )
 
     def clear_emergency_stop(self) -> None:
         self._refuse()

@@ -133,6 +133,14 @@ class PlaybackStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class LiveRobotsStatus:
+    """The robots that consoles on this computer drive while a replay is on show; ``emergency_stop``: of all of them."""
+
+    robots: tuple[str, ...] = ()
+    emergency_stop: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class SpeechStatus:
     """``now`` is the utterance that is being spoken, None when quiet; ``waiting`` are those after it."""
 

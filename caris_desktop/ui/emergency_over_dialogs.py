@@ -17,7 +17,7 @@ class EmergencyOverDialogs(QObject):
 
     pressed = Signal()
 
-    def __init__(self, theme: Theme, button: QWidget, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, button: ActionButton, hold: HoldToDrive) -> None:
         super().__init__(button)
         self._theme = theme
         self._button = button
@@ -40,9 +40,9 @@ class EmergencyOverDialogs(QObject):
         window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
         window.destroyed.connect(self._on_copy_destroyed)
-        button = ActionButton(self._theme, "Emergency stop", key="Esc Esc", look="danger", height_px=40)
+        button = ActionButton(self._theme, self._button.text(), key=self._button.key, look="danger", height_px=40)
         button.setObjectName("emergency_stop_copy")
-        button.setToolTip("Stops the robot and keeps it stopped until you release it. Also Pause.")
+        button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
         layout = QVBoxLayout(window)
         layout.setContentsMargins(0, 0, 0, 0)

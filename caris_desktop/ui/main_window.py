@@ -260,9 +260,9 @@ class MainWindow(QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
-        self.actions_table.keep_only(("Window", "Speaking"))
+        self.actions_table.keep_only(("Safety", "Window", "Speaking"))
         self.actions_table.rebuild(self._console.scenario)
-        self._top_bar.show_replay()
+        self._top_bar.show_replay(replay.live_robots)
         self._status_bar.show_replay()
         self._strip.hide()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)

@@ -1,12 +1,13 @@
 """The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
 
 from PySide6.QtCore import QPoint, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain.events import Marked, RecordingPaused
 from caris_desktop.live.intents import WizardIntents
-from caris_desktop.live.status import DriveStatus, MarksStatus, RecordingStatus
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
@@ -99,6 +100,9 @@ class TopBar(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
         row.setSpacing(10)
+        self._replay_badge = ReplayBadge(theme)
+        self._live_robots: LiveValue | None = None
+        row.addWidget(self._replay_badge)
         row.addWidget(self.scenario_button)
         row.addWidget(self._trial)
         row.addWidget(self.record_button)
@@ -123,12 +127,30 @@ class TopBar(QWidget):
         self._style()
         self._on_drive_changed(console.state.drive.value)
 
-    def show_replay(self) -> None:
-        """Only what a replay can do: a second red button could be taken for that of the robot which drives now."""
+    def show_replay(self, live_robots: LiveValue) -> None:
+        """Only what a replay can do. The red button is that of the robot which is driven now, and says so."""
         self._in_replay = True
+        self._live_robots = live_robots
+        self._replay_badge.show()
         self.scenario_button.setEnabled(False)
-        for button in (self.record_button, self.mark_button, self.stretch_button, self._error, self.emergency):
+        for button in (self.record_button, self.mark_button, self.stretch_button, self._error):
             button.hide()
+        live_robots.changed.connect(self._on_live_robots_changed)
+        self._on_live_robots_changed(live_robots.value)
+
+    def _on_live_robots_changed(self, live: LiveRobotsStatus) -> None:
+        self.emergency.setVisible(bool(live.robots))
+        several = len(live.robots) > 1
+        whose = f"{len(live.robots)} robots" if several else words.shortened("".join(live.robots), 24)
+        if live.emergency_stop:
+            self.emergency.set_label("Emergency stop is on (live)", look="outline_danger")
+        else:
+            self.emergency.set_label(f"Stop {whose} (live)", look="danger")
+        self.emergency.setToolTip(
+            f"Emergency stop of what the live console{'s drive' if several else ' drives'} now:\n"
+            + "\n".join(live.robots)
+            + "\nAlso Pause. Esc stops it too. It is released in the live window."
+        )
 
     def show_scenario(self) -> None:
         self.scenario_button.set_label(self._console.scenario.title)
@@ -251,6 +273,8 @@ class TopBar(QWidget):
         self._actions.set_condition("recording", status.state == "recording")
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if self._in_replay:
+            return  # that was then
         if drive.emergency_stop:
             self.emergency.set_label("Emergency stop is on", look="outline_danger")
         else:
@@ -261,6 +285,34 @@ class TopBar(QWidget):
         painter.fillRect(self.rect(), self._theme.color("panel"))
         painter.setPen(self._theme.color("line"))
         painter.drawLine(0, self.height() - 1, self.width(), self.height() - 1)
+
+
+class ReplayBadge(QWidget):
+    """Says that what is on show was recorded; hidden until then."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("replay_badge")
+        self.setAccessibleName("REPLAY")
+        self.setToolTip("A recorded session. Nothing that you do here reaches a robot, except a stop.")
+        self._theme = theme
+        width = QFontMetricsF(self._font()).horizontalAdvance(self.accessibleName())
+        self.setFixedSize(round(width) + 24, 30)
+        theme.changed.connect(self.update)
+        self.hide()
+
+    def _font(self) -> QFont:
+        return self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(self._theme.color("blue"))
+        painter.drawRoundedRect(self.rect(), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        painter.setPen(self._theme.color("on_blue"))
+        painter.setFont(self._font())
+        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, self.accessibleName())
 
 
 def as_menu(theme: Theme, parent: QWidget, name: str) -> QMenu:

@@ -218,12 +218,12 @@ class Ends:
 def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends() -> None:
     ended: list[str] = []
     run = ConsoleRun.__new__(ConsoleRun)
-    for name in ("window", "console", "library"):
+    for name in ("window", "console", "host", "library"):
         setattr(run, name, Ends(name, ended, fails=name == "console"))
     run._garbage, run.demo_robot = Ends("garbage", ended), Ends("robot", ended)  # type: ignore[assignment]
     with pytest.raises(OSError, match="console"):
         run.close()
-    assert ended == ["window", "console", "library", "garbage", "robot"]
+    assert ended == ["window", "console", "host", "library", "garbage", "robot"]
 
 
 # A bag

@@ -32,7 +32,8 @@ Commands are never queued while the link is down:
 A command older than 0.25 s is dropped:
     test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept; link: an_old_order_moves_nothing
 Stop halts motion and cancels goals, always:
-    test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere
+    test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere;
+    test_the_keys_of_a_replay_in_front_stop_the_live_robot
 The emergency stop latches, refuses, clears only by an explicit act, and is told to the robot's own service:
     test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking;
     link: the_emergency_stop_latches_and_clears_only_by_asking,
@@ -61,10 +62,12 @@ from caris_desktop.domain.commands import Drive, Release, RenewLease, StopMotion
 from caris_desktop.domain.events import DriveEnded, GuardChanged
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.sensing import LaserScan
+from caris_desktop.ui.words import shortened
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.robot.link_bench import LinkProcess
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
+from tests.support.recorded_session import make_session
 from tests.support.simulated_robot import SimulatedRobot
 from tests.support.twist_listener import SeenTwist, TwistListener
 
@@ -80,14 +83,21 @@ def robot() -> Iterator[SimulatedRobot]:
 
 
 @pytest.fixture(scope="module")
-def running(robot: SimulatedRobot, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]:
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("safety")
     environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
     # Nobody is to be found here, and looking for people would slow down everything else.
     (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
     environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
-    environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
-    console = ConsoleProcess(robot.address, folder / "study", module="tests.app.safety_child", **environment)
+    return environment | {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
+
+
+@pytest.fixture(scope="module")
+def running(
+    robot: SimulatedRobot, environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ConsoleProcess]:
+    study = tmp_path_factory.mktemp("studies") / "study"
+    console = ConsoleProcess(robot.address, study, module="tests.app.safety_child", **environment)
     yield console
     console.close()
 
@@ -229,6 +239,33 @@ def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_aski
     assert _moving(wire) == [], "clearing moves nothing"
     _drive(console, wire)
     console.say("release A")
+
+
+def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
+    console: ConsoleProcess, robot: SimulatedRobot, environment: dict[str, str], tmp_path: Path
+) -> None:
+    """The replay is another program: while its window is in front, the console hears no key."""
+    session = make_session(tmp_path / "session", seconds=2.0, cameras=(), audio=())
+    stop = f"Stop {shortened(f'Robot at {robot.address}', 24)} (live)"
+    replay = ConsoleProcess(session.folder, module="tests.app.replay_child", **environment)
+    try:
+        replay.wait_until_shown(red_button=stop)
+        console.say("other_program")
+        for how in ("key Escape", "key Pause", "click emergency_stop"):
+            console.say("go 1.5 5.0")
+            wait_for(lambda: robot.state()["goal_id"], "the robot goes")
+            replay.say(how)
+            wait_for(lambda: not robot.state()["goal_id"], f"{how} in the replay ends it")
+            if how != "key Escape":
+                wait_for(lambda: robot.state()["emergency_stopped"], "latched at the robot")
+                replay.wait_until_shown(red_button="Emergency stop is on (live)")
+                console.wait_until_shown(drive_allowed=False)
+                console.say("clear")
+                console.wait_until_shown(drive_allowed=True)
+            replay.wait_until_shown(red_button=stop)
+        assert replay.close() == 0
+    finally:
+        replay.close()
 
 
 def test_driving_is_capped_without_fresh_video(

@@ -16,11 +16,9 @@ from tests.support.polling import wait_for
 class ConsoleProcess:
     """The console in a process that may be stopped and killed."""
 
-    def __init__(
-        self, address: str, study: Path, *, module: str = "tests.app.console_child", **environment: str
-    ) -> None:
+    def __init__(self, *arguments: str | Path, module: str = "tests.app.console_child", **environment: str) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.support.late_main", module, address, str(study)],
+            [sys.executable, "-m", "tests.support.late_main", module, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

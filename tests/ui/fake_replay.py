@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveState, LiveValue
-from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.live.status import LiveRobotsStatus, PlaybackStatus
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.history import EditHistory
 from caris_desktop.recording.annotation.model import (
@@ -67,6 +67,7 @@ class FakeReplay(QObject):
         )
         self.overview = LiveValue(overview, self)
         self.coding = LiveValue(self.history.document, self)
+        self.live_robots = LiveValue(LiveRobotsStatus(), self)
         self.calls: list[tuple[str, Any]] = []
         self.pictures = True
 

@@ -1,0 +1,277 @@
+"""The live robots of this user on this computer, and their stop from the window of a replay, which is another program.
+
+Each running console listens at a local socket in one folder that only this user can enter. A replay looks there and can
+ask for a stop and an emergency stop, nothing else; each is confirmed. GUI thread only.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import psutil
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtNetwork import QLocalServer, QLocalSocket
+
+from caris_desktop.domain.events import Severity
+from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import LiveRobotsStatus
+
+_log = logging.getLogger(__name__)
+_LOOK_EVERY_MS = 500
+CONFIRMED_WITHIN_MS = 2000
+_LONGEST_LINE_BYTES = 4096
+# A socket's address has 104 bytes on some systems; Qt adds ten to it for a moment.
+_LONGEST_PATH_BYTES = 90
+_REACHED = ("connected", "trouble")
+
+Order = Literal["stop", "emergency_stop"]
+
+
+def _meeting_place(folder: Path) -> Path:
+    """The folder of the sockets, which only its owner can enter. Raises OSError."""
+    if len(os.fsencode(folder)) > _LONGEST_PATH_BYTES - 10:
+        short = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
+        folder = Path(tempfile.gettempdir()) / f"caris-desktop-{short}"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    held = folder.lstat()
+    if held.st_uid != os.getuid() or folder.is_symlink():
+        raise OSError(f"{folder} belongs to somebody else")
+    if held.st_mode & 0o077:
+        folder.chmod(0o700)
+    return folder
+
+
+class LiveRobotHost(QObject):
+    """Lets replays stop the robot of this console, and tells them of it."""
+
+    def __init__(self, console: WizardIntents, folder: Path, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._console = console
+        self._folder = folder
+        self._clients: list[_Lines] = []
+        self._server = QLocalServer(self)
+        self._server.setSocketOptions(QLocalServer.SocketOption.UserAccessOption)
+        self._server.newConnection.connect(self._on_new_connection)
+        self._told: dict[str, Any] = {}
+        console.state.link.changed.connect(self._on_changed)
+        console.state.drive.changed.connect(self._on_changed)
+
+    def start(self) -> None:
+        """A console that cannot listen runs all the same; replays then say that they found none."""
+        try:
+            folder = _meeting_place(self._folder)
+            for left in folder.iterdir():
+                if left.name.isdecimal() and not psutil.pid_exists(int(left.name)):
+                    left.unlink(missing_ok=True)  # of a console that was killed
+            own = folder / str(os.getpid())
+            own.unlink(missing_ok=True)
+        except OSError:
+            _log.exception("replays cannot stop this console's robot")
+            return
+        if not self._server.listen(str(own)):
+            _log.error("replays cannot stop this console's robot: %s", self._server.errorString())
+
+    def shutdown(self) -> None:
+        self._server.close()
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+
+    def _on_new_connection(self) -> None:
+        while (socket := self._server.nextPendingConnection()) is not None:
+            client = _Lines(socket, self._on_message, self._on_gone)
+            self._clients.append(client)
+            client.send(self._present())
+            client.read()
+
+    def _on_message(self, client: "_Lines", message: dict[str, Any]) -> None:
+        order = message.get("do")
+        if order == "stop":
+            self._console.stop()
+        elif order == "emergency_stop":
+            self._console.emergency_stop()
+        else:
+            return
+        _log.info("a replay's window asked for %s", order)
+        client.send({"did": order})
+
+    def _on_gone(self, client: "_Lines") -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+
+    def _present(self) -> dict[str, Any]:
+        link = self._console.state.link.value
+        return {
+            "robot": "" if link.state == "closed" else link.robot or "The robot",
+            "reached": link.state in _REACHED,
+            "emergency_stop": self._console.state.drive.value.emergency_stop,
+        }
+
+    def _on_changed(self, _value: object) -> None:
+        present = self._present()
+        if present != self._told:
+            self._told = present
+            for client in self._clients:
+                client.send(present)
+
+
+class LiveRobots(QObject):
+    """For a replay: ``status`` holds a LiveRobotsStatus of every console that runs; their robots can be stopped."""
+
+    def __init__(
+        self, folder: Path, problem: Callable[[Severity, str, str, str], None], parent: QObject | None = None
+    ) -> None:
+        super().__init__(parent)
+        self._folder = folder
+        self._problem = problem
+        self.status = LiveValue(LiveRobotsStatus(), self)
+        self._consoles: dict[str, _Lines] = {}
+        self._present: dict[str, dict[str, Any]] = {}
+        self._unconfirmed: dict[str, list[str]] = {}
+        self._look = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._look.timeout.connect(self._on_look)
+        self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
+        self._patience.timeout.connect(self._on_not_confirmed)
+
+    def start(self) -> None:
+        self._look.start()
+        self._on_look()
+
+    def shutdown(self) -> None:
+        self._look.stop()
+        self._patience.stop()
+        consoles, self._consoles = self._consoles, {}
+        for console in consoles.values():
+            console.close()
+
+    def stop(self) -> bool:
+        """False where no console runs."""
+        return self._ask("stop")
+
+    def emergency_stop(self) -> bool:
+        """False where no console runs."""
+        return self._ask("emergency_stop")
+
+    def _ask(self, order: Order) -> bool:
+        self._on_look()  # one that has just been started
+        for name, console in self._consoles.items():
+            self._unconfirmed.setdefault(name, []).append(order)
+            console.send({"do": order})
+        if self._consoles:
+            self._patience.start()
+        return bool(self._consoles)
+
+    def _on_look(self) -> None:
+        try:
+            found = [path for path in _meeting_place(self._folder).iterdir() if path.name.isdecimal()]
+        except OSError:
+            _log.debug("no live console can be found", exc_info=True)
+            return
+        for path in found:
+            if path.name not in self._consoles and psutil.pid_exists(int(path.name)):
+                self._connect(path)
+
+    def _connect(self, path: Path) -> None:
+        socket = QLocalSocket(self)
+        socket.connectToServer(str(path))
+        if socket.state() != QLocalSocket.LocalSocketState.ConnectedState:
+            socket.deleteLater()  # it has just ended, or is only beginning
+            return
+        self._consoles[path.name] = _Lines(socket, self._on_message, self._on_gone)
+
+    def _name_of(self, console: "_Lines") -> str:
+        return next((name for name, known in self._consoles.items() if known is console), "")
+
+    def _on_message(self, console: "_Lines", message: dict[str, Any]) -> None:
+        name = self._name_of(console)
+        if "did" in message:
+            waiting = self._unconfirmed.get(name, [])
+            if message["did"] in waiting:
+                waiting.remove(message["did"])
+            if not any(self._unconfirmed.values()):
+                self._patience.stop()
+            if message["did"] == "emergency_stop" and not self._present.get(name, {}).get("reached"):
+                self._tell_not_done("The live console cannot reach the robot now.", name)
+        else:
+            self._present[name] = message
+            self._show()
+
+    def _on_gone(self, console: "_Lines") -> None:
+        name = self._name_of(console)
+        self._consoles.pop(name, None)
+        if self._unconfirmed.pop(name, None):
+            self._tell_not_done("The live console ended before it answered.", name)
+        self._present.pop(name, None)
+        self._show()
+
+    def _on_not_confirmed(self) -> None:
+        for name, orders in self._unconfirmed.items():
+            if orders:
+                orders.clear()
+                self._tell_not_done("The live console does not answer.", name)
+
+    def _tell_not_done(self, what: str, name: str) -> None:
+        robot = self._present.get(name, {}).get("robot") or "Its robot"
+        self._problem(
+            "error", what, f"{robot} may not have been stopped.",
+            "Stop it in the live window or with the robot's own emergency stop button.",
+        )  # fmt: skip
+
+    def _show(self) -> None:
+        with_robot = [present for _name, present in sorted(self._present.items()) if present.get("robot")]
+        self.status.set(
+            LiveRobotsStatus(
+                tuple(str(present["robot"]) for present in with_robot),
+                emergency_stop=bool(with_robot) and all(present.get("emergency_stop") for present in with_robot),
+            )
+        )
+
+
+class _Lines:
+    """JSON objects, one a line, over a local socket, which belongs to a QObject."""
+
+    def __init__(
+        self,
+        socket: QLocalSocket,
+        on_message: Callable[["_Lines", dict[str, Any]], None],
+        on_gone: Callable[["_Lines"], None],
+    ) -> None:
+        self._socket = socket
+        self._on_message = on_message
+        self._on_gone = on_gone
+        self._unread = b""
+        socket.readyRead.connect(self.read)
+        socket.disconnected.connect(self._on_disconnected)
+
+    def send(self, message: dict[str, Any]) -> None:
+        self._socket.write(json.dumps(message).encode() + b"\n")
+        self._socket.flush()
+
+    def read(self) -> None:
+        self._unread += bytes(self._socket.readAll().data())
+        *lines, self._unread = self._unread.split(b"\n")
+        if len(self._unread) > _LONGEST_LINE_BYTES:
+            self._socket.abort()
+            return
+        for line in lines:
+            try:
+                message = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(message, dict):
+                self._on_message(self, message)
+
+    def close(self) -> None:
+        self._socket.disconnected.disconnect(self._on_disconnected)
+        self._socket.abort()
+        self._socket.deleteLater()
+
+    def _on_disconnected(self) -> None:
+        self._on_gone(self)
+        self._socket.deleteLater()

@@ -1,0 +1,114 @@
+"""The window of a replay: it says what it is, and its one red button is that of the robot which is driven now."""
+
+from collections.abc import Iterator
+
+import pytest
+from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.live.status import LiveRobotsStatus
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, find, open_window
+from tests.ui.fake_console import FakeConsole
+from tests.ui.fake_replay import FakeReplay, sample_overview
+
+LONG = "The robot of the second floor that everybody calls by its full name " * 4
+
+
+@pytest.fixture
+def replay() -> FakeReplay:
+    return FakeReplay(overview=sample_overview())
+
+
+@pytest.fixture
+def window(
+    qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme, replay: FakeReplay
+) -> Iterator[MainWindow]:
+    theme.set_choice("dark")
+    window = open_window(qtbot, console, settings, theme)
+    window.use_replay(replay)
+    window.resize(1366, 768)  # a replay keeps a place of its own
+    QApplication.processEvents()
+    yield window
+
+
+def red_button(window: MainWindow) -> ActionButton:
+    button = window.findChild(ActionButton, "emergency_stop")
+    assert button is not None
+    return button
+
+
+def test_without_a_live_robot_there_is_no_red_button(window: MainWindow) -> None:
+    assert find(window, "replay_badge").accessibleName() == "REPLAY"
+    assert not red_button(window).isVisible()
+
+
+@pytest.mark.parametrize(
+    ("robots", "text"),
+    [
+        (("Simulated robot",), "Stop Simulated robot (live)"),
+        (("TIAGo", "Pepper"), "Stop 2 robots (live)"),
+        ((LONG,), "Stop The robot of the second… (live)"),
+    ],
+)
+def test_the_red_button_says_whose_stop_it_is(
+    window: MainWindow, replay: FakeReplay, robots: tuple[str, ...], text: str
+) -> None:
+    replay.live_robots.set(LiveRobotsStatus(robots))
+    QApplication.processEvents()
+    button = red_button(window)
+    assert button.isVisible()
+    assert button.text() == text
+    assert all(robot in button.toolTip() for robot in robots)
+    assert window.width() == 1366
+    assert window.rect().contains(QRect(button.mapTo(window, QPoint()), button.size()))
+    assert button.width() >= button.sizeHint().width()
+
+
+def test_keys_and_the_red_button_reach_the_live_robot(
+    window: MainWindow, replay: FakeReplay, console: FakeConsole
+) -> None:
+    replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
+    console.calls.clear()
+    focused = QApplication.focusWidget()
+    assert focused is not None
+    QTest.keyClick(focused, Qt.Key.Key_Escape)
+    QTest.keyClick(focused, Qt.Key.Key_Pause)
+    QTest.mousePress(red_button(window), Qt.MouseButton.LeftButton)
+    assert [name for name, _ in console.calls] == ["stop", "emergency_stop", "emergency_stop"]
+    stops = [spec.id for spec in window.actions_table.specs if spec.group == "Safety"]
+    assert stops == ["stop", "emergency_stop"], "the sheet of shortcuts tells of them"
+
+
+def test_what_was_latched_then_is_not_latched_now(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
+    replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
+    console.emergency_stop()  # as the record says
+    assert red_button(window).text() == "Stop Simulated robot (live)"
+    shown = [widget for widget in window.findChildren(QWidget, "emergency_release") if widget.isVisible()]
+    assert shown == [], "nothing is released by a replay"
+    replay.live_robots.set(LiveRobotsStatus(("Simulated robot",), emergency_stop=True))
+    assert red_button(window).text() == "Emergency stop is on (live)"
+
+
+def test_over_a_dialog_the_button_says_the_same(qtbot: QtBot, window: MainWindow, replay: FakeReplay) -> None:
+    replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
+    dialog = QDialog(window)
+    dialog.setModal(True)
+    dialog.show()
+    qtbot.waitUntil(lambda: dialog.findChild(ActionButton, "emergency_stop_copy") is not None)
+    copy = dialog.findChild(ActionButton, "emergency_stop_copy")
+    assert copy is not None
+    assert copy.text() == "Stop Simulated robot (live)"
+    dialog.close()
+    dialog.deleteLater()
+
+
+def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeConsole) -> None:
+    assert console.state.recording.value.state == "recording", "then"
+    assert window._what_closing_ends() == []
+    assert samples.TOUR.title in window.windowTitle()
