@@ -13,10 +13,10 @@ import psutil
 
 _log = logging.getLogger(__name__)
 TICKS_PER_S = 90_000
-# ``hybrid_fragmented`` writes fragments (each ends at a key frame, so a kill costs at most one) and turns the whole
-# into a plain mp4 with one index when the file is closed.
+# Fragments, each ending at a key frame, also in a closed file: a kill costs at most one, and a file that was cut while
+# it was copied shows all that is left of it. A plain mp4 has one index, and is nothing without it.
 MUXER = {
-    "movflags": "hybrid_fragmented+frag_keyframe+empty_moov+default_base_moof",
+    "movflags": "frag_keyframe+empty_moov+default_base_moof",
     "flush_packets": "1",
 }
 _PROBE_WAIT_S = 2.0

@@ -1,4 +1,4 @@
-"""One camera's mp4: readable while it grows and after a kill, an ordinary mp4 once it is closed.
+"""One camera's mp4, in fragments: readable while it grows, after a kill, and whatever is left of it.
 
 Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it and when it was taken.
 """
@@ -115,7 +115,7 @@ class VideoFile:
         self._last_tick = tick
 
     def close(self) -> None:
-        """Turn the file into a plain mp4. Raises OSError; the video then stays readable as fragments."""
+        """Write the last fragment, whole or not at all, and what ends the file. Raises OSError."""
         try:
             self._mux(self._stream.encode(None))
             self.file.hold_back()
