@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from caris_desktop.app.arguments import build_parser
+from caris_desktop.live.logs import configure_logging, log_file
 
 # Each module offers add_arguments(parser) and run(arguments) -> exit status.
 COMMANDS = {
@@ -20,6 +21,9 @@ COMMANDS = {
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 
+# They tell what happened in sentences; what a reader of the code wants to know goes to the log.
+_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement")
+
 
 def run(words: Sequence[str]) -> int:
     """Dispatch to a command; without one, open the console."""
@@ -29,7 +33,10 @@ def run(words: Sequence[str]) -> int:
         parser = argparse.ArgumentParser(prog=f"caris-desktop {words[0]}")
         parser.description = description[0].upper() + description[1:] + "."
         command.add_arguments(parser)
-        status = command.run(parser.parse_args(list(words[1:])))
+        arguments = parser.parse_args(list(words[1:]))
+        if words[0] in _DETAILS_IN_LOG:
+            configure_logging(log_file(), terminal=False)
+        status = command.run(arguments)
         return int(status)
     if words and not words[0].startswith("-"):
         print(

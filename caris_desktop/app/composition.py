@@ -59,10 +59,6 @@ class StartError(Exception):
     """The program cannot start as asked; the text says why and what to do."""
 
 
-def log_file() -> Path:
-    return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
-
-
 def live_consoles_dir() -> Path:
     """Where a replay finds the consoles that run, to stop their robots."""
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "live"

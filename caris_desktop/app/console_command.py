@@ -22,7 +22,7 @@ from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.live_robots import LiveRobotHost
-from caris_desktop.live.logs import configure_logging
+from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.session_library import LiveSessionLibrary
@@ -199,7 +199,7 @@ class ConsoleRun:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the window and stay until it is closed."""
-    configure_logging(composition.log_file(), verbose=arguments.verbose)
+    configure_logging(log_file(), verbose=arguments.verbose)
     _log.info("CARIS Desktop %s starts", __version__)
     try:
         console_run = ConsoleRun(arguments)

@@ -26,13 +26,14 @@ from caris_desktop.app.console_command import check_screen, own_settings
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
-from caris_desktop.live.logs import configure_logging
+from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.recording.foreign.bag_import import BagError, import_bag, looks_like_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.recovery import needs_repair
+from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.robot.profile import RobotProfile, parse_profile
 from caris_desktop.scenario.file import ScenarioError, parse_scenario
@@ -64,15 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit status: 0 when the window was closed, 1 when annotations could not be saved, 2 when the session could not be
     opened (stderr says why).
     """
-    configure_logging(composition.log_file(), verbose=arguments.verbose)
+    configure_logging(log_file(), verbose=arguments.verbose)
     try:
         check_screen()
         replay = ReplayRun(arguments)
     except (composition.StartError, SessionError) as refusal:
         print(refusal, file=sys.stderr)
         return 2
-    for notice in replay.console.session.notices:
-        print(notice, file=sys.stderr)
+    session = replay.console.session
+    for sentence in dict.fromkeys((*session.notices, *session.losses)):
+        print(sentence, file=sys.stderr)
     signal.signal(signal.SIGINT, lambda *_: replay.application.closeAllWindows())
     signal.signal(signal.SIGTERM, lambda *_: replay.application.closeAllWindows())
     heartbeat = QTimer()
@@ -153,7 +155,7 @@ def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str
         cameras=videos.cameras,
         frame_times=functools.cache(videos.frame_times_ns),
         monotonic_ns=time.monotonic_ns,
-        unsaved_dir=composition.log_file().parent / "unsaved annotations",
+        unsaved_dir=log_file().parent / "unsaved annotations",
         live_consoles=composition.live_consoles_dir(),
     )
 
@@ -188,7 +190,7 @@ def _session_folder(path: Path) -> Path:
     """The session at ``path``; a bag becomes one first, in the user's cache. Raises SessionError."""
     if not path.exists():
         raise SessionError(f"There is no {path}.")
-    if (path / "session.json").exists() or not looks_like_bag(path):
+    if is_session(path) or not looks_like_bag(path):
         return path
     return _imported(path)
 

@@ -6,19 +6,27 @@ import sys
 import threading
 from pathlib import Path
 
+import platformdirs
+
 _ENVIRONMENT_KEY = "CARIS_LOG_FILE"
 _FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s {who} %(name)s: %(message)s"
 _MAX_BYTES = 5_000_000
 
 
-def configure_logging(path: Path, *, verbose: bool = False) -> None:
+def log_file() -> Path:
+    """Where the details of every run of this user go."""
+    return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
+
+
+def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = True) -> None:
     """Log to ``path`` (the previous run's file is kept as ``.1`` once it is large) and warnings to stderr.
 
-    A log that cannot be written must not keep the console from starting: stderr then gets everything.
+    Without ``terminal`` stderr is left to what a command says for people. A log that cannot be written must not keep
+    the console from starting: stderr then gets everything.
     """
     stderr = logging.StreamHandler(sys.stderr)
     stderr.setLevel(logging.INFO if verbose else logging.WARNING)
-    handlers: list[logging.Handler] = [stderr]
+    handlers: list[logging.Handler] = [stderr] if terminal else []
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and path.stat().st_size > _MAX_BYTES:
@@ -28,6 +36,7 @@ def configure_logging(path: Path, *, verbose: bool = False) -> None:
     except OSError as error:
         os.environ.pop(_ENVIRONMENT_KEY, None)
         print(f"The log {path} cannot be written ({error}); details go to this terminal only.", file=sys.stderr)
+        handlers = [stderr]
     _install(handlers, "console")
     sys.excepthook = lambda kind, value, trace: logging.getLogger("caris_desktop").critical(
         "unhandled error", exc_info=(kind, value, trace)

@@ -119,12 +119,20 @@ class ReplayConsole(QObject):
         self._coding.start()
         if self._live is not None:
             self._live.start()
-        if self._session.notices:
+        session = self._session
+        told = dict.fromkeys((*session.notices, *session.losses))
+        if told:
+            cut = not session.closed_properly
             self._tell(
                 "warning",
-                "This session was cut off while it was recorded.",
-                " ".join(self._session.notices),
-                "What was found is kept in its folder 'recovered'.",
+                "This session was cut off while it was recorded." if cut else "A part of this session is missing.",
+                " ".join(told),
+                "What is left is shown. "
+                + (
+                    "What a repair found is kept in its folder 'recovered'."
+                    if session.repairs
+                    else "If there is a copy of the session, take the files from there."
+                ),
             )
 
     def shutdown(self) -> None:

@@ -16,7 +16,10 @@ from caris_desktop.recording.export import (
     export_folders,
     sessions_in,
 )
+from caris_desktop.recording.session.losses import told_losses
 from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_reader import RECOVERED
 
 _CANCELLED = 130
 
@@ -87,7 +90,10 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _verify(sessions: Sequence[Path]) -> list[str]:
-    """What is not as it was when the session closed, a sentence each; sessions without checksums are named too."""
+    """What is not as it was when the session closed, a sentence each; sessions without checksums are named too.
+
+    What a repair found to be missing from a session that had been closed stays told, whatever the checksums say.
+    """
     found = []
     for folder in sessions:
         try:
@@ -96,7 +102,16 @@ def _verify(sessions: Sequence[Path]) -> list[str]:
             found.append(f"{folder.name}: it has no checksums: it was not closed properly, or by an older version.")
         except OSError as error:
             found.append(f"{folder.name}: its checksums cannot be read: {error.strerror or error}.")
+        found += [f"{folder.name}: {loss}" for loss in _losses_since_closed(folder)]
     return found
+
+
+def _losses_since_closed(folder: Path) -> tuple[str, ...]:
+    try:
+        header = read_header(folder)
+    except SessionError as error:
+        return (str(error),)
+    return () if header.get("reason") == RECOVERED else told_losses(header)
 
 
 class _ProgressLine:

@@ -19,6 +19,7 @@ from pathlib import Path
 import psutil
 
 from caris_desktop.recording.recorder.disk_file import no_room
+from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 
 _log = logging.getLogger(__name__)
@@ -127,7 +128,7 @@ class ExportProgress:
 class ExportFinished:
     """The folders written, one for each session, and a sentence for everything that was not.
 
-    ``notices`` say what was repaired in sessions that had not been closed properly.
+    ``notices`` say what was repaired in sessions that had not been closed properly, and what they lack.
     """
 
     written: tuple[Path, ...]
@@ -196,10 +197,13 @@ def export_all(
         tell(0.0, folder.absolute().name)
         try:
             session = _opened(folder)
-            notices += [f"{folder.name}: {notice}" for notice in session.notices]
+            sentences = dict.fromkeys((*session.notices, *session.losses))
+            notices += [f"{folder.name}: {sentence}" for sentence in sentences]
             sessions.append(session)
             if apart.formats:
                 problems += _export_formats(session, apart, target, tell)
+                found = [loss for loss in session.told_losses() if loss not in session.losses]
+                problems += [f"{folder.name}: {loss}" for loss in found]
                 written.append(target)
                 on_written(target)
         except _DiskFullError as error:
@@ -253,7 +257,7 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
     ExportError
         If it is neither.
     """
-    if (path / "session.json").exists():
+    if is_session(path):
         return (path,)
     try:
         inside = path / "sessions" if (path / "sessions").is_dir() else path
@@ -265,7 +269,7 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
     except OSError as error:
         raise ExportError(f"{path} cannot be read: {error.strerror or error}.") from error
     if inside is path:
-        folders = [folder for folder in folders if (folder / "session.json").exists()]
+        folders = [folder for folder in folders if is_session(folder)]
     if not folders:
         raise ExportError(
             f"{path} is no session and no study: it holds neither a session.json nor sessions. Nothing was written."

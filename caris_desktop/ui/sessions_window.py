@@ -83,7 +83,11 @@ def local_time(started_utc: str) -> str:
 
 def state_words(entry: SessionEntry) -> str:
     """Whether the session is whole and counts, and what went wrong in it."""
-    parts = ["Complete" if entry.closed_properly else "Ended unexpectedly"]
+    parts = [
+        "Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else "Complete",
+    ]
+    if entry.copy_of:
+        parts.insert(0, "Copy")
     if entry.purpose:
         parts.insert(0, entry.purpose.capitalize())
     if entry.problems:
@@ -91,10 +95,20 @@ def state_words(entry: SessionEntry) -> str:
     return " · ".join(parts)
 
 
+def lacks_words(entry: SessionEntry) -> str:
+    """What a session lacks, and that it is a copy of another one; empty for most."""
+    copy = f"This is a copy of {entry.copy_of}: it counts once. " if entry.copy_of else ""
+    return f"{copy}{' '.join(entry.losses)}".strip()
+
+
 def _natural(text: str) -> tuple[tuple[int, int, str], ...]:
     """P7 before P12."""
     parts = re.findall(r"\d+|\D+", text.casefold())
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
+
+
+def _doubtful(entry: SessionEntry) -> bool:
+    return not entry.closed_properly or bool(entry.losses or entry.copy_of)
 
 
 COLUMNS: tuple[Column, ...] = (
@@ -108,7 +122,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 76, right=True),
     Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True),
     Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
-    Column("State", state_words, lambda entry: (not entry.closed_properly, entry.purpose, entry.problems), 140),
+    Column("State", state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
 )
 _FILTERS = (
     ("participant", "All participants"),
@@ -156,9 +170,10 @@ class SessionsModel(QAbstractTableModel):
             side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
             return int(side | Qt.AlignmentFlag.AlignVCenter)
         if role == Qt.ItemDataRole.ToolTipRole:
-            return f"{entry.folder}\n{'Recording now' if goes_on else state_words(entry)}"
+            said = (str(entry.folder), "Recording now" if goes_on else state_words(entry), lacks_words(entry))
+            return "\n".join(part for part in said if part)
         if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
-            return None if entry.closed_properly or goes_on else _warning_icon(self._theme)
+            return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
         return None
 
     def headerData(
@@ -385,6 +400,12 @@ class SessionsWindow(QWidget):
         self._empty.setWordWrap(True)
         self._status = QLabel()
         self._status.setObjectName("sessions_status")
+        self._lacks = QLabel()
+        self._lacks.setObjectName("sessions_lacks")
+        self._lacks.setWordWrap(True)
+        self._lacks.setTextFormat(Qt.TextFormat.PlainText)
+        self._lacks.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._lacks.hide()
         self._all = self._button("sessions_show_all", "Show all", "x", self._show_all, look="ghost")
         self._open = self._button("sessions_open_folder", "Open folder", "folder-open", self._open_folder)
         self._export = self._button("sessions_export", "Export…", "export", self._on_export)
@@ -435,6 +456,7 @@ class SessionsWindow(QWidget):
         layout.setSpacing(12)
         layout.addLayout(filters)
         layout.addWidget(splitter, 1)
+        layout.addWidget(self._lacks)
         layout.addLayout(buttons)
 
     # ---- finding
@@ -554,6 +576,9 @@ class SessionsWindow(QWidget):
         count = len(chosen)
         goes_on = any(entry.folder == self.model.recording for entry in chosen)
         wait = "This session is still being recorded" if goes_on else ""
+        lacks = lacks_words(chosen[0]) if count == 1 and not goes_on else ""
+        self._lacks.setText(lacks)
+        self._lacks.setVisible(bool(lacks))
         for button, enabled in (
             (self._replay_button, count == 1 and not goes_on),
             (self._open, count == 1),
@@ -605,9 +630,10 @@ class SessionsWindow(QWidget):
 
     def _style(self) -> None:
         self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        for label in (self._status, self._found):
+        for label in (self._status, self._found, self._lacks):
             label.setFont(self._theme.font(tokens.STATUS_PX))
             self._color(label, "dim")
+        self._color(self._lacks, "amber")
         self._color(self._empty, "dim")
         self._say(self._library.found.value)
         self.table.viewport().update()

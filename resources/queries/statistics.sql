@@ -11,6 +11,7 @@ SELECT
     coalesce(max(value) FILTER (key = 'trial.wizard'), '') AS wizard,
     coalesce(max(value) FILTER (key = 'trial.purpose'), '') AS purpose,
     coalesce(max(value) FILTER (key = 'scenario.title'), '') AS scenario,
+    CAST(coalesce(sum(TRY_CAST(value AS BIGINT)) FILTER (starts_with(key, 'lost.')), 0) AS BIGINT) AS missing_values,
     CAST(max(value) FILTER (key = 'started_ns') AS BIGINT) AS started_ns,
     CAST(max(value) FILTER (key = 'recorded_s') AS DOUBLE) AS lasts_s,
     CAST(max(value) FILTER (key = 'started_ns') AS BIGINT)
@@ -253,6 +254,7 @@ SELECT
         AS wizard_errors_per_10_min,
     coalesce(link.seconds, 0) AS link_trouble_s,
     coalesce(lost.n, 0) AS lost_values,
+    missing_values,
     coalesce(problem.n, 0) AS problems,
     coalesce(person.n, 0) AS people
 FROM sessions

@@ -27,6 +27,7 @@ from caris_desktop.recording.export import (
     run_exports,
 )
 from caris_desktop.recording.session.manifest import write_manifest
+from caris_desktop.recording.studies import sessions_command, statistics_command
 from tests.recording.minute import everything, make_session
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -359,3 +360,103 @@ def test_a_header_of_nonsense_is_exported_as_far_as_it_goes(session: Path, tmp_p
     path.write_text(json.dumps(data))
     finished = export_all(ExportRequest((tmp_path / "s",), ("csv", "parquet", "vtt", "textgrid"), tmp_path / "out"))
     assert finished.problems == ()
+
+
+def test_a_finished_session_that_was_cut_is_told_by_every_export(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = study / "sessions" / "one"
+    recorded = sum(json.loads((folder / "session.json").read_text())["counts"].values())
+    path = folder / "events.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 100])
+    for number in (1, 2):
+        assert run(folder, "--to", "html,methods,csv", "--verify", tmp_path / f"out{number}") == 1
+        said = capsys.readouterr().err
+        assert f"of the {recorded - 1} values that were recorded are missing from events.mcap" in said
+        assert "one: events.mcap was changed after the session closed." in said
+        assert "were saved are there" not in said
+        for name in ("html/report.html", "methods/methods.md", "methods/methods.html", "csv/session.csv"):
+            told = (tmp_path / f"out{number}" / name).read_text(encoding="utf-8")
+            assert "values that were recorded are missing from events.mcap" in told, name
+            assert "No loss is in the record" not in told
+
+
+def test_a_file_that_is_gone_is_told_by_every_export(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = study / "sessions" / "one"
+    (folder / "speech.txt").unlink()
+    assert run(folder, "--to", "html,methods", tmp_path / "out") == 0
+    assert "speech.txt is missing" in capsys.readouterr().err
+    for name in ("html/report.html", "methods/methods.md"):
+        told = (tmp_path / "out" / name).read_text(encoding="utf-8")
+        assert "speech.txt is missing" in told, name
+        assert "No loss is in the record" not in told
+
+
+def test_damaged_values_are_no_silent_part_of_an_export(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = study / "sessions" / "one" / "events.mcap"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    path.write_bytes(content)
+    assert run(path.parent, "--to", "csv", tmp_path / "out") == 1
+    assert "of events.mcap cannot be read:" in capsys.readouterr().err
+
+
+def test_copies_count_once_where_sessions_are_counted(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(study, "--to", "methods", tmp_path / "out") == 0
+    text = (tmp_path / "out" / "methods" / "methods.md").read_text(encoding="utf-8")
+    assert "in one session" in text
+    assert "Two copies of sessions did not count." in text
+    parser = argparse.ArgumentParser()
+    statistics_command.add_arguments(parser)
+    assert statistics_command.run(parser.parse_args([str(study)])) == 0
+    said = capsys.readouterr()
+    assert "three is a copy of one and is not counted again." in said.err
+    assert "two is a copy of one and is not counted again." in said.err
+    assert "1 sessions, " in said.out
+    parser = argparse.ArgumentParser()
+    sessions_command.add_arguments(parser)
+    assert sessions_command.run(parser.parse_args([str(study)])) == 0
+    assert capsys.readouterr().out.count("copy of one") == 2
+
+
+def test_what_is_left_of_sessions_is_listed(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sessions = study / "sessions"
+    (sessions / "one" / "session.json").unlink()
+    (sessions / "two" / "session.json").unlink()
+    (sessions / "two" / "events.mcap").unlink()
+    (sessions / "three" / "speech.txt").unlink()
+    for _ in range(2):
+        parser = argparse.ArgumentParser()
+        sessions_command.add_arguments(parser)
+        assert sessions_command.run(parser.parse_args([str(study)])) == 0
+        said = capsys.readouterr()
+        assert "one: session.json was missing" in said.out
+        assert "three: speech.txt is missing" in said.out
+        assert said.out.count("incomplete") == 2
+        assert f"{sessions / 'two'} holds neither session.json nor events.mcap any more" in said.err
+
+
+def test_the_terminal_gets_sentences_and_the_log_the_details(study: Path, tmp_path: Path) -> None:
+    folder = study / "sessions" / "one"
+    (folder / "annotations").mkdir(exist_ok=True)
+    (folder / "annotations" / "Ann.json").write_text('{"format": "caris-desktop annotations", "format_version": 1}')
+    (folder / "session.json").write_text("{")
+    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
+    told = subprocess.run(
+        [sys.executable, "-m", "caris_desktop", "export", str(folder), "--to", "csv", str(tmp_path / "out")],
+        cwd=REPOSITORY, capture_output=True, text=True, env=environment, check=False, timeout=60,
+    )  # fmt: skip
+    assert told.returncode == 1
+    assert "session.json was damaged" in told.stderr
+    assert "Ann.json is damaged" in told.stderr
+    for raw in ("Traceback", "Error", "Failed validating", "On instance", "line 1 column"):
+        assert raw not in told.stderr, told.stderr
+    log = next((tmp_path / "state").rglob("console.log")).read_text()
+    assert "line 1 column" in log
+    assert "Failed validating" in log

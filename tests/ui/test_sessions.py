@@ -344,6 +344,21 @@ def test_a_session_that_is_being_recorded_waits(sessions: SessionsWindow, librar
     assert find(sessions, "sessions_replay").isEnabled()
 
 
+def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, library: FakeLibrary) -> None:
+    lost = "4671 of the 4673 values that were recorded are missing from events.mcap."
+    cut, copy = entry(5, losses=(lost,)), entry(6, copy_of="s1")
+    library.found.set(LibraryStatus(sessions=(entry(1), cut, copy), total=3))
+    states = dict(zip(shown(sessions, "Date"), shown(sessions, "State"), strict=True))
+    assert sorted(states.values()) == ["Complete", "Copy · Complete", "Incomplete"]
+    label = sessions.findChild(QWidget, "sessions_lacks")
+    assert label is not None
+    for session, words in ((cut, lost), (copy, "This is a copy of s1: it counts once."), (entry(1), "")):
+        row = sessions.model.row_of(session.folder)
+        assert row is not None
+        sessions.table.selectRow(row)
+        assert (label.property("text"), label.isHidden()) == (words, not words)
+
+
 def test_a_study_without_sessions_and_one_that_cannot_be_read(sessions: SessionsWindow, library: FakeLibrary) -> None:
     library.found.set(LibraryStatus(updating=True))
     assert find(sessions, "sessions_empty").property("text") == "Reading the sessions of this study…"

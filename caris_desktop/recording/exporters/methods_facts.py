@@ -91,7 +91,7 @@ class Practice:
 
 def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
     """The practice sessions in the folders that ``sessions`` lie in."""
-    found = []
+    found: dict[Any, Practice] = {}
     for parent in sorted({session.folder.absolute().parent for session in sessions}):
         try:
             folders = session_folders(parent)
@@ -107,8 +107,9 @@ def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
                 _log.info("not counted as practice: %s", error)
                 continue
             utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
-            found.append(Practice(wizard_of(session), utc_ns, session.duration_s))
-    return found
+            # A copy of it is not a second one.
+            found.setdefault(session.identity, Practice(wizard_of(session), utc_ns, session.duration_s))
+    return list(found.values())
 
 
 def _head_purpose(folder: Path) -> str:
@@ -128,10 +129,11 @@ def wizard_of(session: Session) -> str:
 class StudyFacts:
     """The sessions that count, in the order in which they were, and what they tell together.
 
-    ``practice`` are the wizards' practice sessions, which do not count.
+    ``practice`` are the wizards' practice sessions, which do not count, and neither do ``copies`` of sessions.
     """
 
-    def __init__(self, known: Sequence[KnownSession], practice: Sequence[Practice]) -> None:
+    def __init__(self, known: Sequence[KnownSession], practice: Sequence[Practice], copies: int = 0) -> None:
+        self.copies = copies
         self.known = sorted(known, key=lambda one: one.session.clock.anchor.utc_ns_at(one.session.started_ns))
         self.practice = practice
         self.models = _merged([model for one in known for model in one.measures.models])

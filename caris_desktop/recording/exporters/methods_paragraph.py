@@ -85,10 +85,12 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         yield f"{marker} marked no errors of their own."
     lost = sum(sum(one.measures.lost.values()) for one in study.known)
     cut = sum(not one.session.closed_properly for one in study.known)
-    if lost or cut:
+    damaged = sum(bool(one.session.told_losses()) and one.session.closed_properly for one in study.known)
+    if lost or cut or damaged:
         parts = [
             f"{lost} values were not recorded" if lost > 1 else "one value was not recorded" if lost else "",
             f"{number_of(cut, 'recording')} {was_or_were(cut)} cut off before the end" if cut else "",
+            f"{number_of(damaged, 'recording')} lost a part afterwards" if damaged else "",
         ]
         text = listing([part for part in parts if part])
         yield f"Of the record, {text}."

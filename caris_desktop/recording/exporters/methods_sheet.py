@@ -45,6 +45,7 @@ from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.completeness import stream_words
 from caris_desktop.recording.studies.measures import ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.study_index import copies_among
 
 # A robot's clock that is further off was never set, or is that of a simulation.
 _OWN_TIME_S = 30 * 86400.0
@@ -97,6 +98,8 @@ class MethodsSheet:
 
 def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None] = lambda _: None) -> MethodsSheet:
     """Fill the sheet. ``progress`` may raise to cancel. Raises SessionError."""
+    copies = copies_among({str(session.folder): (session.identity, session.losses) for session in sessions})
+    sessions = [session for session in sessions if str(session.folder) not in copies]
     counting = [session for session in sessions if purpose_of(session.trial) != PRACTICE] or list(sessions)
     known = []
     for number, session in enumerate(counting):
@@ -105,7 +108,7 @@ def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None]
             progress(0.95 * (before + fraction) / len(counting))
 
         known.append(read_known(session, tell))
-    return _Answers(StudyFacts(known, practice_beside(sessions))).sheet()
+    return _Answers(StudyFacts(known, practice_beside(sessions), len(copies))).sheet()
 
 
 class _Answers:
@@ -391,7 +394,14 @@ class _Answers:
             f"{count} {stream_words(stream)} were not recorded." if count != 1 else
             f"1 of the {stream_words(stream)} was not recorded."
             for stream, count in lost.items()
-        ] or ["No loss is in the record."]  # fmt: skip
+        ]  # fmt: skip
+        several = len(self._of.known) > 1
+        for one in self._of.known:
+            name = f"{one.session.folder.name}: " if several else ""
+            losses += [f"{name}{loss}" for loss in one.session.told_losses()]
+        losses = losses or ["No loss is in the record."]
+        if self._of.copies:
+            losses.append(f"{number_of(self._of.copies, 'copy', 'copies').capitalize()} of sessions did not count.")
         if cut:
             losses.append(f"{number_of(cut, 'recording').capitalize()} {was_or_were(cut)} cut off before the end.")
         if pauses:
@@ -404,7 +414,9 @@ class _Answers:
             (
                 SheetItem("Which clocks, and how exact?", self._clocks(), ("event/link_quality", "session.json")),
                 SheetItem(
-                    "What was lost?", " ".join(losses), ("event/gap", "event/recording_paused", "event/link_changed")
+                    "What was lost?",
+                    " ".join(losses),
+                    ("event/gap", "event/recording_paused", "event/link_changed", "session.json"),
                 ),
             ),
         )

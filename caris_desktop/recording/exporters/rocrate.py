@@ -533,6 +533,7 @@ def _about(session: Session, files: list[_Packed]) -> str:
         if any(file.description.endswith(_WITHOUT_WIZARD) for file in files)
         else "",
         *session.repairs,
+        *session.losses,
     ]
     return " ".join(part for part in parts if part)
 

@@ -20,6 +20,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, Protocol
 from urllib.parse import quote
 
+from caris_desktop.recording.session.session_header import is_session
+
 _log = logging.getLogger(__name__)
 MAX_MESSAGE_BYTES = 128 * 1024 * 1024
 _MAX_CHUNK_BYTES = 256 * 1024 * 1024
@@ -88,7 +90,7 @@ def looks_like_bag(path: Path) -> bool:
     """Whether ``path`` is, by its beginning, something that :func:`open_bag` reads."""
     try:
         if path.is_dir():
-            return not (path / "session.json").exists() and bool(_storage_files(path))
+            return not is_session(path) and bool(_storage_files(path))
         with path.open("rb") as file:
             return file.read(16).startswith((_ROS1_MAGIC, _MCAP_MAGIC, _SQLITE_MAGIC))
     except OSError:
@@ -465,7 +467,7 @@ class _FoldedMessages:
 
 
 def _open_folder(folder: Path, scratch: Path) -> Bag:
-    if (folder / "session.json").exists():
+    if is_session(folder):
         raise BagError(f"{folder} is a session already. Open it as it is.")
     notes = ReadNotes()
     metadata = _metadata(folder / "metadata.yaml")

@@ -40,11 +40,13 @@ from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import WriteThrough
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
+from caris_desktop.recording.session.last_counts import forget_counts, keep_counts
 from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 FORMAT, FORMAT_VERSION = "caris-desktop session", 2
+TRIAL_METADATA = "trial."
 # A kill costs what came since; each flush makes a chunk, which a reader's index has an entry for.
 _FLUSH_EVERY_NS = 450_000_000
 _SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
@@ -54,6 +56,8 @@ _BEHIND_S = 2.0
 _LEAST_RESERVE_BYTES = 1024 * 1024
 _RESERVE_SHARE = 8
 _CLOSE_SYNC_S = 2.0
+# What a repair can say is missing is as good as these counts are fresh; each costs a small file.
+_COUNT_EVERY_NS = 5 * _SECOND_NS
 
 
 class SessionRecorder:
@@ -101,7 +105,7 @@ class SessionRecorder:
         self._missed: Counter[tuple[str, str]] = Counter()
         self._photos = 0
         self._disk = DiskWatch(limits)
-        self._flushed_ns = self._housekept_ns = 0
+        self._flushed_ns = self._housekept_ns = self._counted_ns = 0
         self._ended_ns: int | None = None
         self._reason: str | None = None
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -119,7 +123,11 @@ class SessionRecorder:
             self._log = EventLog(
                 DiskFile(self.folder / "events.mcap", on_full=self._make_room),
                 anchor=start.header.anchor,
-                metadata={"program_version": start.header.program_version, "scenario": start.header.scenario_title},
+                metadata={
+                    "program_version": start.header.program_version,
+                    "scenario": start.header.scenario_title,
+                    **trial_metadata(start.header.trial),
+                },
             )
             self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
         except OSError:
@@ -233,6 +241,7 @@ class SessionRecorder:
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._guarded(self._log.flush)
+            self._keep_counts(now_ns)
             self._update_sound_headers()
             self._log_sync.ask()
             self._watch_disk(now_ns)
@@ -280,7 +289,7 @@ class SessionRecorder:
         self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._reserve.release()
-        for step in (self._log.close, self._plain.close, self._write_header):
+        for step in (self._log.close, self._plain.close, self._write_last_header):
             try:
                 step()
             except OSError:
@@ -488,6 +497,16 @@ class SessionRecorder:
 
     # The disk
 
+    def _keep_counts(self, now_ns: int) -> None:
+        """Of what was just flushed. Not worth the room that is kept for events."""
+        if now_ns - self._counted_ns < _COUNT_EVERY_NS or self._on_reserve:
+            return
+        self._counted_ns = now_ns
+        try:
+            keep_counts(self.folder, self._log.counts)
+        except OSError:
+            _log.warning("the counts of %s", self.folder, exc_info=True)
+
     def _update_sound_headers(self) -> None:
         try:
             self._audio.update_headers()
@@ -614,6 +633,10 @@ class SessionRecorder:
 
     # session.json
 
+    def _write_last_header(self) -> None:
+        self._write_header()
+        forget_counts(self.folder)
+
     def _write_header(self) -> None:
         """As it stands: before the session, or once it has ended."""
         header = self._header
@@ -665,6 +688,13 @@ class _Held:
     put_ns: int
     value: Any
     arrived_ns: int
+
+
+def trial_metadata(trial: dict[str, str]) -> dict[str, str]:
+    """What the events' file says of the trial, should session.json be lost. Not who the wizard was: the file is passed
+    on as it is.
+    """
+    return {f"{TRIAL_METADATA}{key}": value for key, value in trial.items() if value and key != "wizard"}
 
 
 _ORDINALS = {2: "second", 4: "fourth"}

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_file import video_file_name
 from caris_desktop.recording.session.frame_times import NO_ROBOT_STAMP, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.losses import told_bytes_of
+from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.video_names import camera_of_video
@@ -56,7 +58,8 @@ class VideoReader:
         self.problems: list[str] = []
         files = _files_of(session, self.problems)
         for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):
-            self._videos.setdefault(camera, []).append(_Video(path, camera, first_ns))
+            video = _Video(path, camera, first_ns, told_bytes_of(session.header, path.name))
+            self._videos.setdefault(camera, []).append(video)
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -172,8 +175,10 @@ class VideoReader:
 class _Video:
     """One file. ``times`` is there after :meth:`prepare`; the file is opened for the first picture."""
 
-    def __init__(self, path: Path, camera: str, first_ns: int) -> None:
+    def __init__(self, path: Path, camera: str, first_ns: int, told_bytes: int | None) -> None:
+        """``told_bytes`` is how large the file was when its session was closed."""
         self.path = path
+        self._told_bytes = told_bytes
         self.camera = camera
         self.times = FrameTimes.none()
         self._first_ns = first_ns
@@ -192,7 +197,13 @@ class _Video:
             return self._read_own_times()
         except (OSError, ValueError) as error:
             return self._read_own_times() or f"The frame times of {self.path.name} cannot be read: {error}."
-        return "" if self.path.is_file() else f"{self.path.name} is missing."
+        if not self.path.is_file():
+            return f"{self.path.name} is missing."
+        if self._told_bytes is not None and self.path.stat().st_size < self._told_bytes:
+            content = content_of(self.path)
+            self.times = self.times.first(0 if content is None else len(content.times_s))
+            return f"{self.path.name} is cut off: {self.times.count} of its pictures are left."
+        return ""
 
     def decode(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
         """Number and picture (of PyAV) of a frame, or of the key frame at or before it."""

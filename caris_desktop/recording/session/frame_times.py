@@ -1,6 +1,6 @@
 """The side index of a video: when each of its frames was taken, one line each, as the recorder writes it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,10 @@ class FrameTimes:
     @property
     def count(self) -> int:
         return len(self.stamps_ns)
+
+    def first(self, count: int) -> "FrameTimes":
+        """Those of the first ``count`` frames."""
+        return FrameTimes(*(getattr(self, field.name)[:count] for field in fields(self)))
 
     @classmethod
     def none(cls) -> "FrameTimes":

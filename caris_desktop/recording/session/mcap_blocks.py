@@ -30,6 +30,8 @@ _TAIL_BYTES = _HEAD.size + _FOOTER_BODY.size + len(MAGIC)
 _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 _MAX_BLOCK_BYTES = 1 << 30
 _RUN_BYTES = 1 << 20
+_LONGEST_HEADER_BYTES = 1024
+_INDEXED_MESSAGE_BYTES = 16
 _LARGEST_NS = 2**63 - 1
 # Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", _HEAD.size + _CHUNK_HEAD.size - 4
@@ -151,6 +153,38 @@ def has_summary(path: Path) -> bool:
     """Whether the file was finished: it ends as one with an index does. Raises OSError."""
     with path.open("rb") as file:
         return _summary_span(file) is not None
+
+
+def library_of(path: Path) -> str:
+    """Which program began the file; empty where it does not say, or is no MCAP file. Raises OSError."""
+    with path.open("rb") as file:
+        begin = file.read(_LONGEST_HEADER_BYTES)
+    try:
+        opcode, length = _HEAD.unpack_from(begin, len(MAGIC))
+        at = len(MAGIC) + _HEAD.size
+        body = begin[at : at + length]
+        (profile_bytes,) = struct.unpack_from("<I", body)
+        (library_bytes,) = struct.unpack_from("<I", body, 4 + profile_bytes)
+    except struct.error:
+        return ""
+    if begin[: len(MAGIC)] != MAGIC or opcode != _HEADER:
+        return ""
+    return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
+
+
+def listed_messages(file: IO[bytes], index: BlockIndex, number: int) -> int:
+    """How many messages of a chunk its indexes behind it tell of, whatever became of the chunk. Raises OSError."""
+    place, count = int(index.offsets[number] + index.lengths[number]), 0
+    while True:
+        file.seek(place)
+        entry = file.read(_HEAD.size + 6)
+        if len(entry) < _HEAD.size + 6:
+            return count
+        opcode, length = _HEAD.unpack_from(entry)
+        if opcode != _MESSAGE_INDEX:
+            return count
+        count += int.from_bytes(entry[_HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
+        place += _HEAD.size + length
 
 
 def messages_of(content: bytes) -> Iterator[Message]:

@@ -23,6 +23,8 @@ from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.session import mcap_blocks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
 from caris_desktop.recording.session.frame_times import index_path, read_frame_times
+from caris_desktop.recording.session.last_counts import counts_of, forget_counts, last_counts
+from caris_desktop.recording.session.losses import lost_values, told_bytes_of, told_losses
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files, write_manifest
 from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
@@ -48,15 +50,19 @@ class RepairReport:
 
 @dataclass(slots=True)
 class _Record:
-    """What the events of a session say of the rest of it."""
+    """What the events of a session say of the rest of it. ``highest`` is the highest number of a value of a stream: the
+    recorder counts them from 1, so that a hole shows.
+    """
 
     counts: Counter[str] = field(default_factory=Counter)
+    highest: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     frames: dict[str, list[FrameRef]] = field(default_factory=dict)
     sounds: dict[str, AudioBlock] = field(default_factory=dict)
     pauses: list[RecordingPaused] = field(default_factory=list)
     ended: SessionEnded | None = None
     newest_utc_ns: int = 0
+    last_value_utc_ns: int = 0
 
 
 def needs_repair(folder: Path) -> bool:
@@ -89,20 +95,25 @@ def repair_session(folder: Path) -> RepairReport:
         return RepairReport(
             False,
             (
-                f"The recording was cut off and could not be repaired, because {folder} cannot be written "
+                f"The session is damaged and could not be repaired, because {folder} cannot be written "
                 f"({error.strerror or error}). It is shown as it was left.",
             ),
         )
     with lock:
         try:
             return _Repair(folder).run()
-        except OSError as error:
+        except SessionError:
+            raise
+        except Exception as error:
+            # What somebody's file does to a repair is no reason not to show the rest of it.
             _log.exception("repairing %s", folder)
-            why = "the disk has no room for it" if no_room(error) else str(error.strerror or error)
+            why = "something in it is damaged in a way that was not foreseen; the log has the details"
+            if isinstance(error, OSError):
+                why = "the disk has no room for it" if no_room(error) else str(error.strerror or error)
             return RepairReport(
                 False,
                 (
-                    f"The recording was cut off and could not be repaired: {why}. "
+                    f"The session is damaged and could not be repaired: {why}. "
                     "It is shown as it was left; nothing of it was changed for the worse.",
                 ),
             )
@@ -113,7 +124,10 @@ def repair_session(folder: Path) -> RepairReport:
 def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Literal["", "end", "manifest"]:
     """What a session lacks: a proper end, or no more than its manifest."""
     try:
-        if times.ended_ns is None or not mcap_blocks.has_summary(folder / _EVENTS):
+        path = folder / _EVENTS
+        if times.ended_ns is None or not mcap_blocks.has_summary(path):
+            return "end"
+        if path.stat().st_size != (told_bytes_of(header, _EVENTS) or path.stat().st_size):
             return "end"
     except OSError as error:
         raise SessionError(f"{folder / _EVENTS} cannot be read: {error.strerror or error}.") from error
@@ -129,29 +143,46 @@ class _Repair:
         self._header = read_header(folder)
         self._times = times_of(self._header, folder)
         self._sentences: list[str] = []
+        self._losses = [*told_losses(self._header)]
+        self._lost: Counter[str] = Counter()
+        # What was closed was whole then: it was damaged since, and what its head says is the measure.
+        self._finished = self._times.ended_ns is not None
+        self._expected = counts_of(self._header.get("counts")) if self._finished else last_counts(folder)
         self._record = _Record()
         self._ended_ns = 0
         self._reason = ""
         self._damaged_bytes: int | None = None
+        self._complete = False
 
     def run(self) -> RepairReport:
         wanting = _wanting(self._folder, self._header, self._times)
         if not wanting:
             return RepairReport(False)  # somebody else was quicker
         begun_s = time.monotonic()
+        told = len(self._losses)
         if wanting == "end":
             self._repair_events()
-            sounds = self._repair_sounds()
-            videos = self._repair_videos()
-            self._keep_leftovers()
-            self._write_header(videos, sounds)
+            if self._finished:
+                # Whether its media are whole is told each time the session is read; nothing need be made of them.
+                self._write_finished_header()
+            else:
+                sounds = self._repair_sounds()
+                videos = self._repair_videos()
+                self._keep_leftovers()
+                self._write_header(videos, sounds)
         else:
-            self._sentences.append("The list of checksums was missing and has been made.")
-        write_manifest(self._folder)
-        for sentence in self._sentences:
+            self._sentences.append(
+                "The list of checksums was missing and has been made now: it tells of changes from here on."
+            )
+        forget_counts(self._folder)
+        # The one from when the session was closed says what has changed since. It is never made anew.
+        if not (self._folder / MANIFEST_NAME).exists():
+            write_manifest(self._folder)
+        sentences = (*self._sentences, *self._losses[told:])
+        for sentence in sentences:
             _log.info("%s: %s", self._folder, sentence)
         _log.info("%s: repaired in %.1f s", self._folder, time.monotonic() - begun_s)
-        return RepairReport(True, tuple(self._sentences))
+        return RepairReport(True, sentences)
 
     # Events
 
@@ -172,9 +203,9 @@ class _Repair:
                     except mcap_blocks.DamagedBlockError:
                         _log.warning("%s: the block at byte %d is damaged", path, index.offsets[number])
         if not broken:
+            self._complete = self._record.ended is not None
             self._settle_end()
-        if self._kept(_EVENTS):
-            self._tell_of_events()
+        self._tell_of_events()
 
     def _rewrite_events(self, file: Any, index: BlockIndex) -> None:
         self._damaged_bytes = index.damaged_bytes
@@ -202,6 +233,7 @@ class _Repair:
             for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
                 self._look_at(index, mcap_blocks.read_block(file, index, number), only=channel)
         self._settle_end()
+        self._complete = self._record.ended is not None
         if self._record.ended is not None:
             self._record = _Record(newest_utc_ns=self._record.newest_utc_ns)
             return None
@@ -233,8 +265,12 @@ class _Repair:
             if channel is None or (only is not None and message.channel != only):
                 continue
             spec = spec_of_topic(channel.topic)
-            record.counts[channel.topic.removeprefix("/") if spec is None else spec.name] += 1
+            name = channel.topic.removeprefix("/") if spec is None else spec.name
+            record.counts[name] += 1
+            record.highest[name] = max(record.highest[name], message.sequence)
             record.newest_utc_ns = max(record.newest_utc_ns, message.log_ns)
+            if spec is None or spec.value_type is not SessionEnded:
+                record.last_value_utc_ns = max(record.last_value_utc_ns, message.log_ns)
             if spec is None or spec.value_type not in _LOOKED_AT:
                 continue
             try:
@@ -254,15 +290,51 @@ class _Repair:
                     record.ended = value
 
     def _tell_of_events(self) -> None:
-        if self._damaged_bytes is None:
+        if self._damaged_bytes is None and self._kept(_EVENTS):
             # An earlier attempt came so far and was cut off itself.
             with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
                 self._damaged_bytes = mcap_blocks.scan(original).damaged_bytes
-        lost = f", but for {self._damaged_bytes} bytes at the break" if self._damaged_bytes else ""
-        self._sentences.append(
-            f"The recording was cut off after {self._times.clock.session_s(self._ended_ns):.1f} s. All "
-            f"{sum(self._record.counts.values())} values that were saved are there{lost}; their index was made anew."
-        )
+        left, recorded = self._count_lost_values()
+        lasted_s = self._times.clock.session_s(self._ended_ns)
+        if self._kept(_EVENTS):
+            what = f"The recording was cut off after {lasted_s:.1f} s"
+            if self._finished:
+                what = f"{_EVENTS} was damaged after the recording had ended"
+            self._sentences.append(f"{what}. The {left} values that are left in it got a new index.")
+        elif self._finished:
+            self._sentences.append(f"{_EVENTS} is not the file that was recorded; it holds {left} values.")
+        lost = self._lost.total()
+        if lost:
+            broken = f"; {self._damaged_bytes} bytes of it cannot be read" if self._damaged_bytes else ""
+            early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
+            ends = f"; it ends {early_s:.1f} s before the recording did" if self._finished and early_s > 1.0 else ""
+            self._losses.append(
+                f"{lost} of the {recorded} values that were recorded are missing from {_EVENTS}{broken}{ends}."
+            )
+        elif self._expected is None and not self._complete:
+            self._losses.append(f"How many values are missing at the end of {_EVENTS} is not known.")
+        elif self._damaged_bytes:
+            self._losses.append(
+                f"{self._damaged_bytes} bytes at the end of {_EVENTS} cannot be read. Of what had been counted before,"
+                " nothing is missing."
+            )
+
+    def _count_lost_values(self) -> tuple[int, int]:
+        """How many values are left, and of how many, as far as anything tells; fills in which are lost."""
+        # What was added at the end was not recorded, or was and is there again.
+        end = BY_TYPE[SessionEnded].name
+        left = Counter({name: count for name, count in self._record.counts.items() if name != end})
+        expected = Counter({name: self._record.highest[name] for name in left})
+        for name, count in (self._expected or Counter()).items():
+            if name != end:
+                expected[name] = max(expected[name], count)
+        lost = {name: count - left[name] for name, count in expected.items() if count > left[name]}
+        self._lost = Counter(lost)
+        return left.total(), left.total() + self._lost.total()
+
+    def _last_value_ns(self) -> int:
+        anchor = self._times.clock.anchor
+        return self._record.last_value_utc_ns - anchor.utc_ns + anchor.monotonic_ns
 
     # Sound and video
 
@@ -363,7 +435,7 @@ class _Repair:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
                 from_ns = max(last_ns, frames[0].stamp_ns)
                 lost_s = (frames[-1].stamp_ns - from_ns) / 1e9
-                self._sentences.append(f"The last {lost} pictures of camera {camera} ({lost_s:.1f} s) were not saved.")
+                self._losses.append(f"The last {lost} pictures of camera {camera} ({lost_s:.1f} s) were not saved.")
 
     # The rest
 
@@ -376,11 +448,21 @@ class _Repair:
                 path.replace(kept)
                 self._sentences.append(f"A half-written file was moved to {KEPT_FOLDER}/{kept.name}.")
 
+    def _write_finished_header(self) -> None:
+        """As the session was closed, but for its events: what it says of all else is still the measure."""
+        files = self._header.get("files")
+        size_bytes = (self._folder / _EVENTS).stat().st_size
+        kept = [file for file in files if not (isinstance(file, dict) and file.get("name") == _EVENTS)] if files else []
+        self._replace_header(
+            {
+                "counts": dict(sorted(self._record.counts.items())),
+                "files": [*kept, {"name": _EVENTS, "bytes": size_bytes}],
+            }
+        )
+
     def _write_header(self, videos: list[dict[str, Any]], sounds: list[dict[str, Any]]) -> None:
-        clock, before = self._times.clock, self._header
-        earlier = before.get("repairs")
+        clock = self._times.clock
         data = {
-            **before,
             "ended_ns": self._ended_ns,
             "ended_utc": clock.utc(self._ended_ns),
             "duration_s": round(clock.session_s(self._ended_ns), 3),
@@ -395,10 +477,21 @@ class _Repair:
                 for name in session_files(self._folder)
                 if name != "session.json"
             ],
+        }
+        self._replace_header(data)
+
+    def _replace_header(self, changes: dict[str, Any]) -> None:
+        earlier = self._header.get("repairs")
+        data = {
+            **self._header,
+            **changes,
+            "lost": dict(sorted((Counter(lost_values(self._header)) + self._lost).items())),
+            "losses": self._losses,
             "repairs": [*(earlier if isinstance(earlier, list) else ()), *self._sentences],
         }
-        if not (self._folder / KEPT_FOLDER / "session.json.original").exists():
-            self._keep(self._folder / "session.json")
+        path = self._folder / "session.json"
+        if path.exists() and not (self._folder / KEPT_FOLDER / f"{path.name}.original").exists():
+            self._keep(path)
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         replace_file(self._folder / "session.json", text.encode("utf-8", "replace"), durable=True)
 

@@ -1,6 +1,7 @@
 """``session.json``: what heads a session, read with care: it may come from anywhere."""
 
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +9,11 @@ from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
+from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_clock import SessionClock
 
+_log = logging.getLogger(__name__)
 _MAX_HEADER_BYTES = 16 * 1024 * 1024
 
 
@@ -27,7 +31,7 @@ class SessionTimes:
 
 
 def read_header(folder: Path) -> dict[str, Any]:
-    """``session.json`` of a folder that has what makes a session.
+    """``session.json`` of a folder that has what makes a session; where it is lost, what the events tell in its place.
 
     Raises
     ------
@@ -40,18 +44,7 @@ def read_header(folder: Path) -> dict[str, Any]:
     for name in ("session.json", "events.mcap"):
         if not inside(folder, name):
             raise SessionError(f"{folder / name} is a link that leads out of the session. It is not followed.")
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_HEADER_BYTES + 1)
-        if len(content) > _MAX_HEADER_BYTES:
-            raise SessionError(f"{path} is far too large to head a session ({path.stat().st_size} bytes).")
-        header = json.loads(content)
-    except FileNotFoundError as error:
-        raise SessionError(f"{folder} is no session: it holds no session.json.") from error
-    except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
-    except (ValueError, RecursionError) as error:
-        raise SessionError(f"{path} is damaged: {error}.") from error
+    header = _told_header(folder, path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise SessionError(f"{path} does not head a session of CARIS Desktop.")
     version = header.get("format_version")
@@ -60,7 +53,47 @@ def read_header(folder: Path) -> dict[str, Any]:
             f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
         )
     if not (folder / "events.mcap").is_file():
-        raise SessionError(f"{folder} holds no events.mcap: nothing of the session was saved.")
+        raise SessionError(
+            f"{folder} holds no events.mcap: what happened and what was said in the session is lost. Restore the file"
+            " from a copy, if there is one; what else lies in the folder was left alone."
+        )
+    return header
+
+
+def is_session(folder: Path) -> bool:
+    """Whether a session was recorded into ``folder``, also where its ``session.json`` is lost."""
+    return (folder / "session.json").exists() or holds_record(folder)
+
+
+def _told_header(folder: Path, path: Path) -> Any:
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_HEADER_BYTES + 1)
+        if len(content) > _MAX_HEADER_BYTES:
+            raise SessionError(f"{path} is far too large to head a session ({path.stat().st_size} bytes).")
+        return json.loads(content)
+    except FileNotFoundError:
+        what = "was missing"
+    except OSError as error:
+        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+    except (ValueError, RecursionError) as error:
+        _log.warning("%s: %s", path, error)
+        what = "was damaged"
+    if not holds_record(folder):
+        if what == "was missing" and (folder / MANIFEST_NAME).is_file():
+            raise SessionError(
+                f"{folder} holds neither session.json nor events.mcap any more: what happened in the session is lost."
+                " Restore them from a copy; what else lies in the folder was left alone."
+            )
+        if what == "was missing":
+            raise SessionError(f"{folder} is no session: it holds no session.json.")
+        raise SessionError(f"{path} is damaged, and there are no events.mcap beside it from which to make it anew.")
+    header = rebuilt_header(folder, what)
+    if header is None:
+        raise SessionError(
+            f"{folder / 'session.json'} {what}, and what is left of events.mcap does not say when the session began."
+            " Restore session.json from a copy; nothing was changed."
+        )
     return header
 
 
@@ -77,6 +110,10 @@ def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:
         ended_ns = header.get("ended_ns")
         clock.utc(clock.started_ns)
     except (KeyError, TypeError, ValueError, OverflowError, OSError) as error:
-        raise SessionError(f"{folder / 'session.json'} does not say when the session began ({error!r}).") from error
+        _log.warning("%s: %r", folder / "session.json", error)
+        raise SessionError(
+            f"{folder / 'session.json'} does not say when the session began. Restore it from a copy, or move it away:"
+            " it is made anew then from events.mcap, as far as that goes."
+        ) from error
     known = isinstance(ended_ns, int) and not isinstance(ended_ns, bool)
     return SessionTimes(clock, ended_ns if known else None, str(header.get("reason") or "") if known else "")

@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.losses import losses_of
 from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.recovery import repair_session
 from caris_desktop.recording.session.session_clock import SessionClock
@@ -19,8 +20,8 @@ from caris_desktop.recording.session.session_header import SessionError, read_he
 __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
 _EVENTS = "events.mcap"
-# An end that nobody chose: the record stops where something broke.
-_RECOVERED = "recovered"
+RECOVERED = "recovered"
+"""The reason of an end that nobody chose: the record stops where something broke."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,8 @@ class Session:
 
     Where the recorder was killed, ``closed_properly`` is False; ``reason`` is then ``recovered``, or empty as long as
     nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
-    for people, what opening it has repaired, or why it could not.
+    for people, what opening it has repaired, or why it could not; ``losses`` what was recorded and is not there any
+    more. ``unreadable_blocks`` fills while the session is read: for each damaged block how many values it held.
     """
 
     folder: Path
@@ -39,6 +41,8 @@ class Session:
     closed_properly: bool
     reason: str
     notices: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
+    unreadable_blocks: dict[int, int] = field(default_factory=dict, compare=False)
 
     @property
     def started_ns(self) -> int:
@@ -59,6 +63,21 @@ class Session:
         told = self.header.get("repairs")
         return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
 
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What only this session and its copies have: when its clock began to count, when it began, and whose it is."""
+        anchor = self.clock.anchor
+        whose = (self.trial.get(name, "") for name in ("participant", "condition", "trial", "recording", "wizard"))
+        return anchor.utc_ns - anchor.monotonic_ns, self.started_ns, *whose
+
+    def told_losses(self) -> tuple[str, ...]:
+        """``losses``, and what turned out to be damaged while it was read."""
+        if not self.unreadable_blocks:
+            return self.losses
+        blocks, values = len(self.unreadable_blocks), sum(self.unreadable_blocks.values())
+        where = "1 block" if blocks == 1 else f"{blocks} blocks"
+        return (*self.losses, f"{where} of {_EVENTS} cannot be read: {values} values are left out.")
+
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
 
@@ -76,7 +95,7 @@ class Session:
         """As :meth:`values`, each with the moment it reached the console, on the session clock."""
         wanted = {BY_NAME[name].name for name in streams}
         anchor = self.clock.anchor
-        return _values(self.folder / _EVENTS, wanted, anchor.monotonic_ns - anchor.utc_ns)
+        return _values(self.folder / _EVENTS, wanted, anchor.monotonic_ns - anchor.utc_ns, self.unreadable_blocks)
 
 
 def open_session(folder: Path, *, repair: bool = True) -> Session:
@@ -99,13 +118,12 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
             header = read_header(folder)
             times = times_of(header, folder)
     clock = times.clock
+    session = Session(folder, header, clock, clock.started_ns, False, "", notices, losses_of(folder, header))
     if times.ended_ns is not None:
-        return Session(folder, header, clock, times.ended_ns, times.reason != _RECOVERED, times.reason, notices)
-    newest_ns = _newest_ns(folder / _EVENTS, clock)
-    session = Session(folder, header, clock, newest_ns, False, "", notices)
+        return replace(session, ended_ns=times.ended_ns, closed_properly=times.reason != RECOVERED, reason=times.reason)
     for _, end in session.values(BY_TYPE[SessionEnded].name):
-        return Session(folder, header, clock, end.stamp_ns, end.reason != _RECOVERED, end.reason, notices)
-    return session
+        return replace(session, ended_ns=end.stamp_ns, closed_properly=end.reason != RECOVERED, reason=end.reason)
+    return replace(session, ended_ns=_newest_ns(folder / _EVENTS, clock))
 
 
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
@@ -143,7 +161,9 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
     return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
 
 
-def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+def _values(
+    path: Path, wanted: set[str], session_from_utc_ns: int, unreadable: dict[int, int]
+) -> Iterator[tuple[int, StreamSpec, Any]]:
     index = _index_of(path)
     try:
         file = path.open("rb")
@@ -162,7 +182,9 @@ def _values(path: Path, wanted: set[str], session_from_utc_ns: int) -> Iterator[
             try:
                 content = mcap_blocks.read_block(file, index, number)
             except mcap_blocks.DamagedBlockError as error:
-                _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
+                if number not in unreadable:
+                    _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
+                    unreadable[number] = mcap_blocks.listed_messages(file, index, number)
                 continue
             except OSError as error:
                 raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error

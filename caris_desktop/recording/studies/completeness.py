@@ -3,8 +3,10 @@
 from collections import Counter
 
 from caris_desktop.domain.events import Gap
+from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.studies.measures import Measures, SessionFacts
 
+_MAX_STREAMS = 8
 _STREAMS = {
     "frame": "video frames",
     "audio": "blocks of sound",
@@ -22,7 +24,8 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
     sentences = []
     if not session.closed_properly:
         sentences.append("The recording was cut off: what happened after the last saved moment is not in it.")
-    sentences += session.repairs
+    sentences += [*session.repairs, *session.told_losses()]
+    sentences += _lost_since(facts)
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
     if measures.pauses:
@@ -54,6 +57,15 @@ def counted(count: int, one: str, many: str = "") -> str:
 def stream_words(stream: str) -> str:
     """The values of a stream in plain words."""
     return _STREAMS.get(stream, f"values of {stream.removeprefix('event/').replace('_', ' ')}")
+
+
+def _lost_since(facts: SessionFacts) -> list[str]:
+    lost = lost_values(facts.session.header)
+    if not lost:
+        return []
+    named = [f"{count} {stream_words(stream)}" for stream, count in sorted(lost.items(), key=lambda entry: -entry[1])]
+    rest = f" and others of {len(named) - _MAX_STREAMS} kinds" if len(named) > _MAX_STREAMS else ""
+    return [f"Of what is missing from the record: {', '.join(named[:_MAX_STREAMS])}{rest}."]
 
 
 def _gaps(facts: SessionFacts) -> list[str]:

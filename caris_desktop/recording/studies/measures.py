@@ -43,6 +43,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
+from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
@@ -305,6 +306,7 @@ class Measures:
     round_trip_ms: Spread | None
     clock: ClockAccuracy | None
     lost: dict[str, int]
+    missing: dict[str, int]
     problems: dict[str, int]
     people: int
     photos: int
@@ -355,6 +357,7 @@ def measure(facts: SessionFacts) -> Measures:
         round_trip_ms=Spread.of([value.round_trip_ms for value in quality if math.isfinite(value.round_trip_ms)]),
         clock=_clock_accuracy(quality),
         lost=dict(lost),
+        missing=lost_values(session.header),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
         people=len({event.person_id for event in facts.of(PersonAppeared)}),
         photos=len(facts.of(PhotoTaken)),
@@ -722,6 +725,10 @@ FIGURES: tuple[Figure, ...] = (
     Figure("wizard_errors_per_10_min", "1/10 min", "The same for ten minutes.", lambda m: m.errors_per_10_min),
     Figure("link_trouble_s", "s", "Time in which the robot could not be reached.", lambda m: m.link_trouble_s),
     Figure("lost_values", "", "Values that were not recorded.", lambda m: sum(m.lost.values())),
+    Figure(
+        "missing_values", "", "Values that were recorded and are lost since, as the repair of a damaged session found.",
+        lambda m: sum(m.missing.values()),
+    ),
     Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
     Figure("people", "", "People seen.", lambda m: m.people),
 )  # fmt: skip

@@ -79,7 +79,7 @@ def _list(entries: Sequence[SessionEntry]) -> list[str]:
             str(entry.marks),
             str(entry.problems),
             f"{entry.size_bytes / 1e6:.1f} MB",
-            ", ".join(word for word in (entry.purpose, "" if entry.closed_properly else "not closed properly") if word),
+            ", ".join(word for word in _states(entry) if word),
         )
         for entry in entries
     ]
@@ -92,7 +92,17 @@ def _list(entries: Sequence[SessionEntry]) -> list[str]:
         for row in rows
     ]
     count = len(entries)
-    return [*lines, f"{count} session{'' if count == 1 else 's'}"]
+    losses = [f"{entry.folder.name}: {loss}" for entry in entries for loss in entry.losses]
+    return [*lines, f"{count} session{'' if count == 1 else 's'}", *losses]
+
+
+def _states(entry: SessionEntry) -> tuple[str, ...]:
+    return (
+        entry.purpose,
+        "" if entry.closed_properly else "not closed properly",
+        "incomplete" if entry.losses else "",
+        f"copy of {entry.copy_of}" if entry.copy_of else "",
+    )
 
 
 def _hits(entries: Sequence[SessionEntry], hits: Sequence[SearchHit]) -> list[str]:

@@ -16,8 +16,14 @@ from caris_desktop import __version__
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.recorder.disk_file import replace_file
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.studies.measures import FIGURES
-from caris_desktop.recording.studies.study_index import content_signature, session_folders, sessions_dir_of
+from caris_desktop.recording.studies.study_index import (
+    content_signature,
+    copies_among,
+    session_folders,
+    sessions_dir_of,
+)
 
 _log = logging.getLogger(__name__)
 _FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 1
@@ -85,7 +91,10 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class StudyStatistics:
-    """What was made: ``measures`` has a row for each session, ``problems`` a sentence for each left out."""
+    """What was made: ``measures`` has a row for each session, ``problems`` a sentence for each left out.
+
+    ``notices`` say which sessions are copies of others and count once, and what is missing from those that count.
+    """
 
     out: Path
     sessions: int
@@ -93,6 +102,7 @@ class StudyStatistics:
     summary: tuple[SummaryRow, ...]
     measures: tuple[dict[str, Any], ...]
     problems: tuple[str, ...]
+    notices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +133,7 @@ def study_statistics(
         raise StatisticsError(f"{study} holds no sessions: nothing to compute.")
     try:
         known = _prepare(out)
+        folders, notices = _counting(folders)
         exported, problems = _export(folders, out, known, progress)
         progress(StatisticsProgress(0.95, "computing"))
         summary, measures = _compute(out)
@@ -131,10 +142,28 @@ def study_statistics(
     if not measures:
         raise StatisticsError(f"No session of {study} could be read. {' '.join(problems)}")
     progress(StatisticsProgress(1.0, "done"))
-    return StudyStatistics(out, len(measures), exported, summary, measures, tuple(problems))
+    return StudyStatistics(out, len(measures), exported, summary, measures, tuple(problems), tuple(notices))
 
 
 # The tables
+
+
+def _counting(folders: list[Path]) -> tuple[list[Path], list[str]]:
+    """Each session once, and what is to be said of copies and of what is missing. What cannot be read is kept: the
+    export will say why.
+    """
+    sessions: dict[str, Session] = {}
+    for folder in folders:
+        try:
+            sessions[folder.name] = open_session(folder)
+        except SessionError as error:
+            _log.info("%s", error)
+    copies = copies_among({name: (one.identity, one.losses) for name, one in sessions.items()})
+    notices = [f"{name} is a copy of {original} and is not counted again." for name, original in copies.items()]
+    for name, session in sessions.items():
+        if name not in copies:
+            notices += [f"{name}: {sentence}" for sentence in dict.fromkeys((*session.notices, *session.losses))]
+    return [folder for folder in folders if folder.name not in copies], notices
 
 
 def _prepare(out: Path) -> dict[str, str]:

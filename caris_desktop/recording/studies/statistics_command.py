@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     finally:
         if shows:
             sys.stderr.write("\r\033[K")
-    for problem in made.problems:
+    for problem in (*made.notices, *made.problems):
         print(problem, file=sys.stderr)
     conditions = list(dict.fromkeys(row.condition for row in made.summary))
     for condition in conditions:

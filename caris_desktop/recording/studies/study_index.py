@@ -6,7 +6,7 @@ import os
 import re
 import sqlite3
 import unicodedata
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingP
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
+from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session.utterances import spoken_of
@@ -24,7 +25,7 @@ T = TypeVar("T")
 
 DATABASE_NAME = "session-index.sqlite"
 _APPLICATION_ID = 0x43415249
-_SCHEMA_VERSION = 1
+_SCHEMA_VERSION = 2
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
 _MAX_WORDS = 40
@@ -48,7 +49,9 @@ CREATE TABLE session (
     size_bytes INTEGER NOT NULL,
     utterances INTEGER NOT NULL,
     marks INTEGER NOT NULL,
-    problems INTEGER NOT NULL
+    problems INTEGER NOT NULL,
+    losses TEXT NOT NULL,
+    identity TEXT NOT NULL
 );
 CREATE TABLE item (
     id INTEGER PRIMARY KEY,
@@ -67,7 +70,11 @@ CREATE VIRTUAL TABLE item_text USING fts5 (
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """One session as the list shows it."""
+    """One session as the list shows it.
+
+    ``losses`` says what was recorded and is not there any more; ``copy_of`` names the session whose copy this one is:
+    it counts once.
+    """
 
     folder: Path
     started_utc: str
@@ -84,6 +91,8 @@ class SessionEntry:
     utterances: int = 0
     marks: int = 0
     problems: int = 0
+    losses: tuple[str, ...] = ()
+    copy_of: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +130,12 @@ class UnreadableSession:
     trouble: str
 
 
+# Any of them is a session's, whatever became of the others.
+_SESSION_FILES = ("session.json", "events.mcap", MANIFEST_NAME)
 _FIELDS = ("participant", "condition", "wizard", "scenario", "purpose")
 _ENTRY_COLUMNS = (
     "name", "started_utc", "duration_s", "participant", "condition", "trial", "recording", "wizard", "scenario",
-    "purpose", "closed_properly", "size_bytes", "utterances", "marks", "problems",
+    "purpose", "closed_properly", "size_bytes", "utterances", "marks", "problems", "losses",
 )  # fmt: skip
 
 
@@ -139,14 +150,14 @@ def study_dir_of(path: Path) -> Path:
 
 
 def session_folders(sessions_dir: Path) -> list[Path]:
-    """The folders in ``sessions_dir`` that hold a ``session.json``, by name. Raises OSError."""
+    """The folders in ``sessions_dir`` that hold a session, or what is left of one, by name. Raises OSError."""
     with os.scandir(sessions_dir) as entries:
         names = sorted(
             entry.name
             for entry in entries
             if not entry.name.startswith(".")
             and entry.is_dir(follow_symlinks=False)
-            and os.path.isfile(f"{entry.path}/session.json")  # noqa: PTH113 - asked of every session at each opening
+            and any(os.path.isfile(f"{entry.path}/{name}") for name in _SESSION_FILES)  # noqa: PTH113 - asked of every session at each opening
         )
     return [sessions_dir / name for name in names]
 
@@ -214,7 +225,14 @@ class StudyIndex:
             f" WHERE s.trouble = '' AND {condition} ORDER BY s.started_utc DESC, s.name DESC"
         )
         rows = self._whole(lambda: self._database.execute(sql, arguments).fetchall())
-        return tuple(self._entry(row) for row in rows)
+        copies = self._whole(self._copies)
+        return tuple(self._entry(row, copies) for row in rows)
+
+    def _copies(self) -> dict[str, str]:
+        """Of each session that is a copy of another one, which that is."""
+        sql = "SELECT name, identity, losses FROM session WHERE trouble = '' AND identity != ''"
+        rows = self._database.execute(sql)
+        return copies_among({name: (identity, losses.splitlines()) for name, identity, losses in rows})
 
     def search(self, query: SessionQuery, *, limit: int = 500) -> tuple[SearchHit, ...]:
         """Where the text was found: newest session first, each in the order of time, at most ``limit`` hits."""
@@ -235,7 +253,7 @@ class StudyIndex:
         )
 
     def unreadable(self) -> tuple[UnreadableSession, ...]:
-        """Folders that hold a ``session.json`` and yet cannot be read."""
+        """Folders that hold a session, or what is left of one, and yet cannot be read."""
         sql = "SELECT name, trouble FROM session WHERE trouble != '' ORDER BY name"
         rows = self._whole(lambda: self._database.execute(sql).fetchall())
         return tuple(UnreadableSession(self._sessions_dir / name, trouble) for name, trouble in rows)
@@ -260,12 +278,12 @@ class StudyIndex:
             for name in gone:
                 self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
         for number, name in enumerate(changed, start=1):
-            entry, items, trouble = _read(folders[name])
+            content = _read(folders[name])
             with self._database:
                 # Somebody else may keep the same index up to date.
                 self._database.execute("BEGIN IMMEDIATE")
                 self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
-                self._add(name, signatures[name], entry, items, trouble)
+                self._add(name, signatures[name], content)
             progress(number / len(changed))
         progress(1.0)
 
@@ -279,22 +297,25 @@ class StudyIndex:
             self._database.execute("DELETE FROM item WHERE session_id = ?", (row,))
             self._database.execute("DELETE FROM session WHERE id = ?", (row,))
 
-    def _add(self, name: str, signature: str, entry: SessionEntry, items: Sequence["_Item"], trouble: str) -> None:
-        values = [name, *(getattr(entry, column) for column in _ENTRY_COLUMNS[1:])]
+    def _add(self, name: str, signature: str, content: "_Content") -> None:
+        entry = content.entry
+        values = [name, *(getattr(entry, column) for column in _ENTRY_COLUMNS[1:-1]), "\n".join(entry.losses)]
         columns = ", ".join(_ENTRY_COLUMNS)
         row = self._database.execute(
-            f"INSERT INTO session (signature, trouble, {columns}) VALUES (?, ?{', ?' * len(values)})",  # noqa: S608 - no values in it
-            [signature, trouble, *values],
+            f"INSERT INTO session (signature, trouble, identity, {columns}) VALUES (?, ?, ?{', ?' * len(values)})",  # noqa: S608 - no values in it
+            [signature, content.trouble, content.identity, *values],
         ).lastrowid
-        for item in items:
+        for item in content.items:
             item_row = self._database.execute(
                 "INSERT INTO item (session_id, at_ns, session_s, kind, text) VALUES (?, ?, ?, ?, ?)",
                 (row, item.at_ns, item.session_s, item.kind, item.text),
             ).lastrowid
             self._database.execute("INSERT INTO item_text (rowid, text) VALUES (?, ?)", (item_row, item.text))
 
-    def _entry(self, row: tuple[Any, ...]) -> SessionEntry:
+    def _entry(self, row: tuple[Any, ...], copies: dict[str, str]) -> SessionEntry:
         values = dict(zip(_ENTRY_COLUMNS, row, strict=True))
+        values["copy_of"] = copies.get(values["name"], "")
+        values["losses"] = tuple(values["losses"].splitlines())
         values["folder"] = self._sessions_dir / values.pop("name")
         values["closed_properly"] = bool(values["closed_properly"])
         return SessionEntry(**values)
@@ -413,9 +434,14 @@ def _put_aside(path: Path) -> None:
 
 
 def content_signature(folder: Path) -> str:
-    """Changes whenever something may have changed in what is told of a session: its head, events or annotations."""
+    """Changes whenever something may have changed in what is told of a session: its files or annotations."""
     # Asked of every session each time a study is opened, hence without a Path for each file.
     names = ["session.json", "events.mcap"]
+    try:
+        with os.scandir(folder) as entries:
+            names += sorted(entry.name for entry in entries if entry.name.endswith(_MEDIA))
+    except OSError:
+        pass  # as below
     try:
         with os.scandir(folder / "annotations") as entries:
             names += sorted(f"annotations/{entry.name}" for entry in entries if entry.name.endswith(".json"))
@@ -423,6 +449,24 @@ def content_signature(folder: Path) -> str:
         # Nobody has coded the session; what cannot be read now has no signature until it can.
         pass
     return _storable("|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names))
+
+
+_MEDIA = (".mp4", ".wav", ".txt", ".csv")
+
+
+def copies_among(sessions: Mapping[str, tuple[Any, Sequence[str]]]) -> dict[str, str]:
+    """Of the names of sessions with their identities and losses: which is a copy of which.
+
+    Of several that are one the original is the one that lacks least, then the one that comes first by name.
+    """
+    groups: dict[Any, list[str]] = {}
+    for name, (identity, _) in sessions.items():
+        groups.setdefault(identity, []).append(name)
+    copies: dict[str, str] = {}
+    for names in groups.values():
+        original, *others = sorted(names, key=lambda name: (len(sessions[name][1]), name))
+        copies |= dict.fromkeys(others, original)
+    return copies
 
 
 def _age_and_size(path: str) -> str:
@@ -433,21 +477,33 @@ def _age_and_size(path: str) -> str:
     return f"{status.st_mtime_ns}:{status.st_size}"
 
 
-def _read(folder: Path) -> tuple[SessionEntry, list[_Item], str]:
-    """What the index keeps of one session, and why it cannot be read if so."""
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """What the index keeps of one session: its entry, which one it is, its texts; or why it cannot be read."""
+
+    entry: SessionEntry
+    identity: str
+    items: Sequence[_Item]
+    trouble: str = ""
+
+
+def _read(folder: Path) -> _Content:
     try:
-        return *_content(folder), ""
+        return _content(folder)
     except (SessionError, OSError) as error:
         _log.info("%s is not in the index: %s", folder, error)
         trouble = str(error)
-    except Exception as error:
+    except Exception:
         # Whatever somebody's file does to a reader, the other sessions of the study are to be found.
         _log.exception("%s is not in the index", folder)
-        trouble = f"{folder} cannot be read ({type(error).__name__}: {error}). The log has the details."
-    return SessionEntry(folder, "", 0.0), [], _storable(trouble)
+        trouble = (
+            f"{folder} cannot be read: something in it is damaged in a way that was not foreseen. The log has the"
+            " details; the folder was left as it is."
+        )
+    return _Content(SessionEntry(folder, "", 0.0), "", (), _storable(trouble))
 
 
-def _content(folder: Path) -> tuple[SessionEntry, list[_Item]]:
+def _content(folder: Path) -> _Content:
     """Raises SessionError, OSError, and ValueError for moments that no index can hold."""
     session = open_session(folder, repair=False)
     items = list(_items(session))
@@ -465,6 +521,7 @@ def _content(folder: Path) -> tuple[SessionEntry, list[_Item]]:
         utterances=sum(item.kind in _UTTERANCES for item in items),
         marks=sum(item.kind in _MARKS for item in items),
         problems=sum(item.kind == "problem" for item in items),
+        losses=tuple(_storable(" ".join(loss.split())) for loss in session.told_losses()),
         **{
             name: trial.get(name, "")
             for name in ("participant", "condition", "trial", "recording", "wizard", "purpose")
@@ -477,7 +534,7 @@ def _content(folder: Path) -> tuple[SessionEntry, list[_Item]]:
         if part
     )  # fmt: skip
     items.insert(0, _Item(session.started_ns, 0.0, "session", heading))
-    return entry, items
+    return _Content(entry, _storable(repr(session.identity)), items)
 
 
 _UTTERANCES = ("robot", "participant", "wizard")

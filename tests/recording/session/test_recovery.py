@@ -1,10 +1,12 @@
 """Repairing sessions that were cut off: what comes back, what is kept, and what happens when the repair is cut off."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 import wave
+from collections import Counter
 from hashlib import sha256
 from pathlib import Path
 
@@ -15,12 +17,19 @@ from mcap.reader import make_reader
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.live.frame_ring import FrameRings
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.session_recorder import SessionRecorder
+from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session import mcap_blocks, recovery
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.frame_times import read_frame_times
+from caris_desktop.recording.session.last_counts import keep_counts, last_counts
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
+from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from tests.recording.driving import start
 from tests.support.recorded_session import MadeSession
 
 REPOSITORY = Path(__file__).parents[3]
@@ -54,7 +63,8 @@ def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
     assert not needs_repair(folder)
     assert (session.reason, session.closed_properly) == ("recovered", False)
     assert "cut off after" in session.notices[0]
-    assert session.header["repairs"] == list(session.notices)
+    assert session.losses[0] == "How many values are missing at the end of events.mcap is not known."
+    assert [*session.header["repairs"], *session.losses] == list(session.notices)
 
     read = list(session.arrivals())
     assert [(arrived_ns, type(value)) for arrived_ns, _, value in read[:-1]] == [
@@ -196,6 +206,7 @@ def test_frame_times_that_are_missing_come_from_the_record(folder: Path, killed_
 
 
 def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None:
+    whole = Counter(spec.name for spec, _ in open_session(folder, repair=False).values())
     path = folder / "events.mcap"
     content = bytearray(path.read_bytes())
     at = len(content) // 2
@@ -204,7 +215,11 @@ def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None
     expected = labels(open_session(folder, repair=False))
     session = open_session(folder)
     assert labels(session) == expected
-    assert "but for" in session.notices[0]
+    # Their numbers tell how many are missing, although nobody wrote down how many there were.
+    left = Counter(spec.name for spec, _ in session.values())
+    lost = whole - left
+    assert session.header["lost"] == dict(sorted(lost.items()))
+    assert session.losses[0].startswith(f"{lost.total()} of the {whole.total()} values that were recorded are missing")
     stamps_ns = [value.stamp_ns for _, value in session.values("odometry")]
     assert stamps_ns[-1] - stamps_ns[0] > 7e9, "what comes behind the damage is read too"
     holes_ns = np.diff(stamps_ns)
@@ -217,6 +232,168 @@ def test_a_record_without_a_single_event_is_an_empty_session(folder: Path, conte
     session = open_session(folder)
     assert [type(value) for _, value in session.values()] == [SessionEnded]
     assert session.duration_s == 0.0
+
+
+@pytest.fixture
+def finished(whole_session: MadeSession, tmp_path: Path) -> Path:
+    """A session of one's own that was closed properly."""
+    shutil.copytree(whole_session.folder, tmp_path / "finished")
+    return tmp_path / "finished"
+
+
+def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path) -> None:
+    before = digests(finished)
+    head = json.loads((finished / "session.json").read_text())
+    path = finished / "events.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 50])
+    cut = path.read_bytes()
+    assert any(loss.startswith("events.mcap has ") for loss in open_session(finished, repair=False).losses)
+
+    session = open_session(finished)
+    left = Counter(spec.name for spec, _ in session.values())
+    recorded = Counter(head["counts"])
+    lost = recorded - left
+    del lost["event/session_ended"]  # told by session.json, and put back
+    assert lost.total() > recorded.total() * 0.9
+    # The end of the session is not among what is counted: it is put back.
+    told = f"{lost.total()} of the {recorded.total() - 1} values that were recorded are missing from events.mcap"
+    assert session.losses[0].startswith(told)
+    assert re.search(r"it ends 1[456]\.\d s before the recording did", session.losses[0])
+    assert session.header["lost"] == dict(sorted(lost.items()))
+    assert (session.reason, session.ended_ns, session.header["videos"]) == ("wizard", head["ended_ns"], head["videos"])
+
+    assert digests(finished)[MANIFEST_NAME] == before[MANIFEST_NAME], "the evidence is not made anew"
+    assert (finished / "recovered" / "events.mcap.original").read_bytes() == cut
+    assert "events.mcap was changed after the session closed." in verify_manifest(finished)
+    again = open_session(finished)
+    assert (again.notices, again.losses) == ((), session.losses)
+
+
+def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
+    finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = finished / "events.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+    def stop(*_: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(recovery._Repair, "_replace_header", stop)
+        assert "could not be repaired" in open_session(finished).notices[0]
+    assert "values that were recorded are missing" in open_session(finished).losses[0]
+
+
+def test_what_the_recorder_had_counted_tells_what_a_cut_recording_lacks(folder: Path) -> None:
+    whole = Counter(spec.name for spec, _ in open_session(folder, repair=False).values())
+    keep_counts(folder, whole)
+    path = folder / "events.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    session = open_session(folder)
+    left = Counter(spec.name for spec, _ in session.values())
+    del left["event/session_ended"]
+    assert session.losses[0].startswith(
+        f"{whole.total() - left.total()} of the {whole.total()} values that were recorded are missing from events.mcap"
+    )
+    assert not list(folder.rglob(".*"))
+
+
+def test_a_recorder_counts_what_it_has_written(tmp_path: Path) -> None:
+    recorder = SessionRecorder(
+        start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
+    )
+    assert last_counts(tmp_path / "s") == {"event/session_started": 1}
+    recorder.close("wizard")
+    assert last_counts(tmp_path / "s") is None
+    assert not needs_repair(tmp_path / "s")
+
+
+@pytest.mark.parametrize("content", [None, b"", b'{"format": '])
+def test_a_lost_head_is_made_anew_from_the_events(finished: Path, content: bytes | None) -> None:
+    whole = open_session(finished)
+    path = finished / "session.json"
+    path.unlink() if content is None else path.write_bytes(content)
+    before = digests(finished)
+    looked_at = open_session(finished, repair=False)
+    assert digests(finished) == before
+    session = open_session(finished)
+    for one in (looked_at, session):
+        assert (one.started_ns, one.ended_ns, one.identity) == (whole.started_ns, whole.ended_ns, whole.identity)
+        assert (one.reason, one.closed_properly) == ("wizard", True)
+        assert one.header["scenario"]["title"] == "Tour guide"
+        assert one.header["robot"]["profile"] == "temi"
+        assert f"session.json was {'missing' if content is None else 'damaged'}" in one.losses[0]
+    assert session.header["counts"] == whole.header["counts"]
+    assert [video["frames"] for video in session.header["videos"]] == [
+        video["frames"] for video in whole.header["videos"]
+    ]
+    assert labels(session) == labels(whole)
+    assert len(session.losses) == 1
+    assert "session.json was changed after the session closed." in verify_manifest(finished)
+    assert open_session(finished).losses == session.losses
+
+
+def test_a_session_tells_who_took_part_even_without_its_head(tmp_path: Path) -> None:
+    recorder = SessionRecorder(
+        start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
+    )
+    recorder.close("wizard")
+    trial = open_session(tmp_path / "s").trial
+    (tmp_path / "s" / "session.json").unlink()
+    assert open_session(tmp_path / "s").trial == {key: text for key, text in trial.items() if key != "wizard" and text}
+
+
+def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
+    front, rear = finished / "video-front.mp4", finished / "video-rear.mp4"
+    sound = finished / "audio-microphone.wav"
+    front.unlink()
+    rear.write_bytes(rear.read_bytes()[: rear.stat().st_size // 2])
+    sound.write_bytes(sound.read_bytes()[: sound.stat().st_size // 2])
+    (finished / "speech.txt").unlink()
+    content = content_of(rear)
+    assert content is not None
+    left, before = len(content.times_s), digests(finished)
+    assert left > 50
+    expected = (
+        "audio-microphone.wav is cut off: of 15.6 s of sound, 7.8 s are left.",
+        "video-front.mp4 is missing: all 189 pictures of camera front.",
+        f"video-rear.mp4 is cut off: of 189 pictures of camera rear, {left} are left.",
+        "speech.txt is missing.",
+    )
+    for _ in range(2):
+        session = open_session(finished)
+        assert (session.notices, session.losses) == ((), expected)
+    assert digests(finished) == before
+    with VideoReader(session) as videos:
+        assert len(videos.frame_times_ns("rear")) == left
+
+
+def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
+    whole = Counter(spec.name for spec, _ in open_session(finished).values())
+    path = finished / "events.mcap"
+    content = bytearray(path.read_bytes())
+    index = mcap_blocks.read_index(path)
+    for number in (3, 9):
+        content[int(index.offsets[number]) + 100] ^= 0xFF
+    path.write_bytes(content)
+    session = open_session(finished)
+    lost = whole - Counter(spec.name for spec, _ in session.values())
+    assert lost.total() > 0
+    assert session.told_losses() == (f"2 blocks of events.mcap cannot be read: {lost.total()} values are left out.",)
+
+
+def test_a_repair_that_meets_what_nobody_foresaw_says_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stumble(*_: object) -> None:
+        raise ValueError("invalid literal for int() with base 10: b'x'")
+
+    monkeypatch.setattr(recovery, "read_frame_times", stumble)
+    before = digests(folder)["events.mcap"]
+    session = open_session(folder)
+    assert session.notices == (
+        "The session is damaged and could not be repaired: something in it is damaged in a way that was not foreseen; "
+        "the log has the details. It is shown as it was left; nothing of it was changed for the worse.",
+    )
+    assert before in digests(folder).values()
 
 
 def test_a_record_that_is_none_is_refused_and_left_alone(folder: Path) -> None:

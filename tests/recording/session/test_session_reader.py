@@ -19,6 +19,7 @@ from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.recording.recorder.session_recorder import DiskLimits, SessionRecorder
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_reader import SessionError, open_session
 from tests.recording.driving import command, header, mark, pose, scan, start
 from tests.recording.told_session import at, exchange, tell
@@ -102,8 +103,6 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("session.json", None, "holds no session.json"),
-        ("session.json", "{", "is damaged"),
         ("session.json", "[]", "does not head a session"),
         ("session.json", '{"format": "caris-desktop session", "format_version": 99}', "Update CARIS Desktop"),
         ("session.json", '{"format": "caris-desktop session", "format_version": 1}', "does not say when"),
@@ -179,11 +178,20 @@ def test_a_header_that_makes_no_sense_is_told(tmp_path: Path, changes: dict[str,
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize("content", ["{", '{"format": ' + "[" * 200_000])
+def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_path: Path, content: str) -> None:
+    record(tmp_path / "s", [])
+    (tmp_path / "s" / "session.json").write_text(content)
+    (tmp_path / "s" / "events.mcap").unlink()
+    with pytest.raises(SessionError, match="is damaged, and there are no events") as told:
+        open_session(tmp_path / "s")
+    assert "line 1" not in str(told.value)
+
+
 def test_deep_nesting_is_told_too(tmp_path: Path) -> None:
     record(tmp_path / "s", [])
     (tmp_path / "s" / "session.json").write_text('{"format": ' + "[" * 200_000)
-    with pytest.raises(SessionError, match="is damaged"):
-        open_session(tmp_path / "s")
+    assert "session.json was damaged" in open_session(tmp_path / "s").losses[0]
 
 
 def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: MadeSession, tmp_path: Path) -> None:
@@ -193,11 +201,12 @@ def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: Ma
         folder = tmp_path / "without" / name.name
         shutil.copytree(whole_session.folder, folder)
         (folder / name).unlink()
-        if name.name in ("session.json", "events.mcap"):
-            with pytest.raises(SessionError, match=f"holds no {name.name}"):
+        if name.name == "events.mcap":
+            with pytest.raises(SessionError, match=r"holds no events\.mcap"):
                 open_session(folder)
             continue
         session = open_session(folder)
+        assert name.name == MANIFEST_NAME or any(name.as_posix() in loss for loss in session.losses)
         with SessionTimeline(session) as timeline, VideoReader(session) as videos:
             assert timeline.state_at(timeline.end_ns)
             shown = {camera: videos.frame(camera, 5) for camera in ("front", "rear")}

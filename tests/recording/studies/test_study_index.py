@@ -408,5 +408,5 @@ def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, mo
     assert names(index.sessions()) == ["c", "a"]
     (trouble,) = index.unreadable()
     assert trouble.folder.name == "b"
-    assert "AttributeError" in trouble.trouble
+    assert "The log has the details" in trouble.trouble
     index.close()

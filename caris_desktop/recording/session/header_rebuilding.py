@@ -1,0 +1,131 @@
+"""What heads a session, as far as its events tell, for a session whose ``session.json`` was lost."""
+
+import io
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import RobotChosen, ScenarioOpened, SessionStarted
+from caris_desktop.domain.schema import from_jsonable
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION, TRIAL_METADATA
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.mcap_blocks import BlockIndex, Message
+from caris_desktop.recording.session.session_clock import SessionClock
+
+_log = logging.getLogger(__name__)
+T = TypeVar("T")
+_EVENTS = "events.mcap"
+_LIBRARY = "caris-desktop"
+
+
+def holds_record(folder: Path) -> bool:
+    """Whether ``folder`` holds events that this program recorded, whatever became of its ``session.json``."""
+    try:
+        return mcap_blocks.library_of(folder / _EVENTS) == _LIBRARY
+    except OSError:
+        return False
+
+
+def rebuilt_header(folder: Path, what: str) -> dict[str, Any] | None:
+    """A head made of the events in ``folder``, that of a session which was not closed; None where they do not tell.
+
+    ``what`` says what became of ``session.json``.
+    """
+    try:
+        with (folder / _EVENTS).open("rb") as file:
+            index = mcap_blocks.scan(file, thorough=False)
+            began = _beginning(file, index)
+            if began is None:
+                return None
+            anchor, started_ns = began
+            clock = SessionClock(anchor, started_ns)
+            scenario = _first(file, index, ScenarioOpened)
+            robot = _first(file, index, RobotChosen)
+            return {
+                "format": FORMAT,
+                "format_version": FORMAT_VERSION,
+                "program_version": _metadata(index).get("program_version", ""),
+                "scenario": {"title": "", "file": "", "sha256": ""}
+                if scenario is None
+                else {"title": scenario.title, "file": scenario.file_name, "sha256": scenario.sha256},
+                "robot": {"profile": "", "address": ""}
+                if robot is None
+                else {"profile": robot.name, "address": without_credentials(robot.address)},
+                "trial": {
+                    key.removeprefix(TRIAL_METADATA): value
+                    for key, value in _metadata(index).items()
+                    if key.startswith(TRIAL_METADATA)
+                },
+                "software": {},
+                "settings": {},
+                "clock": {"monotonic_ns": anchor.monotonic_ns, "utc_ns": anchor.utc_ns},
+                "started_ns": started_ns,
+                "started_utc": clock.utc(started_ns),
+                "ended_ns": None,
+                "reason": None,
+                "losses": [
+                    f"session.json {what}. What the session is headed by was made anew from events.mcap; who the"
+                    " wizard was, the settings, and what was known to be missing are lost with it."
+                ],
+            }
+    except (OSError, ValueError, OverflowError) as error:
+        _log.warning("%s: its head cannot be made anew: %s", folder, error)
+        return None
+
+
+def _beginning(file: IO[bytes], index: BlockIndex) -> tuple[ClockAnchor, int] | None:
+    """One moment on the session's clock and in UTC, and when the session began on its clock."""
+    topic = f"/{BY_TYPE[SessionStarted].name}"
+    numbers = [number for number, channel in index.channels.items() if channel.topic == topic]
+    for only in (numbers, list(index.channels)):
+        for message, content in _messages(file, index, only):
+            try:
+                stamp_ns = json.loads(content)["stamp_ns"]
+            except (ValueError, KeyError, TypeError, RecursionError):
+                continue
+            if isinstance(stamp_ns, int) and message.publish_ns > 0:
+                # What was known before the session began is older than it, and arrived when it did.
+                return ClockAnchor(stamp_ns, message.publish_ns), message.log_ns - message.publish_ns + stamp_ns
+    return None
+
+
+def _first(file: IO[bytes], index: BlockIndex, kind: type[T]) -> T | None:
+    topic = f"/{BY_TYPE[kind].name}"
+    numbers = [number for number, channel in index.channels.items() if channel.topic == topic]
+    for _, content in _messages(file, index, numbers):
+        try:
+            return from_jsonable(kind, json.loads(content))
+        except (ValueError, RecursionError):
+            continue
+    return None
+
+
+def _messages(file: IO[bytes], index: BlockIndex, channels: list[int]) -> Iterator[tuple[Message, bytes]]:
+    """The messages of these channels in the first blocks that have any."""
+    blocks = sorted({int(number) for channel in channels for number in index.blocks_of.get(channel, ())})
+    for number in blocks[:3]:
+        try:
+            content = mcap_blocks.read_block(file, index, number)
+        except mcap_blocks.DamagedBlockError:
+            continue
+        for message in mcap_blocks.messages_of(content):
+            if message.channel in channels:
+                yield message, content[message.start : message.end]
+
+
+def _metadata(index: BlockIndex) -> dict[str, str]:
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Metadata
+
+    for record in index.beside:
+        if record[0] == Opcode.METADATA:
+            metadata = Metadata.read(ReadDataStream(io.BytesIO(record[9:])))
+            if metadata.name == "session":
+                return dict(metadata.metadata)
+    return {}

@@ -1,0 +1,107 @@
+"""What a session lacks of all that was recorded: told by what its head says of the files, wherever it is read."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from caris_desktop.recording.session.media_repair import content_of
+
+_MAX_TOLD = 5
+
+
+def losses_of(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
+    """A sentence for each thing that was recorded and is not there any more; empty where nothing is known to be lost.
+
+    Those that a repair wrote down, and files that are missing or shorter than when the session was closed. Other
+    changes to files are a matter of their checksums.
+    """
+    return (*told_losses(header), *files_lacking(folder, header))
+
+
+def told_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a repair found missing, in words for people."""
+    told = header.get("losses")
+    return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
+
+
+def lost_values(header: Mapping[str, Any]) -> dict[str, int]:
+    """How many values of each stream were recorded and are lost since, as a repair found."""
+    told = header.get("lost")
+    if not isinstance(told, dict):
+        return {}
+    return {str(name): count for name, count in told.items() if isinstance(count, int) and count > 0}
+
+
+def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
+    """A sentence for each file that is missing or shorter than the head of a closed session says."""
+    if header.get("ended_ns") is None:
+        return ()
+    sentences, others = [], []
+    for name, told_bytes in _told_files(header):
+        path = folder / name
+        try:
+            found_bytes = path.stat().st_size
+        except (OSError, ValueError):
+            found_bytes = -1
+        if found_bytes >= told_bytes:
+            continue
+        what = _medium(path, header, found_bytes, told_bytes)
+        if what:
+            sentences.append(what)
+        else:
+            left = "is missing" if found_bytes < 0 else f"has {found_bytes} of {told_bytes} bytes"
+            others.append(f"{name} {left}")
+    sentences += [f"{what}." for what in others[:_MAX_TOLD]]
+    if len(others) > _MAX_TOLD:
+        sentences.append(f"{len(others) - _MAX_TOLD} further files are missing or shorter than they were.")
+    return tuple(sentences)
+
+
+def told_bytes_of(header: Mapping[str, Any], name: str) -> int | None:
+    """How large a file was when the session was closed; None where its head does not tell."""
+    return next((size for told, size in _told_files(header) if told == name), None)
+
+
+def _told_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
+    files = header.get("files")
+    for entry in files if isinstance(files, list) else ():
+        if not isinstance(entry, dict):
+            continue
+        name, size = entry.get("name"), entry.get("bytes")
+        if not isinstance(name, str) or not isinstance(size, int) or not name:
+            continue
+        pure = PurePosixPath(name)
+        if not pure.is_absolute() and ".." not in pure.parts:
+            yield name, size
+
+
+def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes: int) -> str:
+    """Of a video or a sound, what it has lost in pictures and seconds; empty for other files."""
+    video = _entry(header, "videos", path.name)
+    if video is not None:
+        count = video.get("frames")
+        of = f"camera {video.get('camera')}"
+        if found_bytes < 0:
+            return f"{path.name} is missing: all {count} pictures of {of}."
+        content = content_of(path)
+        left = 0 if content is None else len(content.times_s)
+        return f"{path.name} is cut off: of {count} pictures of {of}, {left} are left."
+    sound = _entry(header, "audio", path.name)
+    if sound is None:
+        return ""
+    try:
+        lasts_s = float(sound["samples"]) / float(sound["sample_rate_hz"])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        lasts_s = 0.0
+    if found_bytes < 0:
+        return f"{path.name} is missing: {lasts_s:.1f} s of sound."
+    left_s = lasts_s * found_bytes / max(1, told_bytes)
+    return f"{path.name} is cut off: of {lasts_s:.1f} s of sound, {left_s:.1f} s are left."
+
+
+def _entry(header: Mapping[str, Any], key: str, file_name: str) -> dict[str, Any] | None:
+    entries = header.get(key)
+    for entry in entries if isinstance(entries, list) else ():
+        if isinstance(entry, dict) and entry.get("file_name") == file_name:
+            return entry
+    return None
