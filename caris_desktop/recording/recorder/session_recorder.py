@@ -503,7 +503,7 @@ class SessionRecorder:
             return
         self._counted_ns = now_ns
         try:
-            keep_counts(self.folder, self._log.counts)
+            self._log_sync.note(keep_counts(self.folder, self._log.counts))
         except OSError:
             _log.warning("the counts of %s", self.folder, exc_info=True)
 

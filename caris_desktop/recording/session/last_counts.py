@@ -16,9 +16,14 @@ COUNTS_NAME = ".counts.json"
 _MAX_BYTES = 1024 * 1024
 
 
-def keep_counts(folder: Path, counts: Mapping[str, int]) -> None:
-    """Write down how many values of each stream are in the record now. Does not wait for the disk. Raises OSError."""
-    replace_file(folder / COUNTS_NAME, json.dumps(dict(counts)).encode(), durable=False)
+def keep_counts(folder: Path, counts: Mapping[str, int]) -> Path:
+    """Write down how many values of each stream are in the record now; where. Does not wait for the disk.
+
+    Raises OSError.
+    """
+    path = folder / COUNTS_NAME
+    replace_file(path, json.dumps(dict(counts)).encode(), durable=False)
+    return path
 
 
 def last_counts(folder: Path) -> Counter[str] | None:

@@ -318,7 +318,11 @@ def test_a_lost_head_is_made_anew_from_the_events(finished: Path, content: bytes
     assert digests(finished) == before
     session = open_session(finished)
     for one in (looked_at, session):
-        assert (one.started_ns, one.ended_ns, one.identity) == (whole.started_ns, whole.ended_ns, whole.identity)
+        assert (one.started_ns, one.ended_ns, one.identity[:2]) == (
+            whole.started_ns,
+            whole.ended_ns,
+            whole.identity[:2],
+        )
         assert (one.reason, one.closed_properly) == ("wizard", True)
         assert one.header["scenario"]["title"] == "Tour guide"
         assert one.header["robot"]["profile"] == "temi"
