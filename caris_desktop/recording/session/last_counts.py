@@ -12,7 +12,7 @@ from pathlib import Path
 from caris_desktop.recording.recorder.disk_file import replace_file
 
 _log = logging.getLogger(__name__)
-COUNTS_NAME = ".counts.json"
+COUNTS_NAME = "counts.json"
 _MAX_BYTES = 1024 * 1024
 
 

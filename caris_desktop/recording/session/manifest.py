@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from caris_desktop.recording.recorder.disk_file import replace_file
+from caris_desktop.recording.session.last_counts import COUNTS_NAME
 
 MANIFEST_NAME = "manifest-sha256.txt"
 _OUTSIDE = re.compile(r"annotations|export-.*")
@@ -69,14 +70,14 @@ def verify_manifest(folder: Path) -> list[str]:
 def session_files(folder: Path) -> list[str]:
     """The files that make up a session, sorted, as relative paths with forward slashes.
 
-    Without the manifest itself, annotations, exports, and what is hidden: that is there only while something is
-    being written, or is some program's own.
+    Without the manifest itself, annotations, exports, the counts of a recording under way, and what is hidden: that is
+    there only while something is being written, or is some program's own.
     """
     names = []
     for path in folder.rglob("*"):
         name = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in name.parts)
-        outside = name.as_posix() == MANIFEST_NAME or _OUTSIDE.fullmatch(name.parts[0])
+        outside = name.as_posix() in (MANIFEST_NAME, COUNTS_NAME) or _OUTSIDE.fullmatch(name.parts[0])
         if not (hidden or outside or path.is_symlink()) and path.is_file():
             names.append(name.as_posix())
     return sorted(names)
