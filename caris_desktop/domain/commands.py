@@ -60,6 +60,14 @@ class GoTo:
 
 
 @dataclass(frozen=True, slots=True)
+class LimitGoals:
+    """Goals are driven no faster than this from now on, where the robot's navigation can be told."""
+
+    stamp_ns: int
+    forward_mps: float
+
+
+@dataclass(frozen=True, slots=True)
 class CancelGoal:
     """Cancel the navigation goal, wherever it stands."""
 
@@ -156,6 +164,7 @@ RobotCommand = (
     | SetEmergencyStop
     | SetGuard
     | GoTo
+    | LimitGoals
     | CancelGoal
     | SetInitialPose
     | RequestMap

@@ -96,6 +96,14 @@ class GoalChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class NavigationSpeedChanged:
+    """What the robot's navigation keeps to on its way to goals; None: it drives as fast as it is set up to."""
+
+    stamp_ns: int
+    limit_mps: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class GuardChanged:
     """The obstacle guard limits motion differently from now on.
 
@@ -402,6 +410,7 @@ Event = (
     | StopRequested
     | EmergencyStopChanged
     | GoalChanged
+    | NavigationSpeedChanged
     | GuardChanged
     | InitialPoseSet
     | MapRequestChanged

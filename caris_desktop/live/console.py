@@ -30,6 +30,7 @@ from caris_desktop.domain.events import (
     LayoutChanged,
     LinkChanged,
     MarkKind,
+    NavigationSpeedChanged,
     PersonAppeared,
     PlacesChanged,
     Problem,
@@ -339,7 +340,7 @@ class Console(QObject):
 
     def _before_panels(self, event: Any) -> None:
         self._robot.on_event(event)
-        if isinstance(event, (DriveEnded, EmergencyStopChanged, GuardChanged)):
+        if isinstance(event, (DriveEnded, EmergencyStopChanged, GuardChanged, NavigationSpeedChanged)):
             self._drive.on_robot_event(event)
         elif isinstance(event, LinkChanged) and event.link == "control":
             if event.state in ("connecting", "closed"):

@@ -9,8 +9,14 @@ from dataclasses import replace
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
-from caris_desktop.domain.events import CommandSource, DriveEnded, EmergencyStopChanged, GuardChanged
+from caris_desktop.domain.commands import Drive, LimitGoals, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
+from caris_desktop.domain.events import (
+    CommandSource,
+    DriveEnded,
+    EmergencyStopChanged,
+    GuardChanged,
+    NavigationSpeedChanged,
+)
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.live.state import LiveState, LiveStream
@@ -43,6 +49,7 @@ class DriveController(QObject):
         self._limits = profile.limits if profile is not None else _ANY_SPEED
         self._frames_came = False
         self._guard_switched_off = False
+        self._goals_limited_to_mps: float | None = None
         # While the speed is capped, the age in the reason goes on.
         self._aging = QTimer(self)
         self._aging.setInterval(_AGE_SHOWN_EVERY_MS)
@@ -110,7 +117,17 @@ class DriveController(QObject):
     def set_speed_fraction(self, fraction: float) -> None:
         fraction = min(1.0, max(0.1, fraction))
         self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))
+        self._limit_goals()
         self._resend()
+
+    def _limit_goals(self) -> None:
+        """Whatever limits driving by hand limits the robot's navigation too."""
+        status = self._state.drive.value
+        limit_mps = status.max_forward_mps * status.speed_fraction
+        if self._state.link.value.state not in _STANDS or limit_mps == self._goals_limited_to_mps:
+            return
+        if self._robot.send(LimitGoals(clock.now_ns(), limit_mps)):
+            self._goals_limited_to_mps = limit_mps
 
     def on_robot_event(self, event: object) -> None:
         """The link ended the lease, its guard limits motion differently, or the robot's emergency stop changed."""
@@ -122,6 +139,8 @@ class DriveController(QObject):
         elif isinstance(event, EmergencyStopChanged):
             self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
             self._on_condition_changed()
+        elif isinstance(event, NavigationSpeedChanged) and self._state.link.value.state in _STANDS:
+            self._state.drive.set(replace(self._state.drive.value, goal_limit_mps=event.limit_mps))
         elif isinstance(event, GuardChanged) and self._state.link.value.state in _STANDS:
             self._state.drive.set(
                 replace(
@@ -149,6 +168,7 @@ class DriveController(QObject):
                 max_turn_radps=min(turn_radps, self._limits.turn_radps),
             )
         )
+        self._limit_goals()
 
     def _on_condition_changed(self, _value: object = None) -> None:
         status = self._state.drive.value
@@ -178,7 +198,8 @@ class DriveController(QObject):
         if link.state not in _STANDS:
             # Each connection begins with the guard as the profile has it.
             self._guard_switched_off = False
-            status = replace(status, guard="absent", guard_distance_m=None, guard_detail="")
+            status = replace(status, guard="absent", guard_distance_m=None, guard_detail="", goal_limit_mps=None)
+            self._goals_limited_to_mps = None
         self._state.drive.set(
             replace(
                 status,
@@ -188,6 +209,7 @@ class DriveController(QObject):
                 cap_fraction=STALE_CAP_FRACTION if cap_reason else 1.0,
             )
         )
+        self._limit_goals()
         if reason:
             self.release(reason)
         else:

@@ -28,7 +28,8 @@ class DriveStatus:
 
     ``target_*`` is what is asked for now (after caps), zero when nothing is held. ``max_left_mps`` is 0 on a base that
     cannot move sideways. ``guard_distance_m`` is the free way ahead of the footprint, where the guard measures it;
-    ``guard_detail`` says in words why it is blind.
+    ``guard_detail`` says in words why it is blind. ``goal_limit_mps`` is what the robot's navigation keeps to on its
+    way to goals; None where it drives as fast as it is set up to.
     """
 
     allowed: bool = False
@@ -46,6 +47,7 @@ class DriveStatus:
     guard: GuardState = "absent"
     guard_distance_m: float | None = None
     guard_detail: str = ""
+    goal_limit_mps: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

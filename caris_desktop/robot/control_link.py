@@ -25,6 +25,7 @@ from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.navigation import Navigator
+from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.preflight import missing_from, take_inventory
 from caris_desktop.robot.profile import RobotProfile
@@ -81,6 +82,9 @@ class ControlLink:
             map_frame=profile.frames.map,
             emit=self._goal_changed,
             unconfirmed=self._report_unconfirmed_cancel,
+        )
+        self._goal_speed = NavigationSpeed(
+            self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
         )
         self._voice = make_voice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._watched = WatchedTopics(self._ros, self._dialect, tell=self._put)
@@ -152,6 +156,7 @@ class ControlLink:
             self._move()
             # The timer goes on sending the zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
+        await self._goal_speed.restore()
         self._closing = True
         self._watched.link_lost()
         self._controls.close()
@@ -188,6 +193,8 @@ class ControlLink:
                     self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
             case commands.GoTo():
                 self._go_to(command)
+            case commands.LimitGoals(forward_mps=forward_mps):
+                self._goal_speed.limit(forward_mps)
             case commands.CancelGoal():
                 self._navigator.cancel("cancelled by the wizard")
             case commands.SetInitialPose():
@@ -269,6 +276,8 @@ class ControlLink:
             return
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), "The robot navigates"))
+        # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
+        self._goal_speed.apply()
         self._navigator.go(command.goal_id, command.target_in_map, command.place)
 
     # Motion
@@ -367,6 +376,7 @@ class ControlLink:
         self._guard.forget()
         self._guard_news.forget()
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
+        self._goal_speed.link_connected()
         self._navigator.link_connected()
         self._voice.link_connected()
         self._emergency_stop.link_connected()
@@ -402,6 +412,7 @@ class ControlLink:
             self._put(DriveEnded(now_ns(), "The link to the robot was lost"))
         self._lease.forget()
         self._navigator.link_lost()
+        self._goal_speed.link_lost()
         self._voice.link_lost()
         self._head.link_lost()
         self._controls.link_lost()

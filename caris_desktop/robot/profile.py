@@ -80,11 +80,27 @@ class CameraTopic:
 
 
 @dataclass(frozen=True, slots=True)
+class SpeedLimitInterface:
+    """How the navigation is told its top speed: a ``topic`` of nav2_msgs/SpeedLimit (ROS 2), or the ``parameters`` of
+    the local planner's node ``reconfigure`` (dynamic_reconfigure, ROS 1).
+    """
+
+    topic: str | None = None
+    reconfigure: str | None = None
+    parameters: tuple[str, ...] = ("max_vel_x", "max_vel_trans")
+
+
+@dataclass(frozen=True, slots=True)
 class NavigationServer:
-    """What takes navigation goals: actionlib's move_base (ROS 1) or the NavigateToPose action (ROS 2)."""
+    """What takes navigation goals: actionlib's move_base (ROS 1) or the NavigateToPose action (ROS 2).
+
+    ``max_mps`` is how fast the robot's navigation is set up to drive, where that is known; it is never told more.
+    """
 
     kind: NavigationKind
     name: str
+    max_mps: float | None = None
+    speed_limit: SpeedLimitInterface | None = None
 
 
 @dataclass(frozen=True, slots=True)

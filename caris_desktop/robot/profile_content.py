@@ -31,6 +31,7 @@ from caris_desktop.robot.profile import (
     SecuritySettings,
     SpeechAction,
     SpeechInterface,
+    SpeedLimitInterface,
     TopicSource,
     TransformFrames,
     VelocityTopic,
@@ -86,7 +87,7 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
         **{key: _source_data(key, getattr(profile, key)) for key in _SOURCES},
         "frames": _given(profile.frames, TransformFrames()),
         "cameras": [_camera_data(camera) for camera in profile.cameras],
-        "navigation": profile.navigation and asdict(profile.navigation),
+        "navigation": profile.navigation and _navigation_data(profile.navigation),
         "initial_pose": profile.initial_pose,
         "maps": profile.maps and _given(profile.maps, MapServices()),
         "speech": profile.speech and {**_given(profile.speech, SpeechInterface()), **_speech_action(profile.speech)},
@@ -100,6 +101,18 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
             "robot_from_laser": {"x_m": laser.x_m, "y_m": laser.y_m} | _angle("heading", laser.heading_rad)
         }
     return data | {key: value for key, value in sections.items() if value not in (None, {}, [], False)}
+
+
+def _navigation_data(server: NavigationServer) -> dict[str, Any]:
+    data: dict[str, Any] = {"kind": server.kind, "name": server.name}
+    if server.max_mps is not None:
+        data["max_mps"] = server.max_mps
+    told_by = server.speed_limit
+    if told_by is not None and told_by.topic is not None:
+        data["speed_limit"] = {"topic": told_by.topic}
+    elif told_by is not None:
+        data["speed_limit"] = {"reconfigure": told_by.reconfigure, "parameters": list(told_by.parameters)}
+    return data
 
 
 class _Builder:
@@ -270,7 +283,30 @@ class _Builder:
             raise self._source.mistake(
                 ("navigation", "kind"), f"is {data['kind']!r}; with ros: {self._data['ros']} it is {wanted!r}."
             )
-        return NavigationServer(data["kind"], self._name(data["name"], ("navigation", "name")))
+        name = self._name(data["name"], ("navigation", "name"))
+        max_mps = None if data.get("max_mps") is None else float(data["max_mps"])
+        return NavigationServer(data["kind"], name, max_mps, self._speed_limit(max_mps))
+
+    def _speed_limit(self, max_mps: float | None) -> SpeedLimitInterface | None:
+        path: KeyPath = ("navigation", "speed_limit")
+        data = self._data["navigation"].get("speed_limit")
+        if data is None:
+            return None
+        ros1 = self._data["ros"] == 1
+        if ("reconfigure" in data) != ros1:
+            raise self._source.mistake(
+                path, f"with ros: {self._data['ros']} it names {'reconfigure' if ros1 else 'a topic'}."
+            )
+        if not ros1:
+            return SpeedLimitInterface(topic=self._name(data["topic"], (*path, "topic")))
+        if max_mps is None:
+            # Or a limit of the wizard's above it would make the robot faster than its makers meant.
+            raise self._source.mistake(path, "needs max_mps beside it: how fast the navigation is set up to drive.")
+        default = SpeedLimitInterface()
+        return SpeedLimitInterface(
+            reconfigure=self._name(data["reconfigure"], (*path, "reconfigure")),
+            parameters=tuple(data.get("parameters", default.parameters)),
+        )
 
     def _maps(self) -> MapServices | None:
         data = self._data.get("maps")

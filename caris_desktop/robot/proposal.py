@@ -18,6 +18,7 @@ from caris_desktop.robot.profile import (
     SecuritySettings,
     SpeechAction,
     SpeechInterface,
+    SpeedLimitInterface,
     TopicSource,
     TransformFrames,
     VelocityTopic,
@@ -165,13 +166,22 @@ def profile_of(
         path=source("path"),
         battery=source("battery", 1000),
         cameras=tuple(_cameras(offer, chosen)),
-        navigation=NavigationServer("navigate_to_pose" if ros2 else "move_base", navigation) if navigation else None,
+        navigation=_navigation(offer, navigation) if navigation else None,
         initial_pose=given("initial_pose"),
         maps=maps if maps != MapServices() else None,
         speech=speech,
         emergency_stop=stop,
         head=_head(offer, given("head")),
     )
+
+
+def _navigation(offer: Offer, action: str) -> NavigationServer:
+    if offer.dialect is not Dialect.ROS2:
+        # How fast a planner of ROS 1 is set up to drive cannot be asked for, so it is told nothing.
+        return NavigationServer("move_base", action)
+    limits = sorted(topic for topic, kind in offer.topics.items() if same_type(kind, "nav2_msgs/SpeedLimit"))
+    told_by = SpeedLimitInterface(topic=limits[0]) if limits else None
+    return NavigationServer("navigate_to_pose", action, speed_limit=told_by)
 
 
 def may_stop(service: str) -> bool:

@@ -811,15 +811,16 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         else:
             protocol.send_ros_action_goal(message, resultback, feedback, errback)
 
-    async def ask(
+    def ask(
         self,
         service: str,
         service_type: str,
         arguments: Mapping[str, Any] | None = None,
         *,
         timeout_s: float | None = None,
-    ) -> Operation:
-        """Call a service and wait for its answer, for at most ``timeout_s`` (None: as set for this connection).
+    ) -> asyncio.Future[Operation]:
+        """Call a service, at once, and give its answer to wait for, ``timeout_s`` at most (None: as set for this
+        connection).
 
         rosbridge finds the type by the service's name; ``service_type`` is for who reads the call, and the log.
 
@@ -851,7 +852,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
             # rosbridge of ROS 2 gives up by itself after a while of its own.
             operation["timeout"] = timeout_s
         self.call_async_service(operation, succeed, fail, timeout_s)
-        return await answer
+        return answer
 
     @property
     def arrival_ns(self) -> int:

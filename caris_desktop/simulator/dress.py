@@ -65,11 +65,17 @@ class SpeechAction:
 
 @dataclass(frozen=True, slots=True)
 class Navigation:
-    """What takes goals: an action named ``name`` (None: only the simple goal topic), and what it tells of the way."""
+    """What takes goals: an action named ``name`` (None: only the simple goal topic), and what it tells of the way.
+
+    ``speed_limit`` is a topic of nav2_msgs/SpeedLimit, ``planner`` the node of a local planner whose
+    dynamic_reconfigure sets its speed.
+    """
 
     name: str | None
     simple_goal: str
     path: str | None = None
+    speed_limit: str | None = None
+    planner: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

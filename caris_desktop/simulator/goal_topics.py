@@ -15,6 +15,7 @@ from caris_desktop.ros.fields import Message as Fields
 from caris_desktop.ros.fields import MessageError, message_of, part
 from caris_desktop.ros.messages import encode_pose_stamped
 from caris_desktop.ros.navigation_messages import encode_path
+from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, decode_speed_limit, encode_reconfigure
 from caris_desktop.simulator.actionlib import ActionlibServer
 from caris_desktop.simulator.dress import Navigation
 from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded
@@ -37,6 +38,7 @@ _ROS2_STATUS = {
     "preempted": actions.ROS2_ABORTED,
     "aborted": actions.ROS2_ABORTED,
 }
+_PLANNER_SPEEDS = ("max_vel_x", "max_vel_trans")
 _STOPPED = "the emergency stop is pressed"
 
 
@@ -77,6 +79,15 @@ class MoveBaseTopics:
                 wiring, told.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
             )
         wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
+        if told.planner is not None:
+            wiring.serves(f"{told.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
+
+    def _reconfigure(self, request: Message) -> Message:
+        """The speeds of a DWAPlannerROS, of which it keeps to the lower one."""
+        wanted = decode_reconfigured(request, _PLANNER_SPEEDS)
+        if wanted:
+            self._robot.limit_goals(min(wanted.values()))
+        return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.goals_at_most_mps))
 
     def publish_due(self) -> None:
         """Publish results, feedback, status and the way. Called once after every step of the robot."""
@@ -139,6 +150,15 @@ class NavigateToPoseAction:
         wiring.server.services[f"{name}/_action/cancel_goal"] = Service(cancel_type, self._cancel_service)
         self._status = wiring.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
         wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
+        if told.speed_limit is not None:
+            wiring.obeys(told.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
+
+    def _on_speed_limit(self, message: Message) -> None:
+        limit, percentage = decode_speed_limit(message)
+        if limit == NO_LIMIT:
+            self._robot.limit_goals(CRUISE_MPS)
+        else:
+            self._robot.limit_goals(limit / 100.0 * CRUISE_MPS if percentage else limit)
 
     def publish_due(self) -> None:
         """Send results, feedback and the way. Called once after every step of the robot."""

@@ -53,7 +53,17 @@ class Navigator:
         self._held_since_s: float | None = None
         self._replanned_s = 0.0
         self._left_m = 0.0
+        self._top_mps = CRUISE_MPS
         self.plans_made = 0
+
+    @property
+    def top_mps(self) -> float:
+        """How fast it drives at most."""
+        return self._top_mps
+
+    def limit(self, top_mps: float) -> None:
+        """Drive no faster from now on; what is above its own speed lifts every limit."""
+        self._top_mps = min(top_mps, CRUISE_MPS)
 
     @property
     def goal_id(self) -> str | None:
@@ -112,7 +122,7 @@ class Navigator:
         self._held_since_s = None
         forward = 0.0
         if abs(off) < 0.7:
-            forward = min(CRUISE_MPS, math.sqrt(2.0 * _SLOW_DOWN_MPS2 * self._left_m)) * math.cos(off) ** 3
+            forward = min(self._top_mps, math.sqrt(2.0 * _SLOW_DOWN_MPS2 * self._left_m)) * math.cos(off) ** 3
             forward = min(forward, max(0.12, 0.6 * (gap_m - _PERSON_GAP_M)))
         return Twist2D(forward, 0.0, _turn(off)), []
 

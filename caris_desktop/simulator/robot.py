@@ -160,6 +160,14 @@ class Robot:
         self._wanted = twist
         self._lease_until_s = self.now_s + base.LEASE_S
 
+    def limit_goals(self, top_mps: float) -> None:
+        """Goals are driven no faster from now on."""
+        self._navigator.limit(max(0.0, top_mps))
+
+    @property
+    def goals_at_most_mps(self) -> float:
+        return self._navigator.top_mps
+
     def go(self, goal_id: str, target_in_map: Pose2D) -> bool:
         """Start a navigation goal. False where it is refused because of the emergency stop."""
         if self.emergency_stopped:

@@ -76,7 +76,11 @@ def offer_rosapi(
 
     def subscribers(arguments: Message) -> Message:
         wanted = name_in(arguments, "topic")
-        return {"subscribers": sorted(client.name for client in server.clients if client.outbox.takes(wanted))}
+        listeners = {client.name for client in server.clients if client.outbox.takes(wanted)}
+        topic = server.topics.get(wanted)
+        if topic is not None and topic.on_message is not None:
+            listeners.add(NODE)
+        return {"subscribers": sorted(listeners)}
 
     def get_time(_: Message) -> Message:
         return {"time": encode_time(dialect, robot_clock.now_ns())}

@@ -65,6 +65,18 @@ _BOTH = {
     "naoqi_bridge_msgs/JointAnglesWithSpeed": (
         "std_msgs/Header header; string[] joint_names; float32[] joint_angles; float32 speed; uint8 relative"
     ),
+    "dynamic_reconfigure/BoolParameter": "string name; bool value",
+    "dynamic_reconfigure/IntParameter": "string name; int32 value",
+    "dynamic_reconfigure/StrParameter": "string name; string value",
+    "dynamic_reconfigure/DoubleParameter": "string name; float64 value",
+    "dynamic_reconfigure/GroupState": "string name; bool state; int32 id; int32 parent",
+    "dynamic_reconfigure/Config": (
+        "dynamic_reconfigure/BoolParameter[] bools; dynamic_reconfigure/IntParameter[] ints; "
+        "dynamic_reconfigure/StrParameter[] strs; dynamic_reconfigure/DoubleParameter[] doubles; "
+        "dynamic_reconfigure/GroupState[] groups"
+    ),
+    "dynamic_reconfigure/Reconfigure": "dynamic_reconfigure/Config config --- dynamic_reconfigure/Config config",
+    "nav2_msgs/SpeedLimit": "std_msgs/Header header; bool percentage; float64 speed_limit",
     "std_srvs/SetBool": "bool data --- bool success; string message",
     "std_srvs/Trigger": " --- bool success; string message",
     "std_srvs/Empty": " --- ",

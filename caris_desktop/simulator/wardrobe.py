@@ -94,9 +94,14 @@ def _generic(dialect: Dialect) -> Dress:
         head=HeadTopics("JointTrajectory", "/head_controller/command", "head_1_joint", "head_2_joint"),
         speech=SpeechTopics("/tts", speaking="/tts/speaking", stop="/tts/stop"),
         navigation=(
-            Navigation("/move_base", "/move_base_simple/goal", "/move_base/NavfnROS/plan")
+            Navigation(
+                "/move_base",
+                "/move_base_simple/goal",
+                "/move_base/NavfnROS/plan",
+                planner="/move_base/DWAPlannerROS",
+            )
             if ros1
-            else Navigation("/navigate_to_pose", "/goal_pose", "/plan")
+            else Navigation("/navigate_to_pose", "/goal_pose", "/plan", speed_limit="/speed_limit")
         ),
         stop_state="/emergency_stop",
         stop_service=StopService("/emergency_stop/set", "std_srvs", "SetBool", "data"),
@@ -209,7 +214,7 @@ def _turtlebot3() -> Dress:
         camera=CameraTopics("camera/image_raw/compressed", "camera/camera_info", "camera_rgb_frame"),
         battery=BatteryTopic("battery_state", "BatteryState percent"),
         joint_states="joint_states",
-        navigation=Navigation("navigate_to_pose", "goal_pose", "plan"),
+        navigation=Navigation("navigate_to_pose", "goal_pose", "plan", speed_limit="speed_limit"),
         stop_service=StopService("motor_power", "std_srvs", "SetBool", "data", stopping=False),
         orders=(Order("service", "sound", "turtlebot3_msgs", "Sound"),),
         slam_toolbox="slam_toolbox",
@@ -248,7 +253,7 @@ def _turtlebot4() -> Dress:
         ),
         battery=BatteryTopic("battery_state"),
         joint_states="joint_states",
-        navigation=Navigation("navigate_to_pose", "goal_pose", "plan"),
+        navigation=Navigation("navigate_to_pose", "goal_pose", "plan", speed_limit="speed_limit"),
         stop_service=StopService("e_stop", "irobot_create_msgs", "EStop", "e_stop_on"),
         orders=(
             Order("topic", "hmi/display/message", "std_msgs", "String"),

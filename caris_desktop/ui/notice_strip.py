@@ -56,7 +56,7 @@ class NoticeStrip(QWidget):
     def _say(self) -> None:
         drive: DriveStatus = self._console.state.drive.value
         goal: GoalChanged | None = self._console.state.goal.value
-        self._now.setText(words.robot_now(drive, goal))
+        self._now.setText(words.robot_now(drive, goal, self._console.state.robot.value))
 
     def _style(self) -> None:
         self._now.setFont(self._theme.font(tokens.STATUS_PX))

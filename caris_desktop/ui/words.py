@@ -7,6 +7,7 @@ from datetime import datetime
 from caris_desktop.domain import clock, events
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
+from caris_desktop.robot.profile import RobotProfile
 
 Category = str  # one of CATEGORIES
 UNDER_WAY = ("requested", "active")
@@ -199,7 +200,18 @@ def drive_line(drive: DriveStatus) -> str:
     return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
 
 
-def robot_now(drive: DriveStatus, goal: events.GoalChanged | None) -> str:
+def goal_speed(robot: RobotProfile | None, drive: DriveStatus) -> tuple[str, bool]:
+    """How fast the robot drives to a goal, and whether that is as Drive says; empty where it drives to none."""
+    server = robot.navigation if robot is not None else None
+    if server is None:
+        return "", True
+    if drive.goal_limit_mps is not None:
+        return f"{drive.goal_limit_mps:.2f} m/s at most", True
+    own = "" if server.max_mps is None else f", up to {server.max_mps:.2f} m/s"
+    return f"at its navigation’s own speed{own}", False
+
+
+def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotProfile | None) -> str:
     """What the robot does now, in one line; why it does nothing where it may not."""
     if not drive.allowed:
         return drive.reason
@@ -207,7 +219,8 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None) -> str:
     if goal is None or not by_itself:
         return drive_line(drive)
     left = "" if goal.distance_left_m is None else f", {goal.distance_left_m:.1f} m left"
-    return f"Going to {goal.place or 'the chosen point'}{left}"
+    speed, _as_drive_says = goal_speed(robot, drive)
+    return " · ".join(part for part in (f"Going to {goal.place or 'the chosen point'}{left}", speed) if part)
 
 
 def head_angles(pan_rad: float, tilt_rad: float) -> str:

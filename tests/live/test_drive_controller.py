@@ -10,6 +10,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import (
     Drive,
+    LimitGoals,
     Release,
     RenewLease,
     RobotCommand,
@@ -17,7 +18,7 @@ from caris_desktop.domain.commands import (
     SetGuard,
     StopMotion,
 )
-from caris_desktop.domain.events import DriveEnded, GuardChanged
+from caris_desktop.domain.events import DriveEnded, GuardChanged, NavigationSpeedChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan
 from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
@@ -218,7 +219,33 @@ def test_another_robot_is_not_driven_by_what_was_held_for_the_one_before(
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     state.robot.set(PROFILE)
-    assert isinstance(robot.sent[-1], Release)
+    assert [type(command) for command in robot.sent if not isinstance(command, LimitGoals)][-1] is Release
+
+
+def test_what_limits_driving_limits_goals_too(
+    controller: DriveController, state: LiveState, robot: RecordingRobot
+) -> None:
+    def limits() -> list[float]:
+        return [command.forward_mps for command in robot.of(LimitGoals) if isinstance(command, LimitGoals)]
+
+    controller.set_speed_fraction(1.0)
+    assert limits()[-1] == pytest.approx(1.0), "as the scenario says"
+    controller.set_speed_fraction(0.3)
+    assert limits()[-1] == pytest.approx(0.3)
+    told = len(limits())
+    controller.set_speed_fraction(0.3)
+    state.frame.clear()
+    assert len(limits()) == told, "once for each change"
+    state.robot.set(PROFILE)
+    assert limits()[-1] == pytest.approx(0.3 * min(1.0, PROFILE.limits.forward_mps))
+    controller.on_robot_event(NavigationSpeedChanged(1, 0.3))
+    assert state.drive.value.goal_limit_mps == 0.3
+    state.link.set(LinkStatus(state="lost"))
+    controller.on_robot_event(NavigationSpeedChanged(1, 0.3))
+    assert state.drive.value.goal_limit_mps is None, "what comes late is of the link before"
+    told = len(limits())
+    state.link.set(LinkStatus(state="connected"))
+    assert len(limits()) == told + 1, "a new connection is told anew"
 
 
 def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(

@@ -10,6 +10,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import (
     CancelGoal,
     GoTo,
+    LimitGoals,
     MoveHead,
     Release,
     RequestMap,
@@ -29,6 +30,7 @@ from caris_desktop.domain.events import (
     MapOperation,
     MappingChanged,
     MapRequestChanged,
+    NavigationSpeedChanged,
     Problem,
     RequestState,
     UtteranceChanged,
@@ -152,6 +154,24 @@ def test_the_head_turns_and_tells(simulator: SimulatedRobot, link: LinkProcess) 
     wait_for(lambda: link.of(HeadState) and abs(link.of(HeadState)[-1].pan_rad - 0.5) < 0.05, "the head is there")
     assert abs(link.of(HeadState)[-1].tilt_rad - 0.2) < 0.05
     link.send(MoveHead(now_ns(), 0.0, 0.0))
+
+
+def test_a_goal_is_driven_no_faster_than_drive_says(simulator: SimulatedRobot, link: LinkProcess) -> None:
+    start = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
+    link.send(LimitGoals(now_ns(), 0.25))
+    wait_for(lambda: link.of(NavigationSpeedChanged), "what it keeps to")
+    assert link.of(NavigationSpeedChanged)[-1].limit_mps == 0.25
+
+    def drive_to(goal_id: str, target: Pose2D) -> float:
+        link.values.clear()
+        link.send(GoTo(now_ns(), goal_id, target))
+        wait_for(lambda: any(change.state == "reached" for change in link.of(GoalChanged)), "there")
+        return max(odometry.twist.forward_mps for odometry in link.of(Odometry))
+
+    there = Pose2D(start.x_m + 1.0, start.y_m, 0.0)
+    assert 0.15 < drive_to("slow", there) <= 0.26
+    link.send(LimitGoals(now_ns(), 0.6))
+    assert drive_to("fast", start) > 0.35
 
 
 def test_a_goal_shows_its_path_until_it_ends(simulator: SimulatedRobot, link: LinkProcess) -> None:

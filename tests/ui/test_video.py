@@ -79,6 +79,8 @@ def test_a_click_on_the_floor_asks_and_then_goes(
     assert panel.view.spot.distance_m == pytest.approx(3.03, abs=0.03)
     QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
     assert console.calls == []
+    # How fast it will go is said before.
+    assert find(window, "video_card_line").property("text") == "3.0 m from the robot · at its navigation’s own speed"
     click(qtbot, find(window, "video_go_there"))
     (target,) = console.named("go_to")
     expected = Pose2D(6.6, 3.4, 0.5) @ Pose2D(3.0, 0.4, 0.1326)

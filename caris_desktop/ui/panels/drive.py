@@ -264,6 +264,8 @@ class DrivePanel(Panel):
             self.set_fact("guard off", "amber")
         elif self.hold.held or self.hold.wish.moving:
             self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
+        elif by_itself and not words.goal_speed(self.state.robot.value, drive)[1]:
+            self.set_fact("goals: own speed", "amber")
         else:
             self.set_fact(f"{top_mps:.2f} m/s at most")
 
@@ -283,7 +285,9 @@ class DrivePanel(Panel):
         if self.hold.held or self.hold.wish.moving:
             return "Let go to stop.", "dim"
         if going_to:
-            return f"{self.table.key_text('stop')} stops it.", "dim"
+            speed, as_drive_says = words.goal_speed(self.state.robot.value, drive)
+            stops = f"{self.table.key_text('stop')} stops it."
+            return f"{speed[:1].upper()}{speed[1:]}. {stops}" if speed else stops, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
         return sentence, "amber" if owner in ("dialog", "menu", "elsewhere") else "dim"

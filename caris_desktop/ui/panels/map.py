@@ -206,6 +206,8 @@ class MapPanel(Panel):
     def _open_go_menu(self) -> None:
         menu = self._go_menu
         menu.clear()
+        if self._goal_speed():
+            menu.addSection(self._goal_speed())
         for number, place in enumerate(self.state.places.value, start=1):
             action = menu.addAction(f"{place.name}\t{self.table.key_text(f'place_{number}')}".rstrip("\t"))
             action.triggered.connect(lambda _checked=False, name=place.name: self._go_to(name))
@@ -306,9 +308,14 @@ class MapPanel(Panel):
         ]
         if self._can_navigate():
             go = (f"go_to_{name}", f"Go to {name}", "navigation-arrow", lambda: self._go_to(name))
-            self._card.offer(where, "", [go, *choices])
+            self._card.offer(where, self._goal_speed(), [go, *choices])
         else:
             self._card.offer(where, name, choices, per_row=2)
+
+    def _goal_speed(self) -> str:
+        """How fast a goal is driven to; said before one is chosen."""
+        text, _as_drive_says = words.goal_speed(self.state.robot.value, self.state.drive.value)
+        return text[:1].upper() + text[1:]
 
     def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
         if not self._may_go:
@@ -320,7 +327,9 @@ class MapPanel(Panel):
         pose = self._pose_now()
         line = refusal
         if not refusal and pose is not None:
-            line = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
+            speed, _as_drive_says = words.goal_speed(self.state.robot.value, self.state.drive.value)
+            away = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
+            line = " · ".join(part for part in (away, speed if self._can_navigate() else "") if part)
             if self.state.map.value is not None and self.view.occupancy_at(at) is None:
                 line += ", not on the map yet"
         choices = []

@@ -326,8 +326,9 @@ class VideoPanel(Panel):
         target = pose @ Pose2D(spot.x_m, spot.y_m, math.atan2(spot.y_m, spot.x_m))
         self.view.show_spot(spot)
         self._target = target
+        speed, _as_drive_says = words.goal_speed(self.state.robot.value, self.state.drive.value)
         self._card.offer(
-            where, f"{spot.distance_m:.1f} m from the robot",
+            where, " · ".join(part for part in (f"{spot.distance_m:.1f} m from the robot", speed) if part),
             [("video_go_there", "Go there", "navigation-arrow", lambda: self._go(target))],
         )  # fmt: skip
 

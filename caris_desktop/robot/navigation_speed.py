@@ -1,0 +1,149 @@
+"""The top speed that the robot's navigation keeps to while it drives to a goal, where it can be told one."""
+
+import asyncio
+import logging
+import math
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import NavigationSpeedChanged, Problem
+from caris_desktop.robot.profile import NavigationServer
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
+
+logger = logging.getLogger(__name__)
+RESTORED_WITHIN_S = 0.5
+# Parameters are stored in few decimals by some planners.
+_SAME_MPS = 0.005
+
+
+class NavigationSpeed:
+    """Tells the navigation the wizard's limit: on connecting, before each goal and whenever it changes.
+
+    ``emit`` gets a NavigationSpeedChanged whenever it is known anew what the navigation keeps to, and one Problem for
+    each connection in which it cannot be told. A goal does not wait for the answer: from standing still the robot
+    takes longer to exceed a limit than the limit takes to arrive, as it is sent first.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        server: NavigationServer | None,
+        *,
+        emit: Callable[[NavigationSpeedChanged | Problem], None],
+        in_background: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._server = server
+        self._emit = emit
+        self._in_background = in_background
+        self._wanted_mps: float | None = None
+        self._kept_mps: float | None = None
+        self._told_failure = False
+        self._asked = 0
+        self._topic: SafeTopic | None = None
+        told_by = server.speed_limit if server is not None else None
+        self._reconfigure = told_by.reconfigure if told_by is not None else None
+        self._parameters = told_by.parameters if told_by is not None else ()
+        if told_by is not None and told_by.topic is not None:
+            self._topic = SafeTopic(ros, told_by.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1)
+            self._topic.advertise()
+
+    def limit(self, forward_mps: float) -> None:
+        """What the wizard's own driving is limited to holds for goals too."""
+        if math.isfinite(forward_mps) and forward_mps > 0.0:
+            self._wanted_mps = forward_mps
+            self.apply()
+
+    def link_connected(self) -> None:
+        self._told_failure = False
+        self.apply()
+
+    def link_lost(self) -> None:
+        # Nobody knows what the robot is told meanwhile.
+        self._asked += 1
+        self._keep(None)
+
+    def apply(self) -> None:
+        """Tell the navigation what it is to keep to, as far as the robot is there."""
+        if self._wanted_mps is None or not self._ros.is_connected:
+            return
+        self._asked += 1
+        limit_mps = self._wanted_mps
+        if self._server is not None and self._server.max_mps is not None:
+            limit_mps = min(limit_mps, self._server.max_mps)
+        if self._topic is not None:
+            self._topic.publish(encode_speed_limit(limit_mps))
+            self._in_background(self._look_who_listens(limit_mps, self._topic.name, asked=self._asked))
+        elif self._reconfigure is not None:
+            answer = self._ask_for(limit_mps, self._reconfigure)
+            self._in_background(self._hear(answer, limit_mps, self._reconfigure, asked=self._asked))
+
+    async def restore(self) -> None:
+        """The console leaves: from now on the navigation drives as it is set up to."""
+        self._asked += 1
+        if self._kept_mps is None or not self._ros.is_connected:
+            return
+        if self._topic is not None:
+            self._topic.publish(encode_speed_limit(NO_LIMIT))
+        elif self._reconfigure is not None and self._server is not None and self._server.max_mps is not None:
+            try:
+                async with asyncio.timeout(RESTORED_WITHIN_S):
+                    await self._ask_for(self._server.max_mps, self._reconfigure)
+            except (TimeoutError, ServiceCallError) as error:
+                logger.info("The navigation's speed stays as it was told: %s", error)
+
+    async def _look_who_listens(self, limit_mps: float, topic: str, *, asked: int) -> None:
+        package = "rosapi" if self._dialect is Dialect.ROS1 else "rosapi_msgs"
+        kind = service_type_name(self._dialect, package, "Subscribers")
+        try:
+            listeners = (await self._ros.ask("/rosapi/subscribers", kind, {"topic": topic})).get("subscribers")
+            reason = "" if isinstance(listeners, list) and listeners else f"nothing listens to {topic}"
+        except ServiceCallError as error:
+            reason = f"it is not known whether anything listens to {topic}: {error}"
+        self._settle(limit_mps, reason, asked=asked)
+
+    async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, asked: int) -> None:
+        try:
+            now = decode_reconfigured(await answer, self._parameters)
+        except (ServiceCallError, MessageError) as error:
+            self._settle(limit_mps, str(error), asked=asked)
+            return
+        fastest = max(now.values(), default=math.inf)
+        reason = "" if fastest <= limit_mps + _SAME_MPS else f"{node} did not take {', '.join(self._parameters)}"
+        self._settle(limit_mps, reason, asked=asked)
+
+    def _ask_for(self, limit_mps: float, node: str) -> Awaitable[Any]:
+        kind = service_type_name(self._dialect, "dynamic_reconfigure", "Reconfigure")
+        request = encode_reconfigure(dict.fromkeys(self._parameters, limit_mps))
+        return self._ros.ask(f"{node}/set_parameters", kind, request)
+
+    def _settle(self, limit_mps: float, reason: str, *, asked: int) -> None:
+        if asked != self._asked:
+            return  # a newer limit was sent meanwhile; its answer counts
+        self._keep(None if reason else limit_mps)
+        if not reason or self._told_failure:
+            return
+        self._told_failure = True
+        logger.warning("The navigation's speed: %s", reason)
+        own = self._server.max_mps if self._server is not None else None
+        speed = "as fast as it is set up to" if own is None else f"at up to {own:.2f} m/s, as its profile says"
+        self._emit(
+            Problem(
+                now_ns(),
+                "warning",
+                f"The robot's navigation could not be told how fast to drive: {reason}.",
+                f"To places and points on the map it drives {speed}, whatever Drive says.",
+                "Watch the robot; Esc stops it. Correct 'speed_limit' under 'navigation' in the robot profile.",
+            )
+        )
+
+    def _keep(self, kept_mps: float | None) -> None:
+        if kept_mps != self._kept_mps:
+            self._kept_mps = kept_mps
+            self._emit(NavigationSpeedChanged(now_ns(), kept_mps))

@@ -1,0 +1,40 @@
+"""How navigation is told its top speed: nav2_msgs/SpeedLimit (ROS 2) and dynamic_reconfigure/Reconfigure (ROS 1)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from caris_desktop.ros.dialect import Dialect, encode_time
+from caris_desktop.ros.fields import Message, MessageError, message_of, number
+
+NO_LIMIT = 0.0
+"""``speed_limit`` of nav2_msgs/SpeedLimit that lifts an earlier one."""
+
+
+def encode_speed_limit(limit_mps: float) -> Message:
+    """nav2_msgs/SpeedLimit, absolute in m/s; :data:`NO_LIMIT` lifts it. Nav2's controllers never go above their own."""
+    header = {"stamp": encode_time(Dialect.ROS2, 0), "frame_id": ""}
+    return {"header": header, "percentage": False, "speed_limit": limit_mps}
+
+
+def decode_speed_limit(message: Message) -> tuple[float, bool]:
+    """The limit, and whether it is a percentage."""
+    percentage = message.get("percentage", False)
+    if not isinstance(percentage, bool):
+        raise MessageError("SpeedLimit.percentage must be true or false")
+    return number(message, "speed_limit", "SpeedLimit"), percentage
+
+
+def encode_reconfigure(doubles: dict[str, float]) -> Message:
+    """The request of dynamic_reconfigure/Reconfigure that sets these parameters and leaves all others."""
+    values = [{"name": name, "value": value} for name, value in doubles.items()]
+    return {"config": {"bools": [], "ints": [], "strs": [], "doubles": values, "groups": []}}
+
+
+def decode_reconfigured(answer: Any, names: Sequence[str]) -> dict[str, float]:
+    """Of the named parameters those that the answer of dynamic_reconfigure/Reconfigure tells, as they are now."""
+    config = message_of(message_of(answer, "Reconfigure").get("config", {}), "Reconfigure.config")
+    doubles = config.get("doubles", [])
+    if not isinstance(doubles, list):
+        raise MessageError("Reconfigure.config.doubles must be a list")
+    told = [message_of(double, "DoubleParameter") for double in doubles]
+    return {str(one["name"]): number(one, "value", "DoubleParameter") for one in told if one.get("name") in names}
