@@ -246,6 +246,8 @@ class MainWindow(QWidget):
         self._on_robot_changed(console.state.robot.value)
         self._on_places_changed(console.state.places.value)
         console.state.scenario.changed.connect(self._on_scenario_changed)
+        self._palette_latched = console.state.drive.value.emergency_stop
+        console.state.drive.changed.connect(self._on_drive_changed)
         console.state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         self._on_video_freshness_changed(console.state.frame.freshness)
         app.focusChanged.connect(self._on_focus_changed)
@@ -509,16 +511,34 @@ class MainWindow(QWidget):
     # ---- menus
 
     def _entries(self) -> list[Entry]:
+        """Everything that can be done now."""
         table = self.actions_table
+        says = ("say_phrase", "say_filler")
         entries = [
-            Entry(spec.text, "Say" if spec.callback in ("say_phrase", "say_filler") else "Do", spec.icon,
-                  table.key_text(spec.id), self._runner(spec.id))
+            Entry(spec.text, "Say" if spec.callback in says else "Do", spec.icon, table.key_text(spec.id),
+                  self._runner(spec.id), acts=spec.callback in (*says, "look_ahead"))
             for spec in table.specs
-            # The places come below, all of them.
-            if spec.callback not in ("", "go_to_nth_place") and spec.id != "find"
-            and (spec.kind != "command" or table.available(spec.id))
+            # The places come below, all of them; a replay says nothing.
+            if spec.callback not in ("", "go_to_nth_place", *(says if self._in_replay else ())) and spec.id != "find"
+            and table.available(spec.id)
         ]  # fmt: skip
+        if self._in_replay:
+            return entries + self._panel_entries() + self._theme_entries()
         scenario = self._console.scenario
+        drive: DriveStatus = self._console.state.drive.value
+        goal: GoalChanged | None = self._console.state.goal.value
+        if drive.emergency_stop:
+            release = Entry(
+                "Release emergency stop", "Do", "lock-open", "", self._console.clear_emergency_stop,
+                also="unlock free reset clear drive again", deliberate=True, first=True,
+                again="Press Enter again, and the robot can be driven again",
+            )  # fmt: skip
+            entries.insert(0, release)
+        if goal is not None and goal.state in UNDER_WAY:
+            entries.append(
+                Entry(f"Stop going to {goal.place or 'the chosen point'}", "Do", "x", "", self._console.cancel_goal,
+                      also="cancel goal way")
+            )  # fmt: skip
         if scenario.permissions.driving:
             entries += [
                 Entry(
@@ -528,23 +548,16 @@ class MainWindow(QWidget):
                     table.key_text(f"place_{number}"),
                     self._goer(place.name),
                     also="drive move navigate send take robot",
+                    acts=True,
                 )
                 for number, place in enumerate(self._console.state.places.value, start=1)
             ]
         if scenario.permissions.robot_controls:
             entries += self._control_entries()
         entries += self._map_entries()
-        entries += [
-            Entry(
-                PANELS[name].title,
-                "Panel",
-                _PANEL_ICONS[name],
-                "",
-                self._panel_opener(name),
-                also="" if self.dock_host.is_open(name) else "add open show",
-            )
-            for name in self.possible_panels()
-        ]
+        entries += self._camera_entries()
+        entries += self._panel_entries()
+        entries.append(Entry("Save this panel layout", "Window", "floppy-disk", "", self._on_save_layout))
         entries += [
             Entry(
                 f"Connect to {choice.title}",
@@ -553,14 +566,20 @@ class MainWindow(QWidget):
                 "",
                 self._robot_chooser(choice),
                 also="use switch another",
+                acts=True,
             )
             for choice in self._console.robots()
             if not self._is_current(choice) and not choice.problem
         ]
         if self._explorer is not None:
             entries.append(Entry("Connect another robot…", "Robot", "plus", "", self.open_robot_dialog, also="new add"))
-        if self._console.state.drive.value.guard == "overridden":
+        if drive.guard == "overridden":
             entries.append(Entry("Switch the obstacle guard on", "Do", "shield-check", "", self._switch_guard_on))
+        elif drive.guard != "absent" and scenario.permissions.driving:
+            entries.append(
+                Entry("Switch the obstacle guard off", "Do", "shield-slash", "", self._switch_guard_off,
+                      deliberate=True, again="Press Enter again, and nothing stops the robot before obstacles")
+            )  # fmt: skip
         entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
         if self._gamepads is not None and scenario.permissions.driving:
             entries.append(Entry("Gamepad", "Window", "game-controller", "", self.open_gamepad_dialog))
@@ -569,11 +588,50 @@ class MainWindow(QWidget):
             Entry(f"Open scenario {choice.title}", "Scenario", "map-trifold", "", self._scenario_opener(choice.path))
             for choice in self._scenarios()
         ]
-        entries += [
+        return entries + self._theme_entries()
+
+    def _panel_entries(self) -> list[Entry]:
+        possible = self.possible_panels()
+        shown = [name for name in possible if self.dock_host.is_open(name)]
+        opened = [
+            Entry(PANELS[name].title, "Panel", _PANEL_ICONS[name], "", self._panel_opener(name),
+                  also="" if name in shown else "add open show")
+            for name in possible
+        ]  # fmt: skip
+        closed = [
+            Entry(f"Close {PANELS[name].title}", "Panel", "x", "", self._panel_closer(name), also="hide remove")
+            for name in shown
+        ]
+        return [*opened, *closed, Entry("Put the panels back", "Window", "layout", "", self._on_reset_layout)]
+
+    def _theme_entries(self) -> list[Entry]:
+        return [
             Entry(f"Appearance: {words.lower()}", "Window", "moon", "", self._theme_setter(choice))
             for choice, words in _THEME_WORDS.items()
         ]
-        return entries
+
+    def _camera_entries(self) -> list[Entry]:
+        state = self._console.state
+        return [
+            Entry(f"Show the camera {name}", "Video", "video-camera", "", self._camera_chooser(name), also="picture")
+            for name in state.cameras.value
+            if name != state.camera.value
+        ]
+
+    def _camera_chooser(self, name: str) -> Callable[[], None]:
+        return lambda: self._console.state.choose_camera(name)
+
+    def _panel_closer(self, name: PanelName) -> Callable[[], None]:
+        return lambda: self.close_panel(name)
+
+    @property
+    def _in_replay(self) -> bool:
+        return self._timeline is not None
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop != self._palette_latched and self._palette_overlay.isVisible():
+            self._palette_overlay.renew(self._entries())
+        self._palette_latched = drive.emergency_stop
 
     def _runner(self, action_id: str) -> Callable[[], None]:
         return lambda: self.actions_table.run(action_id)
@@ -605,6 +663,7 @@ class MainWindow(QWidget):
                     "",
                     self._control_user(control, value),
                     also="control",
+                    acts=True,
                 )
                 for words, value in uses
             ]
@@ -641,6 +700,9 @@ class MainWindow(QWidget):
 
     def _switch_guard_on(self) -> None:
         self._console.set_guard(on=True)
+
+    def _switch_guard_off(self) -> None:
+        self._console.set_guard(on=False)
 
     def _panel_opener(self, name: PanelName) -> Callable[[], None]:
         return lambda: self._open_and_focus(name)
@@ -989,7 +1051,7 @@ class MainWindow(QWidget):
     # ---- closing
 
     def _what_closing_ends(self) -> list[str]:
-        if self._timeline is not None:
+        if self._in_replay:
             return []  # it was recorded and driven long ago
         saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
         return [*(["The recording ends and is saved."] if saved else []), *self._motion_that_ends()]

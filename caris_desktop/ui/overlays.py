@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
@@ -25,11 +25,18 @@ from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
 
 _ROW_PX = 40
 _ROWS = 9
+_NONE = -1
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Something that can be found and done; ``also`` are other words for it."""
+    """Something that can be found and done; ``also`` are other words for it.
+
+    ``acts``: it speaks or moves the robot, so it is found by its own words only and never by a guess at misspelt ones.
+    ``deliberate``: it takes a protection away, so it is never chosen beforehand and wants Enter, or a click, twice;
+    ``again`` is what it says between the two. ``first``: it stands before everything else that is found.
+    """
 
     text: str
     kind: str
@@ -37,6 +44,10 @@ class Entry:
     key: str
     do: Callable[[], None]
     also: str = ""
+    acts: bool = False
+    deliberate: bool = False
+    again: str = ""
+    first: bool = False
 
 
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
@@ -47,7 +58,8 @@ _LONG_ENOUGH_TO_GUESS = 4
 def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
     """Entries that contain all words of the query, those that begin with it first.
 
-    Articles do not count, and a word that is nowhere may be misspelt: "drive to the kichen" finds "Go to Kitchen".
+    Articles do not count, and a word that is nowhere may be misspelt, unless the entry speaks or moves the robot:
+    "diagnotics" finds a panel, but "drive to the kichen" nothing.
     """
     words = query.casefold().split()
     wanted = [word for word in words if word not in _MEANS_NOTHING] or words
@@ -55,18 +67,19 @@ def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
     found: list[tuple[float, int, Entry]] = []
     for order, entry in enumerate(entries):
         there = f"{entry.text} {entry.kind} {entry.also}".casefold()
-        distances = [_distance(word, there) for word in wanted]
+        distances = [_distance(word, there, may_guess=not (entry.acts or entry.deliberate)) for word in wanted]
         if all(distance is not None for distance in distances):
             far = sum(distance or 0.0 for distance in distances)
-            found.append((far - 0.5 * entry.text.casefold().startswith(begins), order, entry))
+            place = float("-inf") if entry.first else far - 0.5 * entry.text.casefold().startswith(begins)
+            found.append((place, order, entry))
     return [entry for _far, _order, entry in sorted(found, key=lambda item: item[:2])]
 
 
-def _distance(word: str, there: str) -> float | None:
+def _distance(word: str, there: str, *, may_guess: bool) -> float | None:
     """0 for a word that is there, up to 10 for one that is like it, None for one that is not."""
     if word in there:
         return 0.0
-    if len(word) < _LONG_ENOUGH_TO_GUESS:
+    if not may_guess or len(word) < _LONG_ENOUGH_TO_GUESS:
         return None
     best = max((SequenceMatcher(None, word, known).ratio() for known in there.split()), default=0.0)
     return 1.0 + 9.0 * (1.0 - best) if best >= _ALIKE else None
@@ -169,10 +182,19 @@ class CommandPalette(Overlay):
         self.open()
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
+    def renew(self, entries: Sequence[Entry]) -> None:
+        """What can be done has changed meanwhile."""
+        self._entries = entries
+        self._on_text_changed(self.field.text())
+
     def choose(self, entry: Entry | None) -> None:
-        if entry is not None:
-            self.close_overlay()
-            entry.do()
+        if entry is None:
+            return
+        if entry.deliberate and self.list.asked_again != entry:
+            self.list.ask_again(entry)
+            return
+        self.close_overlay()
+        entry.do()
 
     def _on_text_changed(self, text: str) -> None:
         self.list.show_entries(matching(self._entries, text))
@@ -182,14 +204,27 @@ class _PaletteField(QLineEdit):
     def __init__(self, palette: CommandPalette) -> None:
         super().__init__()
         self._owner = palette
+        self._enter_down = False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down):
             self._owner.list.move_by(1 if event.key() == Qt.Key.Key_Down else -1)
-        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self._owner.choose(self._owner.list.current)
+        elif event.key() in _ENTER:
+            # A key that is held, which Qt does not always tell from one that is pressed again, asks only once.
+            if not self._enter_down:
+                self._enter_down = True
+                self._owner.choose(self._owner.list.current)
         else:
             super().keyPressEvent(event)
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        if event.key() in _ENTER and not event.isAutoRepeat():
+            self._enter_down = False
+        super().keyReleaseEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        self._enter_down = False
+        super().focusOutEvent(event)
 
 
 class _EntryList(QWidget):
@@ -198,34 +233,67 @@ class _EntryList(QWidget):
         self._theme = theme
         self._owner = owner
         self._entries: list[Entry] = []
-        self._index = 0
+        self._index = _NONE
+        self._double_click = False
+        self.asked_again: Entry | None = None
         self.setMouseTracking(True)
 
     @property
+    def entries(self) -> tuple[Entry, ...]:
+        """What is found, in order."""
+        return tuple(self._entries)
+
+    @property
     def current(self) -> Entry | None:
-        return self._entries[self._index] if self._index < len(self._entries) else None
+        """What Enter does; None where nothing is chosen."""
+        return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
 
     def show_entries(self, entries: list[Entry]) -> None:
-        self._entries, self._index = entries, 0
+        self._entries = entries
+        # Before what is dangerous nothing is chosen, so that a quick Enter does neither this nor something else.
+        self._choose_row(0 if entries and not entries[0].deliberate else _NONE)
+
+    def ask_again(self, entry: Entry) -> None:
+        """The same once more does it; anything else does not."""
+        self.asked_again = entry
         self.update()
 
     def move_by(self, step: int) -> None:
         if self._entries:
-            self._index = (self._index + step) % len(self._entries)
-            self.update()
+            before = self._index if self._index != _NONE else (_NONE if step > 0 else 0)
+            self._choose_row((before + step) % len(self._entries))
+
+    def _choose_row(self, row: int) -> None:
+        self._index = row
+        if self.current is not self.asked_again:
+            self.asked_again = None
+        self.update()
 
     def _first(self) -> int:
         fits = max(1, self.height() // _ROW_PX)
         return max(0, self._index - fits + 1)
 
+    def _row_at(self, event: QMouseEvent) -> int:
+        row = self._first() + int(event.position().y()) // _ROW_PX
+        return row if 0 <= row < len(self._entries) else _NONE
+
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        self._index = min(len(self._entries) - 1, self._first() + int(event.position().y()) // _ROW_PX)
-        self._index = max(0, self._index)
-        self.update()
+        row = self._row_at(event)
+        if row not in (_NONE, self._index):
+            self._choose_row(row)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._double_click = False
+        event.accept()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self._double_click = True  # one act, however often the finger comes down
+        event.accept()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        row = self._first() + int(event.position().y()) // _ROW_PX
-        if 0 <= row < len(self._entries):
+        row = self._row_at(event)
+        if row != _NONE and not self._double_click:
+            self._choose_row(row)
             self._owner.choose(self._entries[row])
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -239,9 +307,10 @@ class _EntryList(QWidget):
         first = self._first()
         for line, entry in enumerate(self._entries[first : first + self.height() // _ROW_PX]):
             rect = QRectF(0, line * _ROW_PX, self.width(), _ROW_PX)
+            again = entry == self.asked_again
             if first + line == self._index:
                 painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(theme.color("blue_soft"))
+                painter.setBrush(theme.color("amber_soft" if again else "blue_soft"))
                 painter.drawRoundedRect(rect, 8, 8)
             draw_icon(painter, QRectF(12, rect.center().y() - 9, 18, 18), entry.icon, theme.color("dim"))
             cap = key_cap_width(theme, entry.key)
@@ -253,7 +322,8 @@ class _EntryList(QWidget):
             painter.setFont(theme.font(tokens.BODY_PX))
             painter.setPen(theme.color("text"))
             room = int(rect.width() - cap - 160)
-            text = painter.fontMetrics().elidedText(entry.text, Qt.TextElideMode.ElideRight, room)
+            words = entry.again if again else entry.text
+            text = painter.fontMetrics().elidedText(words, Qt.TextElideMode.ElideRight, room)
             painter.drawText(rect.adjusted(42, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), text)
 
 

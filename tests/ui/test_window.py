@@ -498,7 +498,7 @@ def test_no_band_moves_the_panels(window: MainWindow, console: FakeConsole) -> N
     assert not window.findChild(QWidget, "robot_now").isVisible()  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("command", ["go to the kitchen", "Drive to kitchen", "navigate to the kichen", "kitchen"])
+@pytest.mark.parametrize("command", ["go to the kitchen", "Drive to kitchen", "navigate to the kitchen", "kitchen"])
 def test_a_place_is_driven_to_by_command(window: MainWindow, console: FakeConsole, command: str) -> None:
     window.show_command_palette()
     field = find(window, "palette_field")
