@@ -439,19 +439,8 @@ def _profile_at_address(url: str) -> RobotProfile:
     if asked or ros not in ("1", "2"):
         raise ProfileError(f"{url!r}: after the '?' of an address only ros=1 or ros=2 is understood.")
     address = parts._replace(query="", fragment="").geturl()
-    # The fullest set of usual names; the link finds out which of them the robot really has.
-    profile = read_profile(_robots_dir() / ("simulated.yaml" if ros == "1" else "simulated-ros2.yaml"))
-    return replace(
-        profile,
-        name="address",
-        address=address,
-        title=f"Robot at {without_credentials(address)}",
-        # Nobody has told of these: where its camera is, whether it has a head, and what it can besides.
-        cameras=tuple(replace(camera, model=None) for camera in profile.cameras),
-        head=None,
-        maps=None,
-        controls=(),
-    )
+    profile = read_profile(_robots_dir() / f"generic-ros{ros}.yaml")
+    return replace(profile, name="address", address=address, title=f"Robot at {without_credentials(address)}")
 
 
 def _robots_dir() -> Path:

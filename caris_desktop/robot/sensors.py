@@ -200,7 +200,8 @@ class Sensors:
                 "warning",
                 "The robot does not tell where it is: its transforms do not lead from "
                 f"{frames.map!r} to {frames.base!r}.",
-                "It is not shown on the map, and the distance to goals is not known.",
+                "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot be "
+                "used, and the distance to goals is not known.",
                 "Set where it is on the map. If that does not help, compare 'frames' in the robot profile with the "
                 f"robot's own: {', '.join(sorted(self._poses.tree.frames)[:8])}.",
             )

@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSettings, Qt, QTimer, Signal
@@ -23,6 +24,7 @@ from caris_desktop.domain.events import DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.study.trial import TrialDetails
 from tests.support.virtual_gamepad import VirtualGamepad
 
@@ -140,12 +142,20 @@ def _people_in_map(state: LiveState) -> tuple[PersonPlace, ...]:
     return state.people_in_map.value.people if state.people_in_map.freshness == "fresh" else ()
 
 
+def _simulated_at(address: str, folder: Path) -> str:
+    """A profile of the simulated robot at this address: an address alone means a robot of which nothing is known."""
+    path = folder / "simulated-robot.yaml"
+    save_profile(replace(load_profile("simulated"), address=address), path)
+    return str(path)
+
+
 def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
     """Run until the window is closed; ``driver_type`` understands the lines."""
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
+    robot = _simulated_at(address, study.parent) if "://" in address else address
     run = ConsoleRun(
-        default_arguments(scenario="tour-guide", robot=address, study=study, camera=camera), settings=settings
+        default_arguments(scenario="tour-guide", robot=robot, study=study, camera=camera), settings=settings
     )
     run.show()
     driver = driver_type(run)

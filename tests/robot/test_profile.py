@@ -53,9 +53,15 @@ def test_the_shipped_profiles_load_and_travel_to_another_process() -> None:
 def test_an_address_is_a_profile_with_the_usual_names_and_nothing_of_one_robot_alone() -> None:
     profile = load_profile("ws://192.168.1.20:9090")
     assert (profile.ros, profile.address) == (1, "ws://192.168.1.20:9090")
-    assert (profile.controls, profile.head, profile.cameras[0].model) == ((), None, None)
+    assert (
+        replace(load_profile("generic-ros1"), name="address", title=profile.title, address=profile.address) == profile
+    )
+    # What the simulated robot alone has would be looked for in vain, and told as missing.
+    assert (profile.controls, profile.head, profile.speech, profile.emergency_stop) == ((), None, None, None)
+    assert profile.cameras[0].model is None
     profile = load_profile("ws://192.168.1.20:9090?ros=2")
     assert (profile.ros, profile.address) == (2, "ws://192.168.1.20:9090")
+    assert profile.path == load_profile("generic-ros2").path
 
 
 def test_an_address_says_whether_it_leaves_the_ros_version_open() -> None:

@@ -14,8 +14,16 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import OccupancyGrid, PeopleInMap, PersonPlace, PlannedPath, RobotPose
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import (
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PeopleInMap,
+    PersonPlace,
+    PlannedPath,
+    RobotPose,
+)
 from caris_desktop.live.status import MapStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
@@ -451,3 +459,42 @@ def test_the_map_is_moved_with_any_button(panel: MapPanel) -> None:
         drag(panel.view, start, start + QPoint(50, 30), button)
         now = panel.view.to_map(QPointF(start + QPoint(50, 30)))
         assert (now.x(), now.y()) == pytest.approx((grabbed.x(), grabbed.y()), abs=1e-6)
+
+
+# Without a map
+
+
+def tell_odometry(console: FakeConsole, x_m: float, *, at_ns: int) -> None:
+    console.state.take(Odometry(at_ns, None, Pose2D(x_m, 1.0, 0.0), Twist2D()))
+    ranges = np.full(90, 2.0, np.float32)
+    laser = Pose2D(0.1, 0.0, 0.0)
+    console.state.take(LaserScan(at_ns, None, "laser", -0.75, 1.5 / 90, 0.1, 10.0, ranges, laser))
+
+
+def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
+    panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    state, view = console.state, panel.view
+    now_ns = clock.now_ns()
+    for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path):
+        stream.clear()
+    tell_odometry(console, 5.0, at_ns=now_ns - 3_100_000_000)
+    assert not any("odometry" in words for words, _role in view.chips), "it may still tell where it is"
+    tell_odometry(console, 5.0, at_ns=now_ns)
+    tell_odometry(console, 5.0, at_ns=clock.now_ns())
+    panel._refresh()
+    assert ("No map frame: drawn by odometry, which drifts", "hint") in view.chips
+    image = view.grab().toImage()
+    hit = view.to_view(7.1, 1.0).toPoint()
+    near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]
+    assert any(color.blue() - color.red() > 80 for color in near), "a beam ends two metres before the laser"
+    assert view.place_position("Kitchen") is None, "places belong to a map"
+    QTest.mouseClick(view, BUTTON, pos=at(panel, 5.5, 1.6))
+    click(qtbot, find(window, "map_tool_goal"))
+    assert view.tool == "look"
+    assert not console.named("go_to")
+    assert ("Goals and places need a map", "warning") in view.chips
+    state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
+    assert not any("odometry" in words for words, _role in view.chips)
+    assert len(view.trail) == 1, "what was driven by odometry has no place in the map"
+    assert view.place_position("Kitchen") is not None

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import OccupancyGrid, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -26,6 +26,9 @@ __all__ = ["REPAINT_MS", "MapPanel", "MapView", "distinct_dots", "scan_points_in
 GOAL_ENDED_SHOWN_S = 8.0
 _UNDO_SHOWN_MS = 10_000
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little after its first path
+# A robot that has a map tells soon after its odometry where it is in it.
+_PLACE_AWAITED_NS = 3_000_000_000
+_NO_PLACE_SHOWN_S = 5.0
 _GIVE_UP = "Esc gives up"
 _HINTS: dict[Tool, str] = {
     "look": "",
@@ -40,7 +43,10 @@ _BUSY = {
 
 
 class MapPanel(Panel):
-    """The map, with a menu of places, the running goal, and tools that say where."""
+    """The map, with a menu of places, the running goal, and tools that say where.
+
+    A robot without a map is drawn where its odometry has it; goals and places need a map.
+    """
 
     title = "Map"
     drives = True
@@ -51,6 +57,8 @@ class MapPanel(Panel):
         self._drives = self.console.scenario.permissions.driving
         self._ended = ("", "", 0.0)
         self._goal_id, self._goal_since_ns = "", 0
+        self._by_odometry = False
+        self._odometry_since_ns: int | None = None
         self._moving: str | None = None
         self._naming: tuple[str, Pose2D | None] = ("", None)
         self._removed: Place | None = None
@@ -87,6 +95,7 @@ class MapPanel(Panel):
         state, view = self.state, self.view
         state.map.changed.connect(self._on_map_changed)
         state.pose.changed.connect(self._on_pose_changed)
+        state.odometry.changed.connect(self._on_odometry_changed)
         state.scan.changed.connect(view.show_scan)
         state.path.changed.connect(self._on_path_changed)
         state.goal.changed.connect(self._on_goal_changed)
@@ -99,7 +108,7 @@ class MapPanel(Panel):
         state.drive.changed.connect(self._on_drive_changed)
         state.link.changed.connect(self._on_link_changed)
         state.event_happened.connect(self._on_event)
-        for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path):
+        for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
             stream.freshness_changed.connect(self._on_freshness_changed)
         if state.map.value is not None:
             view.show_map(state.map.value)
@@ -274,6 +283,8 @@ class MapPanel(Panel):
         self._moving = None
         self._card.hide()
         self._name.hide()
+        if tool != "look" and self._refuse_place():
+            tool = "look"
         self.view.set_tool(tool, at=at)
         self.view.setFocus(Qt.FocusReason.OtherFocusReason)
         self._on_tool_changed(self.view.tool)
@@ -318,7 +329,7 @@ class MapPanel(Panel):
         return text[:1].upper() + text[1:]
 
     def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
-        if not self._may_go:
+        if not self._may_go or self._refuse_place():
             return
         if not self._card.isHidden():
             self._card.hide()
@@ -448,14 +459,49 @@ class MapPanel(Panel):
         self._on_goal_changed(self.state.goal.value)
 
     def _on_places_changed(self, places: tuple[Place, ...]) -> None:
-        self.view.show_places(places)
+        self.view.show_places(() if self._by_odometry else places)
         self._on_goal_changed(self.state.goal.value)
 
     def _on_map_changed(self, grid: OccupancyGrid) -> None:
+        self._draw_by_odometry(False)
         self.view.show_map(grid)
 
     def _on_pose_changed(self, pose: RobotPose) -> None:
+        self._draw_by_odometry(False)
         self.view.show_pose(pose)
+
+    def _on_odometry_changed(self, odometry: Odometry) -> None:
+        if self.state.pose.value is not None or self.state.map.value is not None:
+            self._odometry_since_ns = None
+            return
+        if self._odometry_since_ns is None:
+            self._odometry_since_ns = odometry.stamp_ns
+        if odometry.stamp_ns - self._odometry_since_ns >= _PLACE_AWAITED_NS:
+            self._draw_by_odometry(True)
+        if self._by_odometry:
+            self.view.show_pose(RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, odometry.pose_in_odom))
+
+    def _draw_by_odometry(self, by_odometry: bool) -> None:
+        """What is drawn in one frame of reference has no place in the other."""
+        if by_odometry == self._by_odometry:
+            return
+        self._by_odometry = by_odometry
+        self._odometry_since_ns = None if not by_odometry else self._odometry_since_ns
+        self.view.show_pose(None)
+        self.view.show_scan(None)
+        self.view.clear_trail()
+        self.view.set_follow(by_odometry)
+        if not by_odometry:
+            self.view.fit()
+        self._on_places_changed(self.state.places.value)
+        self._on_freshness_changed()
+
+    def _refuse_place(self) -> bool:
+        """A point of what odometry drew is none that the robot could be sent to."""
+        if self._by_odometry:
+            self._ended = ("Goals and places need a map", "warning", time.monotonic() + _NO_PLACE_SHOWN_S)
+            self._refresh()
+        return self._by_odometry
 
     def _on_path_changed(self, _path: PlannedPath | None = None) -> None:
         goal: GoalChanged | None = self.state.goal.value
@@ -506,18 +552,22 @@ class MapPanel(Panel):
         state = self.state
         if state.map.freshness == "none":
             self.view.show_map(None)
-        if state.pose.freshness == "none":
+        if self._by_odometry and state.odometry.freshness == "none":
+            self._draw_by_odometry(False)
+        if state.pose.freshness == "none" and not self._by_odometry:
             self.view.show_pose(None)
         if state.scan.freshness == "none":
             self.view.show_scan(None)
-        self.view.show_freshness(pose=state.pose.freshness, scan=state.scan.freshness)
+        pose = state.odometry if self._by_odometry else state.pose
+        self.view.show_freshness(pose=pose.freshness, scan=state.scan.freshness)
         self._on_people_changed()
         self._on_path_changed()
         self._refresh()
 
     def _aging_layers(self) -> tuple[tuple[str, LiveStream], ...]:
         state = self.state
-        return (("LIDAR", state.scan), ("Position", state.pose), ("People", state.people_in_map))
+        position = state.odometry if self._by_odometry else state.pose
+        return (("LIDAR", state.scan), ("Position", position), ("People", state.people_in_map))
 
     def _chips(self) -> list[tuple[str, str]]:
         """What the map must say besides what it draws: ages of what is stale, how the last goal ended."""
@@ -527,6 +577,8 @@ class MapPanel(Panel):
             for name, stream in self._aging_layers()
             if stream.freshness in ("stale", "lost")
         ]
+        if self._by_odometry:
+            chips.append(("No map frame: drawn by odometry, which drifts", "hint"))
         if state.mapping.value.busy:
             chips.append((_BUSY.get(state.mapping.value.busy, "The robot works on its map…"), "hint"))
         if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
@@ -537,7 +589,8 @@ class MapPanel(Panel):
         state = self.state
         self.view.show_chips(self._chips())
         reachable = state.link.value.state in ("connected", "trouble")
-        self.view.show_waiting("Waiting for the map" if reachable else "No map: the robot is out of reach")
+        waiting = "Waiting for the map" if reachable else "No map: the robot is out of reach"
+        self.view.show_waiting("" if self._by_odometry else waiting)
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
