@@ -261,12 +261,13 @@ class LlmExchange:
 
 @dataclass(frozen=True, slots=True)
 class AnswerUsed:
-    """What was done with a language model's answer."""
+    """What was done with a language model's answer. ``utterance_id`` is as what the robot was to say it."""
 
     stamp_ns: int
     exchange_id: str
     use: Literal["said", "edited", "dismissed"]
     text: str
+    utterance_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

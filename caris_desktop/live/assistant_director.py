@@ -9,6 +9,7 @@ import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from PySide6.QtCore import QObject, Signal
 
@@ -148,12 +149,13 @@ class AssistantDirector(QObject):
         else:
             self._state.assistant.set(replace(status, exchange_id="", question="", answer=""))
 
-    def note_use(self, text: str) -> None:
-        """The wizard said the answer, perhaps edited."""
+    def note_use(self, text: str, utterance_id: str) -> None:
+        """The wizard has the answer said, perhaps edited."""
         if self._last is not None:
             as_it_stood = text.split() == self._last.answer.split()
             self._last_used = True
-            self._publish(AnswerUsed(clock.now_ns(), self._last.exchange_id, "said" if as_it_stood else "edited", text))
+            use: Literal["said", "edited"] = "said" if as_it_stood else "edited"
+            self._publish(AnswerUsed(clock.now_ns(), self._last.exchange_id, use, text, utterance_id))
 
     def _put_away(self, why: str) -> None:
         self.cancel(why)

@@ -266,7 +266,7 @@ class Console(QObject):
             return
         self._shut_down = True
         self._drive.release("The console closes")
-        self._assistant.cancel()
+        self._assistant.cancel("cancelled as the program closed")
         self._robot.shutdown()
         self._gamepads.stop()
         self.stop_session()
@@ -655,8 +655,7 @@ class Console(QObject):
         self._assistant.cancel()
 
     def say_answer(self, text: str) -> None:
-        self._assistant.note_use(text)
-        self._speech.say(text, "assistant")
+        self._assistant.note_use(text, self._speech.say(text, "assistant"))
 
     # People
 

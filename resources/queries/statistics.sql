@@ -145,13 +145,12 @@ WHERE link = 'control' AND stamp_ns >= (
     WHERE first.session = event_link_changed.session AND first.link = 'control' AND first.state = 'connected'
 );
 
--- What became of the answers of language models.
-CREATE VIEW answers AS
-SELECT
-    session, exchange_id, outcome = 'answered' AS answered,
-    coalesce(bool_or(use IN ('said', 'edited')), false) AS accepted
-FROM event_llm_exchange LEFT JOIN event_answer_used USING (session, exchange_id)
-GROUP BY session, exchange_id, outcome;
+-- The most people who were there together for 2 s: somebody whom the tracker loses stands there twice for a moment.
+CREATE VIEW crowds AS
+SELECT one.session, count(*) AS n
+FROM visits one JOIN visits other ON other.session = one.session
+    AND other.stamp_ns <= one.stamp_ns AND other.end_ns >= one.stamp_ns + 2000000000
+GROUP BY one.session, one.stamp_ns, one.person_id;
 
 -- One row for each session.
 CREATE TABLE measures AS
@@ -177,7 +176,7 @@ talk AS (
 llm AS (
     SELECT
         session, count(*) AS n,
-        count(*) FILTER (answered AND accepted) / nullif(count(*) FILTER (answered), 0) AS accepted
+        count(*) FILTER (use IN ('said', 'edited')) / nullif(count(*) FILTER (outcome = 'answered'), 0) AS accepted
     FROM answers GROUP BY session
 ),
 driven AS (SELECT session, sum(held_s) AS seconds FROM driving GROUP BY session),
@@ -191,9 +190,7 @@ emergency AS (
     GROUP BY session
 ),
 goal AS (
-    SELECT session, count(*) AS n, count(*) FILTER (outcome = 'reached') AS reached
-    FROM (SELECT session, goal_id, arg_max(state, stamp_ns) AS outcome FROM event_goal_changed GROUP BY session, goal_id)
-    GROUP BY session
+    SELECT session, count(*) AS n, count(*) FILTER (state = 'reached') AS reached FROM goals GROUP BY session
 ),
 guard AS (
     SELECT session, count(*) AS n
@@ -219,7 +216,8 @@ link AS (
 ),
 lost AS (SELECT session, sum(count) AS n FROM event_gap GROUP BY session),
 problem AS (SELECT session, count(*) AS n FROM event_problem GROUP BY session),
-person AS (SELECT session, count(DISTINCT person_id) AS n FROM event_person_appeared GROUP BY session)
+person AS (SELECT session, count(DISTINCT person_id) AS n FROM visits GROUP BY session),
+crowd AS (SELECT session, max(n) AS n FROM crowds GROUP BY session)
 SELECT
     session, participant, condition, trial, wizard, purpose, scenario,
     greatest(0, lasts_s - coalesce(paused.seconds, 0)) AS recorded_s,
@@ -256,7 +254,9 @@ SELECT
     coalesce(lost.n, 0) AS lost_values,
     missing_values,
     coalesce(problem.n, 0) AS problems,
-    coalesce(person.n, 0) AS people
+    -- Nobody stayed for so long, but somebody was there.
+    coalesce(crowd.n, CASE WHEN person.n > 0 THEN 1 END, 0) AS people,
+    coalesce(person.n, 0) AS identities
 FROM sessions
 LEFT JOIN paused USING (session)
 LEFT JOIN response USING (session)
@@ -275,6 +275,7 @@ LEFT JOIN link USING (session)
 LEFT JOIN lost USING (session)
 LEFT JOIN problem USING (session)
 LEFT JOIN person USING (session)
+LEFT JOIN crowd USING (session)
 ORDER BY session;
 
 -- Each figure as a row of its own. Practice sessions are in measures, not in here.

@@ -1,12 +1,14 @@
 """The console composed from its real parts, without its child processes."""
 
-from collections.abc import Sequence
+import asyncio
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
+from caris_desktop.conversation.language_models import ModelEndpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
@@ -80,13 +82,27 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         console.shutdown()
 
 
-def test_a_recording_begins_with_what_goes_on_and_with_people_as_the_screen_numbers_them(
+def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_program_ended(
     qtbot: QtBot, tmp_path: Path
 ) -> None:
+    async def never_answers(*_: object, **__: object) -> AsyncIterator[str]:
+        yield "Well"
+        await asyncio.sleep(1000.0)
+
     scenario = composition.find_scenario("tour-guide")
-    scenario = replace(scenario, permissions=replace(scenario.permissions, audio_recording=False))
+    scenario = replace(
+        scenario,
+        permissions=replace(scenario.permissions, audio_recording=False),
+        assistant=replace(scenario.assistant, model="openai:small"),
+    )
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, inference=None), scenario)
+    parts = replace(
+        parts,
+        inference=None,
+        stream_chat=never_answers,
+        resolve_endpoint=lambda _model, _url: ModelEndpoint("openai", "http://127.0.0.1:1/v1", "small"),
+    )
+    console = Console(parts, scenario)
     state = console.state
     try:
         console.start()
@@ -106,9 +122,14 @@ def test_a_recording_begins_with_what_goes_on_and_with_people_as_the_screen_numb
         qtbot.waitUntil(lambda: state.recording.value.state == "paused", timeout=60_000)
         console.pause_session(paused=False)
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
+        console.ask_assistant("What is this?")
+        qtbot.waitUntil(lambda: state.assistant.value.answer == "Well", timeout=60_000)
     finally:
         console.shutdown()
     session = open_session(folder)
+    (exchange,) = [event for _, event in session.values("event/llm_exchange")]
+    assert (exchange.outcome, exchange.detail) == ("cancelled", "cancelled as the program closed")
+    assert session.reason == "console_closed"
     appeared = [event for _, event in session.values("event/person_appeared")]
     assert [(event.person_id, event.number) for event in appeared] == 2 * [("p-3", 3), ("p-4", 4)]
     tiers = session_tiers(session)

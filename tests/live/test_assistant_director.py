@@ -165,7 +165,7 @@ def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) 
 def test_an_answer_that_was_used_is_not_dismissed(desk: Desk, qtbot: QtBot, answer: str, text: str, use: str) -> None:
     desk.pieces = [answer]
     exchange = _answered(desk, qtbot)
-    desk.director.note_use(text)
+    desk.director.note_use(text, "u-1")
     desk.director.forget()
     assert desk.uses == [(exchange.exchange_id, use, text)]
 
@@ -192,7 +192,7 @@ def test_forgetting_publishes_the_question_under_way_at_once_and_nothing_afterwa
     assert desk.closed.wait(10.0), "the model was told to stop"
     desk.has_run()
     qtbot.wait(1)
-    desk.director.note_use("Straight on.")
+    desk.director.note_use("Straight on.", "u-1")
     assert desk.outline == ["cancelled"]
     assert desk.shown == AssistantStatus(state="ready", model="Small")
 

@@ -1,5 +1,6 @@
 """Session folders told event by event, at moments that a test chooses: what the recorder would have written then."""
 
+import dataclasses
 import json
 import math
 import random
@@ -136,6 +137,14 @@ def said(
         UtteranceChanged(at(start_s), utterance_id, "robot", text, origin, "started", "robot"),
         UtteranceChanged(at(end_s), utterance_id, "robot", text, origin, "finished", "robot"),
     ]
+
+
+def silenced(
+    number: int, asked_s: float, text: str, *, after_s: float = 0.006, origin: UtteranceOrigin = "assistant"
+) -> list[UtteranceChanged]:
+    """The robot began to speak, and was silenced ``after_s`` later."""
+    asked, started, _ = said(number, asked_s, asked_s + 0.1, asked_s + 1.0, text, origin=origin)
+    return [asked, started, dataclasses.replace(started, stamp_ns=at(asked_s + 0.1 + after_s), state="interrupted")]
 
 
 def exchange(number: int, asked_s: float, answered_s: float, answer: str, **fields: Any) -> LlmExchange:

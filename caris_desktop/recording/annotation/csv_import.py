@@ -39,6 +39,7 @@ _NAMES = {
     "vocabulary": ("vocabulary",),
 }
 _START = ("start", "begin", "begin time", "start time", "onset", "session")
+_WHOLE_SESSION = "session"
 _END = ("end", "end time", "stop", "offset", "end_session")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:[.,](\d{1,9}))?")
 _NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
@@ -225,10 +226,15 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
     parsed = [_HEADING.fullmatch(heading) for heading in headings]
     bases = [match["base"] if match else "" for match in parsed]
     units = [(match["elan"] or match["bracketed"] or match["unit"] or "") if match else "" for match in parsed]
+    if _WHOLE_SESSION in headings:
+        # A table of this program: these columns say of every row which session it is of, and who took part in that.
+        bases[headings.index(_WHOLE_SESSION)] = ""
     start, end = _time_column(bases, units, _START), _time_column(bases, units, _END)
     where = {
         what: next((headings.index(name) for name in names if name in headings), None) for what, names in _NAMES.items()
     }
+    if _WHOLE_SESSION in headings:
+        where["participant"] = None
     if start is None or end is None:
         if start is None and end is None and where["value"] is None:
             return None

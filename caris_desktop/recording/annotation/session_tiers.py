@@ -45,10 +45,13 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.session.answers import unheard
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
+from caris_desktop.recording.session.visits import visits_of
 
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = "Wizard marks"
@@ -66,6 +69,12 @@ _MOTIONS = {
     "backward": f"At least {_STILL_MPS} m/s backward, turning or not.",
     "sideways": f"At least {_STILL_MPS} m/s to the side and neither forward nor backward.",
     "turning": f"At least {_STILL_RADPS} rad/s on the spot.",
+}
+_ANSWER_USES = {
+    "said": "",
+    "edited": "",
+    "dismissed": "",
+    "unheard": "It was to be said, but silenced before anybody heard it.",
 }
 # Measured every second, or the edges of the timeline itself: tables show these, not tiers.
 _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
@@ -199,7 +208,7 @@ class SessionRecord:
         return self._document(rows)
 
     def _speech_rows(self) -> Iterable[_Row]:
-        said = [item for item in self.utterances() if item.start_ns is not None]
+        said = [item for item in self.utterances() if item.said]
         who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard"}
         for speaker, participant in who.items():
             mine = [item for item in said if item.speaker == speaker]
@@ -274,7 +283,9 @@ class SessionRecord:
             ],
             participant="Assistant",
         )
-        yield _Row("LLM answer use", [_Stretch(item.stamp_ns, None, item.use) for item in self._answers], "Answer use")
+        utterances = self.utterances()
+        uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in self._answers]
+        yield _Row("LLM answer use", [_Stretch(item.stamp_ns, None, use) for item, use in uses], "Answer use")
 
     def _console_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
@@ -323,27 +334,18 @@ class SessionRecord:
             self._sources.stop(pause.stamp_ns)
 
     def _paused_spans(self) -> list[tuple[int, int]]:
-        return [
-            (pause.stamp_ns, end_ns)
-            for pause, end_ns in _until_next(self._pauses, self._session.ended_ns)
-            if pause.paused
-        ]
+        return pauses_of(self._pauses, ended_ns=self._session.ended_ns)
 
     def _presence(self) -> dict[str, list[tuple[int, int]]]:
-        """When each person was there. Who was there before the recording has left without having appeared."""
-        started_ns, ended_ns = self._session.started_ns, self._session.ended_ns
+        """When each person was there."""
         spans: dict[str, list[tuple[int, int]]] = {}
-        since: dict[str, int] = {}
-        for event in self._people:
-            mine = spans.setdefault(event.person_id, [])
-            if isinstance(event, PersonAppeared):
-                since.setdefault(event.person_id, event.stamp_ns)
-            elif event.person_id in since:
-                mine.append((since.pop(event.person_id), event.stamp_ns))
-            elif not mine:
-                mine.append((started_ns, event.stamp_ns))
-        for person_id, start_ns in since.items():
-            spans[person_id].append((start_ns, ended_ns))
+        for visit in visits_of(
+            self._people,
+            started_ns=self._session.started_ns,
+            ended_ns=self._session.ended_ns,
+            pauses=self._paused_spans(),
+        ):
+            spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
         for person_id, span in self._seen_throughout().items():
             spans.setdefault(person_id, [span])
         return spans
@@ -400,7 +402,7 @@ class SessionRecord:
             "Motion": ("How the robot was told to move.", _MOTIONS),
             "Driving source": ("What the velocity came from.", dict.fromkeys(get_args(CommandSource), "")),
             "Speech origin": ("Where the words came from.", dict.fromkeys(get_args(UtteranceOrigin), "")),
-            "Answer use": ("What became of the answer.", {"said": "", "edited": "", "dismissed": ""}),
+            "Answer use": ("What became of the answer.", _ANSWER_USES),
         }
         vocabularies = []
         for name, (description, entries) in known.items():

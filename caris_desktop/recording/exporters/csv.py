@@ -1,4 +1,7 @@
-"""A session as tidy tables: one CSV for each kind of value and event that occurs, and a dictionary of all columns."""
+"""A session as tidy tables: one CSV for each kind of value and event that occurs, and a dictionary of all columns.
+
+Every row begins with the session that it is of, so that the tables of several can be put under one another.
+"""
 
 import csv
 from contextlib import ExitStack
@@ -17,6 +20,7 @@ from caris_desktop.recording.exporters.tables import (
     json_text,
     scalar_text,
     session_rows,
+    whose_columns,
 )
 from caris_desktop.recording.session.session_reader import Session
 
@@ -24,6 +28,8 @@ from caris_desktop.recording.session.session_reader import Session
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
     writers: dict[str, tuple[Table, Any]] = {}
+    whose = whose_columns(session)
+    of_this = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
     with ExitStack() as files:
 
         def write(table: Table, row: list[Any]) -> None:
@@ -31,15 +37,15 @@ def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]
                 path = out / f"{table.name}.csv"
                 file = files.enter_context(path.open("w", encoding="utf-8", newline=""))
                 writers[table.name] = (table, csv.writer(file))
-                writers[table.name][1].writerow([column.name for column in table.columns])
+                writers[table.name][1].writerow([column.name for column in (*whose, *table.columns)])
             writers[table.name][1].writerow(
-                [_cell(column, value) for column, value in zip(table.columns, row, strict=True)]
+                [*of_this, *(_cell(column, value) for column, value in zip(table.columns, row, strict=True))]
             )
 
         for table, row in session_rows(session, context):
             write(table, row)
         described = [table for table, _ in writers.values()]
-        for row in dictionary_rows([*described, DICTIONARY_TABLE]):
+        for row in dictionary_rows([*described, DICTIONARY_TABLE], whose):
             write(DICTIONARY_TABLE, row)
     return [out / f"{name}.csv" for name in writers]
 

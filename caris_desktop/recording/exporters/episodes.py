@@ -14,6 +14,7 @@ import numpy as np
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, People, PeopleInMap, RobotPose
+from caris_desktop.recording.session.answers import LlmUse, answer_uses
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
@@ -217,6 +218,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
     said = [utterance for utterance in facts.utterances if utterance.said]
     responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(said, facts.pauses)}
     exchanges = facts.of(LlmExchange)
+    became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     reactions = {
         reply.utterance.utterance_id: reply.delay_s
         for reply in reaction_times(facts.utterances, exchanges, facts.pauses)
@@ -242,7 +244,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
                 "context": {
                     "transcript": [_as_heard(session, other, at_ns) for other in heard[-_TURNS_BEFORE:]],
                     "people_in_view": _count_at(in_view, at_ns),
-                    "assistant": [_exchange(session, exchange, facts.of(AnswerUsed)) for exchange in asked],
+                    "assistant": [_exchange(session, exchange, became[exchange.exchange_id]) for exchange in asked],
                 },
                 "action": {
                     "text": utterance.text,
@@ -282,8 +284,7 @@ def _as_heard(session: Session, utterance: SpokenUtterance, at_ns: int) -> dict[
     }
 
 
-def _exchange(session: Session, exchange: LlmExchange, uses: tuple[AnswerUsed, ...]) -> dict[str, Any]:
-    used = [use.use for use in uses if use.exchange_id == exchange.exchange_id]
+def _exchange(session: Session, exchange: LlmExchange, use: LlmUse) -> dict[str, Any]:
     return {
         "exchange_id": exchange.exchange_id,
         "provider": exchange.provider,
@@ -295,7 +296,7 @@ def _exchange(session: Session, exchange: LlmExchange, uses: tuple[AnswerUsed, .
         "outcome": exchange.outcome,
         "asked_s": _seconds(session, exchange.asked_ns),
         "answered_s": _seconds(session, exchange.stamp_ns),
-        "use": used[-1] if used else "unused",
+        "use": use,
     }
 
 

@@ -30,6 +30,7 @@ from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, clock_text, duration_text
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.session.answers import answer_uses
 from caris_desktop.recording.session.marks import FinalMark
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_reader import Session
@@ -41,15 +42,14 @@ from caris_desktop.recording.studies.measures import (
     Reply,
     SessionFacts,
     Spread,
-    answer_uses,
     driving_stretches,
     goal_stretches,
     link_trouble,
     measure,
     nearest_index,
     per_10_min,
-    presence,
     read_facts,
+    visits,
 )
 
 _log = logging.getLogger(__name__)
@@ -203,7 +203,7 @@ def _tiles(measures: Measures, session: Session) -> list[dict[str, str]]:
         tiles.append(("driven", distance_text(driving.distance_m)))
     tiles.append(("robot utterances", str(measures.talk["robot"].utterances if "robot" in measures.talk else 0)))
     if measures.people:
-        tiles.append(("person seen" if measures.people == 1 else "people seen", str(measures.people)))
+        tiles.append(("person at once" if measures.people == 1 else "people at once", str(measures.people)))
     tiles.append(("wizard error" if measures.wizard_errors == 1 else "wizard errors", str(measures.wizard_errors)))
     if driving.emergency_stops:
         one = driving.emergency_stops == 1
@@ -319,14 +319,15 @@ class _Seen:
 
     def _people(self) -> Iterator[Row]:
         by_person: dict[str, list[Item]] = {}
-        for stretch in presence(self._facts):
-            item = self._item(stretch.start_ns, stretch.end_ns, "present", f"{stretch.label} is there")
-            by_person.setdefault(stretch.label, []).append(item)
+        for visit in visits(self._facts):
+            name = f"Person {visit.number or visit.person_id}"
+            item = self._item(visit.start_ns, visit.end_ns, "present", f"{name} is there")
+            by_person.setdefault(name, []).append(item)
         people = list(by_person.items())
-        for person_id, items in people[:_MAX_PEOPLE_ROWS]:
-            yield Row(person_id, tuple(items))
+        for name, items in people[:_MAX_PEOPLE_ROWS]:
+            yield Row(name, tuple(items))
         rest = [item for _, items in people[_MAX_PEOPLE_ROWS:] for item in items]
-        yield Row(f"{len(people) - _MAX_PEOPLE_ROWS} more people", tuple(rest))
+        yield Row(f"{len(people) - _MAX_PEOPLE_ROWS} more identities", tuple(rest))
 
     def _mark(self, mark: FinalMark) -> Item:
         look, shape = ("error", "triangle") if mark.kind == "wizard_error" else ("mark", "diamond")
@@ -586,7 +587,7 @@ def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) 
 
 def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
     exchanges = facts.of(LlmExchange)
-    became = answer_uses(exchanges, facts.of(AnswerUsed))
+    became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     when = facts.session.clock.session_s
     accepted = sum(model.said + model.edited for model in measures.models)
     answered = sum(model.answered for model in measures.models)

@@ -44,7 +44,7 @@ from caris_desktop.recording.exporters.methods_words import (
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.completeness import stream_words
-from caris_desktop.recording.studies.measures import ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.measures import Measures, ModelUse, Spread, per_10_min
 from caris_desktop.recording.studies.study_index import copies_among
 
 # A robot's clock that is further off was never set, or is that of a simulation.
@@ -188,7 +188,7 @@ class _Answers:
                 answer += f" {number_of(without, 'session').capitalize()} {verb} no participant."
         conditions = Counter(one.session.trial.get("condition", "") for one in self._of.known)
         conditions.pop("", None)
-        seen = [one.measures.people for one in self._of.known]
+        seen = [one.measures for one in self._of.known]
         return SheetSection(
             "Participants",
             (
@@ -207,7 +207,7 @@ class _Answers:
                 SheetItem(
                     "How many people were in front of the robot?",
                     self._people_seen(seen),
-                    ("event/person_appeared",) if any(seen) else (),
+                    ("event/person_appeared",) if any(one.people for one in seen) else (),
                 ),
                 SheetItem("Who were they?", by_hand="Age, gender, background, experience with robots, recruitment."),
                 SheetItem(
@@ -222,15 +222,20 @@ class _Answers:
         )
 
     @staticmethod
-    def _people_seen(seen: list[int]) -> str:
-        if not any(seen):
+    def _people_seen(seen: list[Measures]) -> str:
+        people = [one.people for one in seen]
+        if not any(people):
             return ""
-        if len(seen) == 1:
-            return f"{number_of(seen[0], 'person', 'people').capitalize()} by the console's person detector."
-        return (
-            f"{min(seen)} to {max(seen)} in a session (median {statistics.median(seen):g}), by the console's person"
-            " detector."
+        identities = sum(one.identities for one in seen)
+        told = (
+            "as the console counted them: "
+            f"{number_of(identities, 'identity', 'identities')} of its detector and tracker, which may give one person "
+            "several."
         )
+        if len(people) == 1:
+            return f"{number_of(people[0], 'person', 'people').capitalize()} at once at most, {told}"
+        median = f"{statistics.median(people):g}"
+        return f"At most {min(people)} to {max(people)} at once in a session (median {median}), {told}"
 
     def _wizards(self) -> SheetSection:
         wizards = self._of.wizards()

@@ -22,6 +22,7 @@ from caris_desktop.recording.exporters.tables import (
     plain_text,
     scalar_text,
     session_rows,
+    whose_columns,
 )
 from caris_desktop.recording.session.session_reader import Session
 
@@ -31,19 +32,9 @@ _BYTES_PER_GROUP = 16 * 1024 * 1024
 _BYTES_PER_CELL = 16
 
 
-def _constant(name: str, description: str, value: str) -> Column:
-    return Column(name, "", "text", description, lambda _row, _times: value)
-
-
 def write_parquet(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
-    trial = session.trial
-    whose = (
-        _constant("session", "Name of the session's folder.", plain_text(session.folder.name)),
-        _constant("participant", "Who took part, as told at the start.", plain_text(trial.get("participant", ""))),
-        _constant("condition", "The condition, as told at the start.", plain_text(trial.get("condition", ""))),
-        _constant("trial", "The trial, as told at the start.", plain_text(trial.get("trial", ""))),
-    )
+    whose = whose_columns(session)
     about = {
         "session": session.folder.name,
         "started_utc": session.clock.utc(session.started_ns),
@@ -63,7 +54,7 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
         for table, row in session_rows(session, context):
             write(table, row)
         described = [file.table for file in files.values()]
-        for row in dictionary_rows([*described, DICTIONARY_TABLE]):
+        for row in dictionary_rows([*described, DICTIONARY_TABLE], whose):
             write(DICTIONARY_TABLE, row)
         for file in files.values():
             file.flush()

@@ -18,14 +18,19 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec
 from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.session.answers import answer_uses
+from caris_desktop.recording.session.goals import navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks
+from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.robot_clock import Measured, RobotClock, robot_clock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
+from caris_desktop.recording.session.visits import visits_of
 
 _log = logging.getLogger(__name__)
 
@@ -116,6 +121,22 @@ class Table:
             yield [*head, *(column.read(item, times) for column in self.own_columns)]
 
 
+def whose_columns(session: Session) -> tuple[Column, ...]:
+    """What every row of a session begins with in the formats whose files are joined across sessions."""
+    trial = session.trial
+    told = (
+        ("session", "Name of the session's folder.", session.folder.name),
+        ("participant", "Who took part, as told at the start.", trial.get("participant", "")),
+        ("condition", "The condition, as told at the start.", trial.get("condition", "")),
+        ("trial", "The trial, as told at the start.", trial.get("trial", "")),
+    )
+    return tuple(_constant(name, description, plain_text(value)) for name, description, value in told)
+
+
+def _constant(name: str, description: str, value: str) -> Column:
+    return Column(name, "", "text", description, lambda _row, _times: value)
+
+
 TIME_COLUMNS = (
     Column(
         "session_s",
@@ -167,6 +188,12 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
         yield from _rows_of(UTTERANCES_TABLE, _UtteranceRow.of(utterance, session), times)
     for mark in final_marks(session):
         yield from _rows_of(MARKS_TABLE, _MarkRow.of(mark), times)
+    for goal in _goal_rows(session):
+        yield from _rows_of(GOALS_TABLE, goal, times)
+    for answer in _answer_rows(session):
+        yield from _rows_of(ANSWERS_TABLE, answer, times)
+    for visit in _visit_rows(session):
+        yield from _rows_of(VISITS_TABLE, visit, times)
     for annotation in _annotation_rows(session, context):
         yield from _rows_of(ANNOTATIONS_TABLE, annotation, times)
     whole_ns = max(1, session.ended_ns - session.started_ns)
@@ -184,11 +211,11 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
             context.progress(min(0.99, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
 
 
-def dictionary_rows(tables: Iterable[Table]) -> Iterator[list[Any]]:
-    """The rows of DICTIONARY_TABLE for these tables."""
+def dictionary_rows(tables: Iterable[Table], whose: tuple[Column, ...] = ()) -> Iterator[list[Any]]:
+    """The rows of DICTIONARY_TABLE for these tables; ``whose`` are columns that all of them begin with."""
     for table in tables:
         yield [table.name, "", "", "table", "", table.description]
-        for column in table.columns:
+        for column in (*whose, *table.columns):
             yield [table.name, column.name, column.unit, column.kind, column.clock, column.description]
 
 
@@ -229,7 +256,7 @@ class _Fact:
 @dataclass(frozen=True, slots=True)
 class _UtteranceRow:
     """One utterance with the moments at which it was asked for, began and ended. The time columns tell when it began,
-    or was asked for where it was never said.
+    or was asked for where it was never said. ``said``: anybody heard at least a part of it.
     """
 
     stamp_ns: int
@@ -290,6 +317,80 @@ class _MarkRow:
             mark.start_ns, mark.mark_id, mark.label, mark.kind, mark.note, mark.end_ns, duration_s, mark.marked_ns,
             mark.open_at_end,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _GoalRow:
+    """One navigation goal of the recording. The time columns tell when it was asked for; ``end_ns`` is empty where it
+    was under way still, ``state`` is the last one.
+    """
+
+    stamp_ns: int
+    goal_id: str
+    place: str | None
+    target_in_map: Pose2D
+    state: str
+    end_ns: int | None
+    duration_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _AnswerRow:
+    """What became of one question to a language model. The time columns tell when the exchange was over. ``use`` is
+    said, edited (and said), dismissed or unused; what was silenced before anybody heard it is unused.
+    """
+
+    stamp_ns: int
+    exchange_id: str
+    provider: str
+    model: str
+    model_version: str
+    outcome: str
+    use: str
+    asked_ns: int
+    first_token_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class _VisitRow:
+    """A time for which somebody was there. The time columns tell when it began; ``person_number`` is that of
+    "Person 3" on the screen. One person who was lost and found again may have several ids.
+    """
+
+    stamp_ns: int
+    person_id: str
+    person_number: int | None
+    end_ns: int
+    duration_s: float
+
+
+def _goal_rows(session: Session) -> Iterator[_GoalRow]:
+    events = [value for _, value in session.values("event/goal_changed")]
+    for goal in navigation_goals(events, started_ns=session.started_ns, pauses=_pauses(session)):
+        duration_s = None if goal.end_ns is None else round((goal.end_ns - goal.start_ns) / 1e9, 6)
+        yield _GoalRow(goal.start_ns, goal.goal_id, goal.place, goal.target_in_map, goal.state, goal.end_ns, duration_s)
+
+
+def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
+    exchanges = [value for _, value in session.values("event/llm_exchange")]
+    uses = [value for _, value in session.values("event/answer_used")]
+    became = answer_uses(exchanges, uses, spoken(session)) if exchanges else {}
+    for one in exchanges:
+        yield _AnswerRow(
+            one.stamp_ns, one.exchange_id, one.provider, one.model, one.model_version, one.outcome,
+            became[one.exchange_id] if one.outcome == "answered" else "", one.asked_ns, one.first_token_ns,
+        )  # fmt: skip
+
+
+def _visit_rows(session: Session) -> Iterator[_VisitRow]:
+    events = [value for _, value in session.values("event/person_appeared", "event/person_left")]
+    for visit in visits_of(events, started_ns=session.started_ns, ended_ns=session.ended_ns, pauses=_pauses(session)):
+        duration_s = round((visit.end_ns - visit.start_ns) / 1e9, 6)
+        yield _VisitRow(visit.start_ns, visit.person_id, visit.number or None, visit.end_ns, duration_s)
+
+
+def _pauses(session: Session) -> list[tuple[int, int]]:
+    return pauses_of((value for _, value in session.values("event/recording_paused")), ended_ns=session.ended_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -580,6 +681,9 @@ def _described(row_type: type[Any], name: str) -> Table:
 
 UTTERANCES_TABLE = _described(_UtteranceRow, "utterances")
 MARKS_TABLE = _described(_MarkRow, "marks")
+GOALS_TABLE = _described(_GoalRow, "goals")
+ANSWERS_TABLE = _described(_AnswerRow, "answers")
+VISITS_TABLE = _described(_VisitRow, "visits")
 ANNOTATIONS_TABLE = _described(_AnnotationRow, "annotations")
 SESSION_TABLE = Table(
     "session",

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from caris_desktop.domain.events import RecordingPaused, Speaker, UtteranceChanged, UtteranceOrigin, UtteranceState
 from caris_desktop.recording.session.session_reader import Session
 
+HEARD_FROM_NS = 200_000_000
+"""A syllable. Of what was cut short before nobody heard a word."""
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 
@@ -33,8 +35,11 @@ class SpokenUtterance:
 
     @property
     def said(self) -> bool:
-        """Whether at least a part of it was said."""
-        return self.start_ns is not None
+        """Whether anybody heard at least a part of it."""
+        if self.start_ns is None:
+            return False
+        cut_short = self.state in ("interrupted", "failed") and self.end_ns is not None
+        return not cut_short or (self.end_ns or 0) - self.start_ns >= HEARD_FROM_NS
 
 
 def spoken(session: Session) -> tuple[SpokenUtterance, ...]:

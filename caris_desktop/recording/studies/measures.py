@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,14 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.session.answers import answer_uses
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
+from caris_desktop.recording.session.visits import Visit, most_at_once, visits_of
 
 T = TypeVar("T")
 
@@ -62,7 +65,6 @@ _EVENTS = (
     Marked, PersonAppeared, PersonLeft, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
     StopRequested, UtteranceChanged,
 )  # fmt: skip
-LlmUse = Literal["said", "edited", "dismissed", "unused"]
 
 
 # What a session holds
@@ -127,7 +129,10 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
             paused_ns=[event.stamp_ns for event in events[RecordingPaused] if event.paused],
         ),
         marks=final_marks_of(events[Marked], ended_ns=session.ended_ns),
-        pauses=_pauses(events[RecordingPaused], session.ended_ns),
+        pauses=tuple(
+            Stretch(start_ns, end_ns, "Paused")
+            for start_ns, end_ns in pauses_of(events[RecordingPaused], ended_ns=session.ended_ns)
+        ),
         command_ns=_stamps(commands),
         commands=_rows([_twist(item) for item in commands], 3),
         command_sources=tuple(item.source for item in commands),
@@ -162,20 +167,6 @@ def _odometry(value: Odometry) -> tuple[float, ...]:
 
 def _pose(pose: Pose2D) -> tuple[float, ...]:
     return pose.x_m, pose.y_m, pose.heading_rad
-
-
-def _pauses(events: Iterable[RecordingPaused], ended_ns: int) -> tuple[Stretch, ...]:
-    pauses: list[Stretch] = []
-    began_ns: int | None = None
-    for event in events:
-        if event.paused and began_ns is None:
-            began_ns = event.stamp_ns
-        elif not event.paused and began_ns is not None:
-            pauses.append(Stretch(began_ns, event.stamp_ns, "Paused"))
-            began_ns = None
-    if began_ns is not None and began_ns < ended_ns:
-        pauses.append(Stretch(began_ns, ended_ns, "Paused"))
-    return tuple(pauses)
 
 
 # Figures
@@ -284,7 +275,11 @@ class ClockAccuracy:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """The figures of one session. Counters are in the order of first occurrence, or by label."""
+    """The figures of one session. Counters are in the order of first occurrence, or by label.
+
+    ``people`` is how many were there at once, as :func:`most_at_once` counts; ``identities`` are those of detector and
+    tracker, which may give several to one person.
+    """
 
     recorded_s: float
     paused_s: float
@@ -309,6 +304,7 @@ class Measures:
     missing: dict[str, int]
     problems: dict[str, int]
     people: int
+    identities: int
     photos: int
 
     @property
@@ -336,6 +332,7 @@ def measure(facts: SessionFacts) -> Measures:
     for gap in facts.of(Gap):
         lost[gap.stream] += gap.count
     trouble = link_trouble(facts.of(LinkChanged), session.ended_ns)
+    seen = visits(facts)
     return Measures(
         recorded_s=recorded_s,
         paused_s=paused_s,
@@ -347,7 +344,7 @@ def measure(facts: SessionFacts) -> Measures:
         origins=dict(Counter(utterance.origin for utterance in robot if utterance.said)),
         unsaid=sum(not utterance.said for utterance in robot),
         interrupted=sum(utterance.said and utterance.state == "interrupted" for utterance in robot),
-        models=model_use(facts.of(LlmExchange), facts.of(AnswerUsed)),
+        models=model_use(facts.of(LlmExchange), facts.of(AnswerUsed), facts.utterances),
         driving=_driving(facts),
         marks=dict(Counter(mark.label for mark in facts.marks if mark.kind == "mark")),
         notes=sum(mark.kind == "note" for mark in facts.marks),
@@ -359,7 +356,8 @@ def measure(facts: SessionFacts) -> Measures:
         lost=dict(lost),
         missing=lost_values(session.header),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
-        people=len({event.person_id for event in facts.of(PersonAppeared)}),
+        people=most_at_once(seen),
+        identities=len({visit.person_id for visit in seen}),
         photos=len(facts.of(PhotoTaken)),
     )
 
@@ -434,23 +432,11 @@ def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
     }
 
 
-def answer_uses(exchanges: Iterable[LlmExchange], uses: Iterable[AnswerUsed]) -> dict[str, LlmUse]:
-    """What became of each answer, by exchange: said if it ever was said as it stood, else edited, else dismissed."""
-    by_exchange: dict[str, set[str]] = {}
-    for use in uses:
-        by_exchange.setdefault(use.exchange_id, set()).add(use.use)
-    became: dict[str, LlmUse] = {}
-    for exchange in exchanges:
-        made = by_exchange.get(exchange.exchange_id, set())
-        became[exchange.exchange_id] = (
-            "said" if "said" in made else "edited" if "edited" in made else "dismissed" if made else "unused"
-        )
-    return became
-
-
-def model_use(exchanges: Sequence[LlmExchange], uses: Iterable[AnswerUsed]) -> tuple[ModelUse, ...]:
+def model_use(
+    exchanges: Sequence[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
+) -> tuple[ModelUse, ...]:
     """The exchanges of each model and version, in the order in which they were first asked."""
-    became = answer_uses(exchanges, uses)
+    became = answer_uses(exchanges, uses, utterances)
     groups: dict[tuple[str, str, str], list[LlmExchange]] = {}
     for exchange in exchanges:
         groups.setdefault((exchange.provider, exchange.model, exchange.model_version), []).append(exchange)
@@ -522,8 +508,7 @@ def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
 
 def goals_of(facts: SessionFacts) -> tuple[NavigationGoal, ...]:
     """The navigation goals of the recording, refused ones too."""
-    pauses = [(pause.start_ns, pause.end_ns) for pause in facts.pauses]
-    return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=pauses)
+    return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=_spans(facts.pauses))
 
 
 def goal_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
@@ -543,20 +528,18 @@ def _outcome(goal: NavigationGoal) -> str:
     return "unfinished" if goal.end_ns is None else goal.state
 
 
-def presence(facts: SessionFacts) -> tuple[Stretch, ...]:
-    """When each person was there; ``label`` is the person's id."""
-    present: dict[str, int] = {}
-    stretches = []
-    happened: list[PersonAppeared | PersonLeft] = [*facts.of(PersonAppeared), *facts.of(PersonLeft)]
-    happened.sort(key=lambda event: event.stamp_ns)
-    for event in happened:
-        if isinstance(event, PersonAppeared):
-            present.setdefault(event.person_id, event.stamp_ns)
-        elif event.person_id in present:
-            stretches.append(Stretch(present.pop(event.person_id), event.stamp_ns, event.person_id))
-    ended_ns = facts.session.ended_ns
-    stretches += [Stretch(start_ns, max(start_ns, ended_ns), person_id) for person_id, start_ns in present.items()]
-    return tuple(sorted(stretches, key=lambda stretch: stretch.start_ns))
+def visits(facts: SessionFacts) -> tuple[Visit, ...]:
+    """When each identity was there."""
+    return visits_of(
+        [*facts.of(PersonAppeared), *facts.of(PersonLeft)],
+        started_ns=facts.session.started_ns,
+        ended_ns=facts.session.ended_ns,
+        pauses=_spans(facts.pauses),
+    )
+
+
+def _spans(stretches: Iterable[Stretch]) -> list[tuple[int, int]]:
+    return [(stretch.start_ns, stretch.end_ns) for stretch in stretches]
 
 
 def _driving(facts: SessionFacts) -> Driving:
@@ -730,5 +713,8 @@ FIGURES: tuple[Figure, ...] = (
         lambda m: sum(m.missing.values()),
     ),
     Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
-    Figure("people", "", "People seen.", lambda m: m.people),
+    Figure("people", "", "The most people who were there at once, as the screen counted them, for 2 s or longer.",
+           lambda m: m.people),
+    Figure("identities", "", "Identities that detector and tracker told apart; one person may get several.",
+           lambda m: m.identities),
 )  # fmt: skip

@@ -26,7 +26,7 @@ from caris_desktop.recording.studies.study_index import (
 )
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 1
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 2
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 # Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
@@ -45,7 +45,7 @@ _TABLES: dict[str, dict[str, str]] = {
     "pose": {"stamp_ns": "BIGINT", "pose_in_map_x_m": "DOUBLE", "pose_in_map_y_m": "DOUBLE"},
     "event_recording_paused": {"stamp_ns": "BIGINT", "paused": "BOOLEAN"},
     "event_llm_exchange": {"stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR"},
-    "event_answer_used": {"exchange_id": "VARCHAR", "use": "VARCHAR"},
+    "answers": {"exchange_id": "VARCHAR", "outcome": "VARCHAR", "use": "VARCHAR"},
     "event_command_sent": {
         "stamp_ns": "BIGINT", "source": "VARCHAR", "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
         "twist_turn_radps": "DOUBLE",
@@ -53,11 +53,11 @@ _TABLES: dict[str, dict[str, str]] = {
     "event_link_changed": {"stamp_ns": "BIGINT", "link": "VARCHAR", "state": "VARCHAR"},
     "event_stop_requested": {"stamp_ns": "BIGINT"},
     "event_emergency_stop_changed": {"stamp_ns": "BIGINT", "latched": "BOOLEAN"},
-    "event_goal_changed": {"stamp_ns": "BIGINT", "goal_id": "VARCHAR", "state": "VARCHAR"},
+    "goals": {"goal_id": "VARCHAR", "state": "VARCHAR"},
     "event_guard_changed": {"stamp_ns": "BIGINT", "state": "VARCHAR"},
     "event_gap": {"count": "BIGINT"},
     "event_problem": {"stamp_ns": "BIGINT"},
-    "event_person_appeared": {"person_id": "VARCHAR"},
+    "visits": {"stamp_ns": "BIGINT", "end_ns": "BIGINT", "person_id": "VARCHAR"},
 }  # fmt: skip
 _UNITS = {
     **{figure.name: (figure.unit, figure.description) for figure in FIGURES},

@@ -1,5 +1,7 @@
 """Report and methods sheet: what they say, that nothing said becomes markup, that they need nothing else."""
 
+import csv
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -16,12 +18,15 @@ from caris_desktop.domain.events import (
     ChatMessage,
     LlmExchange,
     Marked,
+    PersonAppeared,
+    PersonLeft,
     PhotoTaken,
     Problem,
     RobotChosen,
     UtteranceChanged,
 )
 from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.export import ExportContext, export_session
@@ -29,7 +34,7 @@ from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.measures import measure_session
-from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, tell, tour
+from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour
 
 _VOID = {"meta", "img", "br", "hr", "input", "link"}
 EVIL = '</title><script>alert("1")</script><img src=x onerror=alert(2)> & "quoted" \'single\''
@@ -261,6 +266,48 @@ def test_the_paragraph_for_one_of_each(tmp_path: Path) -> None:
         " what the robot could say; its answer was used as it was by the wizard."
         " The wizard marked one error of their own (slip: 1; 10.0 per 10 minutes)."
     )
+
+
+def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
+    values = [
+        exchange(1, 5.0, 6.0, "Hello there."),
+        *silenced(1, 7.0, "Hello there."),
+        AnswerUsed(at(7.0), "x-1", "said", "Hello there.", "u-1"),
+        PersonAppeared(at(8.0), "p-1", 1, 1),
+        PersonAppeared(at(20.0), "p-2", 2, 2),
+        PersonLeft(at(21.4), "p-1", 1),
+        PersonAppeared(at(30.0), "p-3", 3, 3),
+        PersonLeft(at(31.4), "p-2", 2),
+    ]
+    text = paragraph(*values, tmp_path=tmp_path)
+    assert "its answer was not used by the wizard" in text
+    assert "utterance" not in text
+    session = open_session(tell(tmp_path / "told", values, lasts_s=60.0))
+    answers = {item.question: item.answer for section in methods_sheet([session]).sections for item in section.items}
+    assert (
+        "accepted 0 (0%: 0 as they were, 0 edited), 0 dismissed, 1 not used"
+        in (answers["How many of its answers were used?"])
+    )
+    assert answers["How many people were in front of the robot?"] == (
+        "One person at once at most, as the console counted them: three identities of its detector and tracker, which "
+        "may give one person several."
+    )
+    for fmt in ("html", "eaf", "frames", "csv", "vtt"):
+        export_session(session.folder, fmt, tmp_path / fmt)
+    page = next((tmp_path / "html").glob("*.html")).read_text(encoding="utf-8")
+    assert "0 of 1 answer accepted" in page
+    assert ">person at once<" in page.replace("\n", "")
+    tiers = {tier.name for tier in read_eaf(tmp_path / "eaf" / "told.eaf").tiers}
+    assert "Robot speech" not in tiers
+    (used,) = [item.value for item in read_eaf(tmp_path / "eaf" / "told.eaf").of_tier("record-llm-answer-use")]
+    assert used == "unheard"
+    (turn,) = map(json.loads, (tmp_path / "frames" / "dialogue" / "turns.jsonl").read_text().splitlines())
+    assert turn["action"]["state"] == "interrupted"
+    with (tmp_path / "csv" / "answers.csv").open(encoding="utf-8", newline="") as file:
+        assert [(row["exchange_id"], row["use"]) for row in csv.DictReader(file)] == [("x-1", "unused")]
+    with (tmp_path / "csv" / "utterances.csv").open(encoding="utf-8", newline="") as file:
+        assert [row["said"] for row in csv.DictReader(file)] == ["false"]
+    assert "Hello there." not in "".join(path.read_text() for path in (tmp_path / "vtt").glob("*.vtt"))
 
 
 def test_the_paragraph_for_many(tmp_path: Path) -> None:

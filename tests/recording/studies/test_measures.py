@@ -36,11 +36,12 @@ from caris_desktop.recording.studies.measures import (
     goal_stretches,
     link_trouble,
     measure,
-    presence,
+    measure_session,
     read_facts,
+    visits,
     way_m,
 )
-from tests.recording.told_session import at, drive, exchange, heard, said, tell
+from tests.recording.told_session import at, drive, exchange, heard, said, silenced, tell
 
 
 def measured(tmp_path: Path, values: list[Any], *, lasts_s: float = 100.0) -> Measures:
@@ -148,6 +149,68 @@ def odometry(session_s: float, x_m: float, forward_mps: float) -> Odometry:
     return Odometry(at(session_s), None, Pose2D(x_m, 0.0, 0.0), Twist2D(forward_mps=forward_mps))
 
 
+def test_what_nobody_heard_was_not_used(tmp_path: Path) -> None:
+    answer = "About three kilograms."
+    values = [
+        # By its id; words that are said otherwise meanwhile do not count for it.
+        exchange(1, 1.0, 2.0, answer),
+        *silenced(1, 3.0, answer),
+        AnswerUsed(at(3.0), "x-1", "said", answer, "u-1"),
+        *said(2, 4.0, 4.1, 6.0, answer),
+        # An older record, without ids.
+        exchange(3, 11.0, 12.0, "Yes."),
+        AnswerUsed(at(13.0), "x-3", "said", "Yes."),
+        *silenced(3, 13.0, "Yes."),
+        # Silenced at first, then heard.
+        exchange(4, 21.0, 22.0, "No."),
+        *silenced(4, 23.0, "No."),
+        AnswerUsed(at(23.0), "x-4", "said", "No.", "u-4"),
+        *said(5, 25.0, 25.1, 26.0, "No!", origin="assistant"),
+        AnswerUsed(at(25.0), "x-4", "edited", "No!", "u-5"),
+        # Cut short, but a part of it was heard.
+        exchange(6, 31.0, 32.0, "This is a long story."),
+        *silenced(6, 33.0, "This is a long story.", after_s=0.8),
+        AnswerUsed(at(33.0), "x-6", "said", "This is a long story.", "u-6"),
+        # The voice failed.
+        exchange(7, 41.0, 42.0, "Hello."),
+        UtteranceChanged(at(43.0), "u-7", "robot", "Hello.", "assistant", "requested"),
+        AnswerUsed(at(43.0), "x-7", "said", "Hello.", "u-7"),
+        UtteranceChanged(at(43.1), "u-7", "robot", "Hello.", "assistant", "failed", detail="no voice"),
+    ]
+    session = open_session(tell(tmp_path / "s", values, lasts_s=60.0))
+    measures = measure_session(session)
+    (model,) = measures.models
+    assert (model.answered, model.said, model.edited, model.dismissed, model.unused) == (5, 1, 1, 0, 3)
+    assert model.accepted_fraction == pytest.approx(0.4)
+    assert measures.origins == {"typed": 1, "assistant": 2}
+    assert (measures.unsaid, measures.interrupted) == (4, 1)
+    assert measures.talk["robot"].utterances == 3
+
+
+def test_identities_are_not_people(tmp_path: Path) -> None:
+    values = [
+        # One person, whom the tracker loses twice; whoever is lost counts as here for a moment.
+        PersonAppeared(at(1.0), "p-1", 1, 1),
+        PersonAppeared(at(20.0), "p-2", 2, 2),
+        PersonLeft(at(21.4), "p-1", 1),
+        PersonAppeared(at(40.0), "p-3", 3, 3),
+        PersonLeft(at(41.4), "p-2", 2),
+        # Who left during a pause is not announced when the recording goes on.
+        RecordingPaused(at(60.0), True),
+        PersonAppeared(at(69.9), "p-4", 9, 4),
+        RecordingPaused(at(70.0), False),
+    ]
+    facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
+    measures = measure(facts)
+    assert (measures.people, measures.identities) == (1, 4)
+    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in visits(facts)] == [
+        ("p-1", pytest.approx(20.4)),
+        ("p-2", pytest.approx(21.4)),
+        ("p-3", pytest.approx(20.0)),
+        ("p-4", pytest.approx(30.1)),
+    ]
+
+
 def test_driving(tmp_path: Path) -> None:
     goal = Pose2D(1.0, 2.0, 0.0)
     values = [
@@ -242,8 +305,9 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
     assert (measures.clock.median_uncertainty_ms, measures.clock.largest_uncertainty_ms) == (1.0, 1.5)
     assert measures.lost == {"frame": 7, "scan": 1}
     assert measures.problems == {"warning": 1, "info": 1}
-    assert measures.people == 2
-    assert [(stretch.label, stretch.duration_s) for stretch in presence(facts)] == [
+    assert (measures.people, measures.identities) == (2, 3)
+    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in visits(facts)] == [
+        ("p-9", pytest.approx(61.0)),
         ("p-1", pytest.approx(10.0)),
         ("p-1", pytest.approx(50.0)),
         ("p-2", pytest.approx(40.0)),

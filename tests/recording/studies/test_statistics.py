@@ -7,16 +7,33 @@ import math
 import shutil
 import statistics
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from caris_desktop.domain.events import AnswerUsed, GoalChanged, PersonAppeared, PersonLeft
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
 from caris_desktop.recording.studies.measures import FIGURES, Measures, measure_session
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
-from tests.recording.told_session import TRIAL, tell, tour
+from tests.recording.told_session import TRIAL, at, exchange, silenced, tell, tour
+
+
+def hard_to_count() -> list[Any]:
+    """An answer that nobody heard, a goal from before, and one person under two identities."""
+    goal = GoalChanged(at(-0.5), "g-before", "reached", Pose2D(1.0, 1.0, 0.0))
+    return [
+        exchange(700, 80.0, 81.0, "Nobody hears this."),
+        *silenced(700, 82.0, "Nobody hears this."),
+        AnswerUsed(at(82.0), "x-700", "said", "Nobody hears this.", "u-700"),
+        goal,
+        PersonAppeared(at(83.0), "p-7", 9, 9),
+        PersonAppeared(at(86.0), "p-8", 10, 10),
+        PersonLeft(at(87.4), "p-7", 9),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +42,8 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, (condition, purpose) in enumerate((("A", ""), ("B", ""), ("A", ""), ("A", "practice"))):
         trial = {**TRIAL, "participant": f"P{number}", "condition": condition, "purpose": purpose}
         values = tour(number, minutes=1.5 + number / 4, state_hz=4.0, building=False) if number != 1 else []
+        if number == 0:
+            values += hard_to_count()
         tell(study / "sessions" / f"it's s{number}", values, lasts_s=90 + number * 15, trial=trial)
     gaze = (Annotation("a", "t", 0, 1000, "away"), Annotation("b", "t", 2000, 2500, "away"))
     save_coder(study / "sessions" / "it's s0", AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), gaze), "Ann")
