@@ -180,7 +180,10 @@ if sys.platform != "win32":
 def _writable(connection: Connection) -> bool:
     if sys.platform == "win32":
         return True
-    return bool(select.select([], [connection.fileno()], [], 0)[1])
+    # Not select: it fails for descriptors of 1024 and more.
+    waits = select.poll()
+    waits.register(connection.fileno(), select.POLLOUT)
+    return any(events & select.POLLOUT for _descriptor, events in waits.poll(0))
 
 
 def _run_body(body: ProcessBody, connection: Connection) -> None:

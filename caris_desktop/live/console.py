@@ -124,6 +124,7 @@ class Console(QObject):
         self._restarts: Counter[str] = Counter()
         self._shut_down = False
         self._held_voice_problem: Problem | None = None
+        self._video_plays = False
         self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
 
         self._media_ring = FrameRing.create()
@@ -405,8 +406,9 @@ class Console(QObject):
     def _on_perception_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)
         camera = self._children.get(self._parts.camera.name) if self._parts.camera else None
-        if camera is not None and status.state in ("ready", "failed"):
-            camera.send(PlayVideo())  # a recorded video waits for whoever shall see it from its start
+        if camera is not None and status.state in ("ready", "failed") and not self._video_plays:
+            # A recorded video waits for whoever shall see it from its start.
+            self._video_plays = camera.send(PlayVideo())
 
     def _on_child_ended(self, child: ChildProcess) -> None:
         if self._shut_down:

@@ -29,6 +29,7 @@ _log = logging.getLogger(__name__)
 _TICK_S = 0.2
 _RESTARTS_AT_MOST = 3
 _ANSWER_WITHIN_NS = 5_000_000_000
+_PACE_TOLD_EVERY_NS = 1_000_000_000
 
 
 class PerceptionWorker(QObject):
@@ -50,6 +51,7 @@ class PerceptionWorker(QObject):
         self._stopping = False
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
+        self._pace_told_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
         self._cameras: dict[str, CameraModel] = {}
@@ -141,7 +143,7 @@ class PerceptionWorker(QObject):
                     self._publish(people)
                     self._publish_all(events)
                     self._locate(people)
-                self._set_status(replace(self._status, inference_ms=item.inference_ms))
+                self._tell_pace(item.inference_ms)
             elif isinstance(item, FrameSkipped):
                 busy = False
             elif isinstance(item, _ChildEnded) and item.child is child:
@@ -201,10 +203,19 @@ class PerceptionWorker(QObject):
             self._status = status
             self.status_changed.emit(status)
 
+    def _tell_pace(self, inference_ms: float) -> None:
+        """Once a second: nobody reads a figure that changes with each picture."""
+        now_ns = clock.now_ns()
+        if now_ns - self._pace_told_ns >= _PACE_TOLD_EVERY_NS:
+            self._pace_told_ns = now_ns
+            self._set_status(replace(self._status, inference_ms=inference_ms))
+
     def _show_persons(self, presence: Presence) -> None:
         rows = presence.persons()
-        if rows != self._shown_persons:
-            self._shown_persons = rows
+        # When somebody who is here was seen last is "now", and news with every picture to nobody.
+        shown = tuple(replace(row, last_seen_ns=0) if row.here else row for row in rows)
+        if shown != self._shown_persons:
+            self._shown_persons = shown
             self.persons_changed.emit(rows)
 
 

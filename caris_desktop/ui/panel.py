@@ -89,13 +89,14 @@ class Panel(QWidget):
     def catch_up(self) -> None:
         """The panel is seen again: show everything as it is now."""
 
-    def every(self, interval_ms: int, slot: Callable[[], None]) -> None:
+    def every(self, interval_ms: int, slot: Callable[[], None]) -> QTimer:
         """Call ``slot`` again and again while the panel is in view."""
         timer = QTimer(self, interval=interval_ms)
         timer.timeout.connect(slot)
         self._ticking.append(timer)
         if self._in_view:
             timer.start()
+        return timer
 
     @property
     def fact(self) -> tuple[str, str]:

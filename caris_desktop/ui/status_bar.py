@@ -38,6 +38,7 @@ class StatusItem(QWidget):
         self.setObjectName(name)
         self._theme = theme
         self._text, self._role, self._icon = "", "dim", ""
+        self._tip = ""
         self._left_out = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.hide()
@@ -60,7 +61,9 @@ class StatusItem(QWidget):
             self.setVisible(bool(text) and not self._left_out)
             self.setAccessibleName(text)
             self.update()
-        self.setToolTip(tip)
+        if tip != self._tip:
+            self._tip = tip
+            self.setToolTip(tip)
 
     def leave_out(self, left_out: bool) -> None:
         """There is no room for it now."""

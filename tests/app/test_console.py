@@ -15,6 +15,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
@@ -165,5 +166,23 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         qtbot.waitUntil(lambda: len(shown) >= 5, timeout=20_000)
         assert set(shown) == {"head"}
         assert (state.cameras.value, state.camera.value) == (("head",), "head")
+    finally:
+        console.shutdown()
+
+
+def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    notes = tmp_path / "notes"
+    camera = ProcessBody("camera", bodies.camera_that_notes, (notes,))
+    inference = ProcessBody("inference", bodies.brightness, ("test",))
+    console = Console(replace(parts, inference=inference, camera=camera), scenario)
+    statuses: list[PerceptionStatus] = []
+    console.state.perception.changed.connect(statuses.append)
+    try:
+        console.start()
+        qtbot.waitUntil(lambda: console.state.people.arrivals >= 30, timeout=60_000)
+        assert len(notes.read_text().splitlines()) == 1, "and not with each picture in which people were looked for"
+        assert len(statuses) < 15, "nor does the pace of it change with each"
     finally:
         console.shutdown()

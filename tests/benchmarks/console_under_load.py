@@ -49,13 +49,13 @@ class ConsoleUnderLoad:
         self.state = self.console.state
         self.window.resize(1600, 900)
         self.run.show()
-        self.wait_for(lambda: self.state.link.value.state == "connected", "link", 30.0)
-        self.wait_for(lambda: self.state.frame.freshness == "fresh", "video", 30.0)
+        self.wait_for(lambda: self.state.link.value.state == "connected", "link", 120.0)
+        self.wait_for(lambda: self.state.frame.freshness == "fresh", "video", 60.0)
         self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
-        self.wait_for(lambda: self.state.people.value is not None, "people", 30.0)
+        self.wait_for(lambda: self.state.people.value is not None, "people", 60.0)
         if record:
             self.console.start_session(TrialDetails(participant="benchmark"))
-            self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 20.0)
+            self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 60.0)
         self._answers = self._answered_characters = 0
         self._asking.timeout.connect(self._keep_asking)
         if language_model:

@@ -3,6 +3,7 @@
 import os
 import time
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked
@@ -83,3 +84,19 @@ def silent_link(connection: Connection) -> None:
 def deaf_to(connection: Connection, _request: object) -> None:
     """As :func:`deaf`, whatever was asked of it."""
     deaf(connection)
+
+
+def camera_that_notes(connection: Connection, notes: Path, frames: FrameWriter) -> None:
+    """Sends pictures all the time, and writes down what it is told, a line each."""
+    import numpy as np
+
+    image = np.full((48, 64, 3), 200, np.uint8)
+    while True:
+        try:
+            if connection.poll(0.02):
+                with notes.open("a") as file:
+                    file.write(f"{connection.recv()!r}\n")
+            ref = frames.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="computer")
+            connection.send(ref)
+        except (EOFError, OSError):
+            return

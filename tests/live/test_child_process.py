@@ -2,10 +2,15 @@
 
 import os
 import queue
+import resource
 import signal
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
@@ -52,6 +57,26 @@ def test_a_child_that_does_not_read_blocks_nobody_and_is_killed_in_the_end() -> 
         assert accepted < 100_000, "an unread pipe must fill up"
     child.stop(grace_s=0.2)
     assert not psutil.pid_exists(pid)
+
+
+@pytest.fixture
+def many_open_files() -> Iterator[None]:
+    """So many that whatever is opened next has a descriptor above 1023, where select() ends."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), max(limits[1], 2048)))
+    with ExitStack() as files:
+        while files.enter_context(Path(os.devnull).open()).fileno() < 1024:
+            pass
+        yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+@pytest.mark.usefixtures("many_open_files")
+def test_a_child_is_spoken_to_however_many_files_are_open() -> None:
+    child, messages, _exits = _start(ProcessBody("echo", bodies.echo))
+    assert child.send(Marked(1, "hello"))
+    assert messages.get(timeout=20)[0] == Marked(1, "hello")
+    child.stop(grace_s=10)
 
 
 def test_rings_are_attached_in_the_child() -> None:

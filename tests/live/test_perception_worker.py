@@ -77,6 +77,13 @@ def test_a_person_appears_is_named_and_leaves_when_the_camera_goes_black(qtbot: 
     assert setup.of(PersonLeft)[0].person_id == person.person_id
 
 
+def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
+    told, seen = len(setup.rows), len(setup.people())
+    _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 10)
+    assert len(setup.rows) == told
+
+
 def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     qtbot.waitUntil(lambda: not setup.rows[-1], timeout=5000)

@@ -139,7 +139,12 @@ class AssistantPanel(Panel):
     def _on_table_rebuilt(self) -> None:
         self._on_assistant_changed(self.state.assistant.value)
 
+    def catch_up(self) -> None:
+        self._on_assistant_changed(self.state.assistant.value)
+
     def _on_assistant_changed(self, status: AssistantStatus) -> None:
+        if not self.in_view:
+            return
         if status.exchange_id != self._exchange_id:
             self._exchange_id = status.exchange_id
             self._stop_editing()

@@ -12,7 +12,6 @@ from PySide6.QtCore import (
     QSize,
     QSortFilterProxyModel,
     Qt,
-    QTimer,
 )
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QVBoxLayout, QWidget
@@ -299,9 +298,7 @@ class DiagnosticsPanel(Panel):
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
-        self._timer = QTimer(self, interval=1000)
-        self._timer.timeout.connect(self.refresh)
-        self._timer.start()
+        self.every(1000, self.refresh)
         self.state.traffic.changed.connect(self._on_changed)
         self.state.link.changed.connect(self._on_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
@@ -332,6 +329,9 @@ class DiagnosticsPanel(Panel):
         self._copied_at_s = time.monotonic()
         self._copy.set_label("Copied", icon="check")
 
+    def catch_up(self) -> None:
+        self.refresh()
+
     def _on_robot_changed(self, _robot: object) -> None:
         self.model.forget()
         self.refresh()
@@ -341,6 +341,8 @@ class DiagnosticsPanel(Panel):
 
     def refresh(self) -> None:
         """Ages grow by themselves."""
+        if not self.in_view:
+            return
         link: LinkStatus = self.state.link.value
         traffic: dict[str, TrafficMeasured] = self.state.traffic.value
         connected = link.state in ("connected", "trouble")

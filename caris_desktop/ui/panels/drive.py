@@ -203,6 +203,8 @@ class DrivePanel(Panel):
         self._show(self.state.drive.value)
 
     def _on_look_changed(self, _look: object) -> None:
+        if not self.in_view:
+            return
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
@@ -240,7 +242,12 @@ class DrivePanel(Panel):
         self._guard_hint.start()
         self._show(self.state.drive.value)
 
+    def catch_up(self) -> None:
+        self._on_robot_changed(self.state.robot.value)
+
     def _show(self, drive: DriveStatus) -> None:
+        if not self.in_view:
+            return
         going_to = self._going_to()
         by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
         by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
@@ -476,6 +483,7 @@ class HoldArrow(QWidget):
         self._actions = actions
         self._hold = hold
         self._action_id = action_id
+        self._shown_held = False
         self.setMinimumSize(_ARROW_WIDTH_PX, 28)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName(_NAMES[action_id])
@@ -485,8 +493,9 @@ class HoldArrow(QWidget):
         actions.keys_changed.connect(self.update)
         hold.held_changed.connect(self._on_held_changed)
 
-    def _on_held_changed(self, _held: object) -> None:
-        self.update()
+    def _on_held_changed(self, held: frozenset[str]) -> None:
+        if (self._action_id in held) != self._shown_held:
+            self.update()
 
     def changeEvent(self, event: QEvent) -> None:
         # A disabled widget is not told that the mouse button went up.
@@ -510,7 +519,7 @@ class HoldArrow(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
-        held = self._action_id in self._hold.held
+        held = self._shown_held = self._action_id in self._hold.held
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if not self.isEnabled():

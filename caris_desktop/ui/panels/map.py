@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -85,18 +85,16 @@ class MapPanel(Panel):
         view.tool_changed.connect(self._on_tool_changed)
         view.moved.connect(self._card.hide)
         self._listen()
-        self._facts = QTimer(self, interval=250)
-        self._facts.timeout.connect(self._refresh)
-        self._facts.start()
+        self.every(250, self._refresh)
         self.hold.escape_pressed.connect(self._on_escape)
         self.theme.changed.connect(self._place_tools)
 
     def _listen(self) -> None:
-        state, view = self.state, self.view
+        state = self.state
         state.map.changed.connect(self._on_map_changed)
         state.pose.changed.connect(self._on_pose_changed)
         state.odometry.changed.connect(self._on_odometry_changed)
-        state.scan.changed.connect(view.show_scan)
+        state.scan.changed.connect(self._on_scan_changed)
         state.path.changed.connect(self._on_path_changed)
         state.goal.changed.connect(self._on_goal_changed)
         self.table.rebuilt.connect(self._on_table_rebuilt)
@@ -110,6 +108,10 @@ class MapPanel(Panel):
         state.event_happened.connect(self._on_event)
         for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
             stream.freshness_changed.connect(self._on_freshness_changed)
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        state, view = self.state, self.view
         if state.map.value is not None:
             view.show_map(state.map.value)
         if state.pose.value is not None:
@@ -464,11 +466,22 @@ class MapPanel(Panel):
 
     def _on_map_changed(self, grid: OccupancyGrid) -> None:
         self._draw_by_odometry(False)
-        self.view.show_map(grid)
+        if self.in_view:
+            self.view.show_map(grid)
+
+    def _on_scan_changed(self, scan: LaserScan) -> None:
+        if self.in_view:
+            self.view.show_scan(scan)
 
     def _on_pose_changed(self, pose: RobotPose) -> None:
         self._draw_by_odometry(False)
-        self.view.show_pose(pose)
+        self._show_pose(pose)
+
+    def _show_pose(self, pose: RobotPose) -> None:
+        if self.in_view:
+            self.view.show_pose(pose)
+        else:
+            self.view.trail.add(pose.pose_in_map)
 
     def _on_odometry_changed(self, odometry: Odometry) -> None:
         if self.state.pose.value is not None or self.state.map.value is not None:
@@ -479,7 +492,7 @@ class MapPanel(Panel):
         if odometry.stamp_ns - self._odometry_since_ns >= _PLACE_AWAITED_NS:
             self._draw_by_odometry(True)
         if self._by_odometry:
-            self.view.show_pose(RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, odometry.pose_in_odom))
+            self._show_pose(RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, odometry.pose_in_odom))
 
     def _draw_by_odometry(self, by_odometry: bool) -> None:
         """What is drawn in one frame of reference has no place in the other."""
@@ -504,6 +517,8 @@ class MapPanel(Panel):
         return self._by_odometry
 
     def _on_path_changed(self, _path: PlannedPath | None = None) -> None:
+        if not self.in_view:
+            return
         goal: GoalChanged | None = self.state.goal.value
         path: PlannedPath | None = self.state.path.value
         under_way = goal is not None and goal.state in words.UNDER_WAY
@@ -512,6 +527,8 @@ class MapPanel(Panel):
         self.view.show_path(path.points_in_map if belongs and path is not None else None)
 
     def _on_people_changed(self, _value: object = None) -> None:
+        if not self.in_view:
+            return
         people: PeopleInMap | None = self.state.people_in_map.value
         rows = {person.person_id: person for person in self.state.persons.value}
         shown = []
@@ -525,6 +542,8 @@ class MapPanel(Panel):
         going = goal is not None and goal.state in words.UNDER_WAY
         if goal is not None and goal.goal_id != self._goal_id:
             self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
+        if not self.in_view:
+            return
         self.view.show_goal(goal if going else None)
         self._on_path_changed()
         show_part(self._cancel, going and self._may_go)
@@ -543,12 +562,16 @@ class MapPanel(Panel):
         self._refresh()
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if not self.in_view:
+            return
         self.view.show_guard(drive.guard, drive.guard_distance_m)
 
     def _on_link_changed(self, _link: LinkStatus) -> None:
         self._refresh()
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
+        if not self.in_view:
+            return
         state = self.state
         if state.map.freshness == "none":
             self.view.show_map(None)
@@ -586,6 +609,8 @@ class MapPanel(Panel):
         return chips
 
     def _refresh(self) -> None:
+        if not self.in_view:
+            return
         state = self.state
         self.view.show_chips(self._chips())
         reachable = state.link.value.state in ("connected", "trouble")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
@@ -81,6 +81,8 @@ class MotionPanel(Panel):
         self._limited = Strip(1)
         self._paused_at_ns: int | None = None
         self._drawn_ns: int | None = None
+        self._was_limited = 0.0
+        self._limits: tuple[float, float] | None = None
         self._odometry_line = QLabel()
         self._odometry_line.setObjectName("motion_odometry")
         self._odometry_line.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
@@ -118,9 +120,7 @@ class MotionPanel(Panel):
         self.state.odometry.changed.connect(self._on_odometry_changed)
         self.state.drive.changed.connect(self._on_drive_changed)
         self.theme.changed.connect(self._style)
-        self._redraw = QTimer(self, interval=_REDRAW_MS)
-        self._redraw.timeout.connect(self._draw)
-        self._redraw.start()
+        self._redraw = self.every(_REDRAW_MS, self._draw)
         self._style()
         self._on_drive_changed(self.state.drive.value)
         self._draw()
@@ -196,10 +196,27 @@ class MotionPanel(Panel):
         twist = odometry.twist
         self._measured.add(odometry.stamp_ns, twist.forward_mps, math.degrees(twist.turn_radps), twist.left_mps)
 
+    def catch_up(self) -> None:
+        self._on_drive_changed(self.state.drive.value)
+        self._draw()
+
     def _on_drive_changed(self, drive: DriveStatus) -> None:
+        self._note_limits()
+        limits = (drive.max_forward_mps, drive.max_turn_radps)
+        if not self.in_view or limits == self._limits:
+            return
+        self._limits = limits
         for plot, limit in zip(self._plots, (drive.max_forward_mps, math.degrees(drive.max_turn_radps)), strict=True):
             reach = max(limit, 0.05) * 1.15
             plot.setYRange(-reach, reach, padding=0.0)
+
+    def _note_limits(self) -> None:
+        """Whether the robot is slower now than it is asked to be; kept while nobody looks, as the others are."""
+        now_ns, limited = self.state.present.now_ns(), 1.0 if limited_why(self.state.drive.value) else 0.0
+        if limited != self._was_limited:
+            self._limited.add(now_ns, self._was_limited)
+            self._was_limited = limited
+        self._limited.add(now_ns, limited)
 
     def _on_pause_toggled(self, paused: bool) -> None:
         """Hold the picture still; what happens meanwhile is kept and shown afterwards."""
@@ -210,9 +227,9 @@ class MotionPanel(Panel):
     def _draw(self) -> None:
         state = self.state
         self._say()
-        self._limited.add(self.state.present.now_ns(), 1.0 if limited_why(state.drive.value) else 0.0)
+        self._note_limits()
         still = self._paused_at_ns is not None and self._drawn_ns == self._paused_at_ns
-        if not self.isVisible() or still:
+        if not self.isVisible() or not self.in_view or still:
             return
         now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
         commanded = self._commanded.window(now_s, gap_s=_COMMANDS_END_S)

@@ -257,6 +257,7 @@ class PeopleList(RowList):
         if row is None or not self._can_name:
             return
         person = self._people.persons[row]
+        self.scrollTo(self._people.index(row))
         self._naming = person_id
         self._field.setAccessibleName(f"Name of {words.person_name(person)}")
         self._field.setText(person.name if words.has_given_name(person) else "")

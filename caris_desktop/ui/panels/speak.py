@@ -124,7 +124,12 @@ class SpeakPanel(Panel):
     def _on_said(self, text: str) -> None:
         self.console.say(text, "typed")
 
+    def catch_up(self) -> None:
+        self._on_speech_changed(self.state.speech.value)
+
     def _on_speech_changed(self, speech: SpeechStatus) -> None:
+        if not self.in_view:
+            return
         if speech.now is not None:
             self.set_fact(f"now saying “{words.shortened(speech.now.text, 60)}”", "blue")
         elif not speech.ready:

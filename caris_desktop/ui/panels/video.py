@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
@@ -143,20 +143,26 @@ class VideoPanel(Panel):
         state.cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_cameras_changed)
         self.table.keys_changed.connect(self._refresh)
-        self._facts = QTimer(self, interval=250)
-        self._facts.timeout.connect(self._refresh)
-        self._facts.start()
+        self.every(250, self._refresh)
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        state = self.state
         self._on_cameras_changed(None)
         self._on_persons_changed(state.persons.value)
-        if state.frame.value is not None:
+        if state.people.value is not None:
+            self._on_people_changed(state.people.value)
+        # Frames were not read while nobody saw the panel; the last one that was must not pass for the present.
+        if state.frame.value is not None and state.frame.freshness == "fresh":
             self._on_frame_changed(state.frame.value)
         self._on_freshness_changed(state.frame.freshness)
-        self._refresh()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._cameras, *([self._photo] if self._photo is not None else [])]
 
     def _on_cameras_changed(self, _value: object) -> None:
+        if not self.in_view:
+            return
         names: tuple[str, ...] = self.state.cameras.value
         self.show_title(words.camera_title(self.state.camera.value) or self.title)
         self._cameras.clear()
@@ -178,11 +184,13 @@ class VideoPanel(Panel):
         return QSize(260, 150)
 
     def _on_frame_changed(self, frame: FrameRef) -> None:
+        if not self.in_view:
+            return
         self._shown.append(time.monotonic())
         self.view.show_model(self._model(frame))
         self._keep_ring_in_place()
         self._latency_s = self.state.frame.age_s() or 0.0
-        if not self.view.isVisible() or self.view.visibleRegion().isEmpty():
+        if not self.view.isVisible():
             return
         image_bgr = self.console.frames.read(frame)
         if image_bgr is not None:
@@ -190,24 +198,29 @@ class VideoPanel(Panel):
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        # Frames were not read while the panel was hidden; the last one that was must not pass for the present.
-        if self.state.frame.value is not None and self.state.frame.freshness == "fresh":
-            self._on_frame_changed(self.state.frame.value)
+        if self.in_view:
+            self.catch_up()
 
     def _on_people_changed(self, people: People) -> None:
-        self.view.show_people(people)
+        if self.in_view:
+            self.view.show_people(people)
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
+        if not self.in_view:
+            return
         self.view.show_names(
             {person.person_id: (words.person_name(person), words.has_given_name(person)) for person in persons}
         )
 
     def _on_freshness_changed(self, freshness: str) -> None:
-        self.view.show_freshness(freshness)
-        self._refresh()
+        if self.in_view:
+            self.view.show_freshness(freshness)
+            self._refresh()
 
     def _refresh(self) -> None:
         """Four times a second: the words around the picture."""
+        if not self.in_view:
+            return
         state, now_s = self.state, time.monotonic()
         self._shown = [moment for moment in self._shown if now_s - moment <= 2.0]
         age_s = state.frame.age_s()

@@ -76,6 +76,9 @@ class ActionButton(QAbstractButton):
         self, text: str, *, icon: str | None = None, dot: str | None = None, look: Look | None = None
     ) -> None:
         """Change what it says; ``dot`` is a colour role for a round mark in the icon's place."""
+        label = (text, self._icon_name if icon is None else icon, dot, self._look if look is None else look)
+        if label == (self.text(), self._icon_name, self._dot, self._look):
+            return
         self.setText(text)
         self.setAccessibleName(text)
         self._dot = dot

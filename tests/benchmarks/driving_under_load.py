@@ -1,0 +1,153 @@
+"""Driving while other programs burn every core: how often does the console itself end a drive?
+
+The real console records, looks for people, and shows a log of 2,000 rows and all of its panels, first each in a place
+of its own and then behind one another in tabs, while a direction key is held nearly all the time. Beside it, in the
+same run, a bare Qt process counts how often its own timer comes more than 150 ms late: that is what the machine does to
+any program, and more drives than that the console must not end. Prints one JSON object.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+
+from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtTest import QTest
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import DriveEnded, Marked
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.panels.session import LOG_ROWS
+from tests.benchmarks.console_under_load import ConsoleUnderLoad
+from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
+from tests.benchmarks.ui_stalls import STALL_MS, LatenessMeter
+
+BURNERS = 4
+HELD_S = 4.6
+LET_GO_S = 0.4
+MARK_EVERY_MS = 500
+ENDED_BY_THE_CONSOLE = "The console stopped answering for a moment"
+# Side by side, three rows of them.
+_ROWS: tuple[tuple[PanelName, ...], ...] = (
+    ("video", "map", "people"),
+    ("speak", "assistant", "drive", "session"),
+    ("motion", "diagnostics", "robot"),
+)
+
+
+class Burners:
+    """Programs of somebody else that never rest."""
+
+    def __init__(self, count: int) -> None:
+        self._running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+
+    def end(self) -> None:
+        for process in self._running:
+            process.kill()
+        for process in self._running:
+            process.wait()
+
+
+class Driver(QObject):
+    """Holds a direction key, lets it go for a moment, and counts what ended meanwhile and why."""
+
+    def __init__(self, load: ConsoleUnderLoad) -> None:
+        super().__init__()
+        self.drives = 0
+        self.ended: Counter[str] = Counter()
+        self._load = load
+        self._moving = False
+        load.state.event_happened.connect(self._on_event)
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, DriveEnded):
+            self.ended[event.reason] += 1
+
+    def drive_for(self, seconds: float) -> None:
+        widget = self._load.focus_driving()
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            # Turning on the spot: nothing is in the way, whatever the robot has done before.
+            key = (Qt.Key.Key_A, Qt.Key.Key_D)[self.drives % 2]
+            QTest.keyPress(widget, key)
+            self.drives += bool(self._load.window.hold.held)
+            self._load.let_qt_run(min(HELD_S, max(0.1, until_s - time.monotonic())))
+            QTest.keyRelease(widget, key)
+            self._load.let_qt_run(LET_GO_S)
+
+
+def side_by_side() -> LayoutNode:
+    rows = tuple(
+        SplitNode("horizontal", tuple(PanelLeaf(name) for name in row), tuple(1.0 for _ in row)) for row in _ROWS
+    )
+    return SplitNode("vertical", rows, (1.0, 1.0, 1.0))
+
+
+def behind_one_another() -> LayoutNode:
+    """Video and Speak in front, everything else behind them."""
+    return SplitNode(
+        "horizontal",
+        (
+            TabNode(("video", "map", "people", "motion", "diagnostics", "robot"), "video"),
+            TabNode(("speak", "assistant", "drive", "session"), "speak"),
+        ),
+        (2.0, 1.0),
+    )
+
+
+def measure(seconds: float, *, burners: int) -> dict[str, object]:
+    load = ConsoleUnderLoad()
+    driver = Driver(load)
+    for number in range(LOG_ROWS):
+        load.state.take(Marked(clock.now_ns(), f"Before {number}"))
+    foreign = Burners(burners)
+    bare = subprocess.Popen(
+        [sys.executable, "-m", "tests.benchmarks.ui_stalls", "--bare", "--seconds", str(seconds)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    marks = QTimer(interval=MARK_EVERY_MS)
+    marks.timeout.connect(lambda: load.console.mark("again"))
+    marks.start()
+    meter = LatenessMeter()
+    by_layout: dict[str, object] = {}
+    layouts = {"panels_open": side_by_side(), "panels_hidden": behind_one_another()}
+    for name, layout in layouts.items():
+        load.window.show_scenario(replace(load.console.scenario, layout=layout))
+        before, first = Counter(driver.ended), len(meter.late_ms)
+        driver.drive_for(seconds / len(layouts))
+        late_ms = meter.late_ms[first:]
+        by_layout[name] = {
+            "ended": dict(driver.ended - before),
+            "gui_stalls_over_150_ms": sum(late > STALL_MS for late in late_ms),
+            "gui_late_ms": percentiles(late_ms),
+        }
+    marks.stop()
+    report = load.load()
+    bare_said = json.loads(bare.communicate(timeout=60)[0])
+    foreign.end()
+    load.close()
+    return {
+        "benchmark": "driving_under_load",
+        "seconds": seconds,
+        "burners": burners,
+        "drives": driver.drives,
+        "ended_by_the_console": driver.ended[ENDED_BY_THE_CONSOLE],
+        "ended": dict(driver.ended),
+        "bare_process_stalls_over_150_ms": bare_said["over_150_ms"],
+        "bare_process_ms": bare_said,
+        **by_layout,
+        "load": report,
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--burners", type=int, default=BURNERS)
+    arguments = parser.parse_args()
+    on_a_screen()
+    print(json.dumps(measure(arguments.seconds, burners=arguments.burners)))
