@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,28 @@ def test_each_stream_becomes_a_tidy_table(session: Path, tmp_path: Path) -> None
     assert [row["content"] for row in table(out / "event_llm_exchange_messages.csv")] == ["Be brief.", "Hi"]
     about = {row["key"]: row["value"] for row in table(out / "session.csv")}
     assert (about["trial.participant"], about["reason"], about["closed_properly"]) == ("P07", "wizard", "true")
+
+
+def test_tables_of_several_sessions_can_be_put_under_one_another(session: Path, tmp_path: Path) -> None:
+    other = tmp_path / "another session"
+    shutil.copytree(session, other)
+    head = json.loads((other / "session.json").read_text())
+    head["trial"] |= {"participant": 'P"08"', "condition": "B", "trial": "2"}
+    (other / "session.json").write_text(json.dumps(head))
+    rows: dict[str, list[dict[str, str]]] = {}
+    for folder in (session, other):
+        written = export_session(folder, "csv", tmp_path / f"csv-{folder.name}")
+        for path in written:
+            rows.setdefault(path.name, []).extend(table(path))
+            assert path.read_text(encoding="utf-8").startswith("session,participant,condition,trial,")
+    for name, mixed in rows.items():
+        whose = {(row["session"], row["participant"], row["condition"], row["trial"]) for row in mixed}
+        assert {one[:2] for one in whose} == {(session.name, "P07"), (other.name, 'P"08"')}, name
+        assert (other.name, 'P"08"', "B", "2") in whose
+        assert len(whose) == 2
+    # By the session rows of several tables belong together.
+    poses = {row["session"]: row["pose_in_map_x_m"] for row in rows["pose.csv"]}
+    assert {row["session"] for row in rows["scan.csv"]} == set(poses)
 
 
 def test_every_column_of_every_table_is_described(session: Path, tmp_path: Path) -> None:

@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import LaserScan, Odometry, People, PeopleInMap, RobotPose
+from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, PeopleInMap, RobotPose
+from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
+from caris_desktop.recording.exporters.tables import whose_columns
+from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.answers import LlmUse, answer_uses
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session.session_reader import Session
@@ -23,12 +27,15 @@ from caris_desktop.recording.studies.measures import COMMAND_HOLDS_S, reaction_t
 STEP_NS = 100_000_000
 PAUSE_NS = 2_000_000_000
 """So long without driving ends an episode."""
+PICTURE_WIDTH_PX = 640
+"""Pictures of steps are no wider: what learns from them makes them smaller still."""
+_JPEG_QUALITY = 90
 _STEPS_AFTER = 5
 _OLD_NS = 5_000_000_000
 _TURNS_BEFORE = 20
 _EDIT_WITHIN_NS = 5_000_000_000
 _STREAMS = (
-    "scan", "odometry", "pose", "people", "people_in_map", "event/goal_changed", "event/command_sent"
+    "frame", "scan", "odometry", "pose", "people", "people_in_map", "event/goal_changed", "event/command_sent"
 )  # fmt: skip
 
 
@@ -41,11 +48,26 @@ class Written:
     steps: int
 
 
+def whose(session: Session) -> dict[str, str]:
+    """What every line begins with, so that the lines of several sessions can be told apart."""
+    return {column.name: column.read(None, None) for column in whose_columns(session)}  # type: ignore[arg-type] # constants
+
+
 def write_driving(session: Session, out: Path, progress: Callable[[float], None]) -> Written:
-    """``episodes.jsonl`` and a file of steps for each episode, in the folder ``out``. Raises OSError, SessionError."""
+    """``episodes.jsonl``, a file of steps for each episode and the pictures that they name, in the folder ``out``.
+
+    Raises OSError, SessionError.
+    """
     out.mkdir()
+    with VideoReader(session) as videos:
+        return _write_driving(session, out, _StepPictures(videos, out), progress)
+
+
+def _write_driving(
+    session: Session, out: Path, pictures: "_StepPictures", progress: Callable[[float], None]
+) -> Written:
     situation = _Situation(robot_clock(session))
-    writer = _EpisodeWriter(session, out)
+    writer = _EpisodeWriter(session, out, pictures)
     step_ns, begun_with = session.started_ns, situation.known()
     span_ns = max(1, session.ended_ns - session.started_ns)
 
@@ -53,7 +75,7 @@ def write_driving(session: Session, out: Path, progress: Callable[[float], None]
         action = situation.action(step_ns + STEP_NS)
         # States are large, and a session is mostly rest.
         if writer.under_way or _moves(action):
-            writer.add(step_ns, _state(begun_with, step_ns), action)
+            writer.add(step_ns, _state(begun_with, step_ns), action, _frames(begun_with, step_ns))
 
     try:
         for number, (arrival_ns, _, value) in enumerate(session.arrivals(*_STREAMS)):
@@ -66,10 +88,11 @@ def write_driving(session: Session, out: Path, progress: Callable[[float], None]
         end_step()
     finally:
         writer.close()
-    return Written((writer.index, *writer.paths), len(writer.paths), writer.steps)
+    return Written((writer.index, *writer.paths, *pictures.paths), len(writer.paths), writer.steps)
 
 
-_Known = dict[type[Any], tuple[Any, int]]
+# By type; frames by camera.
+_Known = dict[type[Any] | str, tuple[Any, int]]
 
 
 class _Situation:
@@ -85,7 +108,8 @@ class _Situation:
             self._command = value, arrival_ns
         else:
             measured = self._clock.measured(getattr(value, "robot_stamp_ns", None), arrival_ns=arrival_ns)
-            self._newest[type(value)] = value, value.stamp_ns if measured is None else measured.stamp_ns
+            key = value.camera if isinstance(value, FrameRef) else type(value)
+            self._newest[key] = value, value.stamp_ns if measured is None else measured.stamp_ns
 
     def known(self) -> _Known:
         return dict(self._newest)
@@ -131,11 +155,63 @@ def _goal(known: _Known) -> dict[str, Any] | None:
     return {"goal_id": goal.goal_id, "place": goal.place, **_pose(goal.target_in_map)}
 
 
+def _frames(known: _Known, at_ns: int) -> list[tuple[FrameRef, float]]:
+    """The newest frame of each camera, with its age in seconds."""
+    return [
+        (value, (at_ns - moment_ns) / 1e9)
+        for value, moment_ns in known.values()
+        if isinstance(value, FrameRef) and at_ns - moment_ns <= _OLD_NS
+    ]
+
+
+class _StepPictures:
+    """Writes the pictures that steps name, each once. Quickest in the order of time."""
+
+    def __init__(self, videos: VideoReader, out: Path) -> None:
+        self._videos = videos
+        self._out = out
+        self._folder = out / "pictures"
+        self._written: dict[str, tuple[int, str | None]] = {}
+        self.paths: list[Path] = []
+
+    def names(self, frames: list[tuple[FrameRef, float]]) -> dict[str, dict[str, Any]]:
+        """For each camera the file, from the folder of the steps; cameras whose video lacks the frame are left out."""
+        found = {}
+        for frame, age_s in frames:
+            stamp_ns, name = self._written.get(frame.camera, (None, None))
+            if stamp_ns != frame.stamp_ns:
+                name = self._write(frame)
+                self._written[frame.camera] = frame.stamp_ns, name
+            if name is not None:
+                found[frame.camera] = {"image": name, "age_s": round(age_s, 4), "frame_sequence": frame.sequence}
+        return found
+
+    def _write(self, frame: FrameRef) -> str | None:
+        picture = picture_of(self._videos, frame.camera, frame.stamp_ns)
+        if picture is None:
+            return None
+        import cv2
+
+        image_bgr: NDArray[np.uint8] = picture.image_bgr
+        height_px, width_px = image_bgr.shape[:2]
+        if width_px > PICTURE_WIDTH_PX:
+            size_px = (PICTURE_WIDTH_PX, max(1, round(height_px * PICTURE_WIDTH_PX / width_px)))
+            image_bgr = np.asarray(cv2.resize(image_bgr, size_px, interpolation=cv2.INTER_AREA), np.uint8)
+        _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        self._folder.mkdir(exist_ok=True)
+        path = self._folder / f"{camera_file_name(frame.camera)}-{len(self.paths) + 1:06d}.jpg"
+        path.write_bytes(jpeg.tobytes())
+        self.paths.append(path)
+        return path.relative_to(self._out).as_posix()
+
+
 class _EpisodeWriter:
     """Cuts steps into episodes: from the first that drives to the last, with a moment of rest behind it."""
 
-    def __init__(self, session: Session, out: Path) -> None:
+    def __init__(self, session: Session, out: Path, pictures: _StepPictures) -> None:
         self._session = session
+        self._whose = whose(session)
+        self._pictures = pictures
         self._out = out
         self.index = out / "episodes.jsonl"
         self.paths: list[Path] = []
@@ -150,7 +226,9 @@ class _EpisodeWriter:
     def under_way(self) -> bool:
         return self._file is not None
 
-    def add(self, at_ns: int, state: dict[str, Any], action: dict[str, Any]) -> None:
+    def add(
+        self, at_ns: int, state: dict[str, Any], action: dict[str, Any], frames: list[tuple[FrameRef, float]]
+    ) -> None:
         moving = _moves(action)
         if not moving and self._file is None:
             return
@@ -158,7 +236,7 @@ class _EpisodeWriter:
             path = self._out / f"episode-{len(self.paths) + 1:04d}.jsonl"
             self._file = path.open("w", encoding="utf-8", errors="replace")
             self.paths.append(path)
-        row = {"at_ns": at_ns, "state": state, "action": action}
+        row = {"at_ns": at_ns, "state": state, "action": action, "frames": frames}
         if not moving:
             self._resting.append(row)
             if len(self._resting) * STEP_NS >= PAUSE_NS:
@@ -178,11 +256,12 @@ class _EpisodeWriter:
             return
         at_ns = row["at_ns"]
         line = {
+            **self._whose,
             "episode": len(self.paths),
             "step": len(self._of_this),
             "session_s": round(self._session.clock.session_s(at_ns), 4),
             "utc": self._session.clock.utc(at_ns),
-            "state": row["state"],
+            "state": {**row["state"], "pictures": self._pictures.names(row["frames"])},
             "action": row["action"],
         }
         self._file.write(_line(line))
@@ -197,6 +276,7 @@ class _EpisodeWriter:
         self._file.close()
         first_ns, last_ns = self._of_this[0], self._of_this[-1]
         summary = {
+            **self._whose,
             "episode": len(self.paths),
             "file": self.paths[-1].name,
             "steps": len(self._of_this),
@@ -223,7 +303,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
         reply.utterance.utterance_id: reply.delay_s
         for reply in reaction_times(facts.utterances, exchanges, facts.pauses)
     }
-    in_view = _counts_in_view(session)
+    in_view, of_this = _counts_in_view(session), whose(session)
     path = out / "turns.jsonl"
     turns, before_ns = 0, -(2**62)
     with path.open("w", encoding="utf-8", errors="replace") as file:
@@ -237,6 +317,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
             asked = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
             edited = _edited_answer(utterance.text, at_ns, facts.of(AnswerUsed))
             line = {
+                **of_this,
                 "turn": turns + 1,
                 "utterance_id": utterance.utterance_id,
                 "decided_s": _seconds(session, at_ns),

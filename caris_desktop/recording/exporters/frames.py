@@ -1,7 +1,6 @@
 """A session as material for learning: pictures with boxes (YOLO, MOT), episodes of driving, turns of dialogue."""
 
 import csv
-import re
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.exporters.episodes import Written, write_dialogue, write_driving
-from caris_desktop.recording.exporters.pictures import Pace, picture_of
+from caris_desktop.recording.exporters.episodes import PICTURE_WIDTH_PX, Written, write_dialogue, write_driving
+from caris_desktop.recording.exporters.pictures import Pace, camera_file_name, picture_of
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.robot_clock import robot_clock
 from caris_desktop.recording.session.session_reader import Session
@@ -148,7 +147,7 @@ class _Yolo:
         """Write the labels; the path of the picture."""
         part = "train" if people.stamp_ns < self._train_until_ns else "val"
         self.images[part] += 1
-        name = f"{_file_name(people.camera)}-{self.images.total():06d}"
+        name = f"{camera_file_name(people.camera)}-{self.images.total():06d}"
         height, width = image_bgr.shape[:2]
         lines = [
             f"0 {(box.left + box.width / 2) / width:.6f} {(box.top + box.height / 2) / height:.6f}"
@@ -236,9 +235,9 @@ class _Mot:
 
     def _begin(self, camera: str, width: int, height: int) -> _Sequence:
         names = {sequence.folder.name for sequence in self.sequences.values()}
-        name, number = f"{_file_name(camera)}-machine-made", 2
+        name, number = f"{camera_file_name(camera)}-machine-made", 2
         while name in names:
-            name, number = f"{_file_name(camera)}-{number}-machine-made", number + 1
+            name, number = f"{camera_file_name(camera)}-{number}-machine-made", number + 1
         folder = self._folder / name
         for part in ("img1", "det", "gt"):
             (folder / part).mkdir(parents=True)
@@ -278,10 +277,6 @@ class _Mot:
         self.paths += [
             seqinfo, said, times, tracks, sequence.folder / "det" / "det.txt", sequence.folder / "gt" / "gt.txt"
         ]  # fmt: skip
-
-
-def _file_name(camera: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", camera).strip("-")[:40] or "camera"
 
 
 def _rate(most_hz: float | None) -> str:
@@ -326,9 +321,13 @@ taken; `tracks.csv`: the tracker's number and the person ids of each id. `frameR
 not exactly regular.
 
 ## driving/ ({driving.episodes} episodes, {driving.steps} steps)
-`episodes.jsonl` lists the episodes, `episode-NNNN.jsonl` has a line for each step of 0.1 s. An episode begins with the
-first velocity other than zero and ends when there was none for 2 s; it keeps 0.5 s of rest at its end.
+`episodes.jsonl` lists the episodes, `episode-NNNN.jsonl` has a line for each step of 0.1 s. Every line names its
+`session`, `participant`, `condition` and `trial`, here and in `dialogue/`. An episode begins with the first velocity
+other than zero and ends when there was none for 2 s; it keeps 0.5 s of rest at its end.
 `state` is what the console had when the step began, by arrival; null where it is not known or older than 5 s:
+- `pictures`: for each camera that had one, the newest frame: `image` is a file beside the steps, at most
+  {PICTURE_WIDTH_PX} pixels wide; `frame_sequence` as in the session's `events.mcap`. A frame that several steps saw is
+  there once; cameras whose video lacks the frame are absent.
 - `scan`: `ranges_m` in metres, null where nothing returned; beam i looks along
   `angle_min_rad + i * angle_increment_rad` from the laser, which sits at `robot_from_laser`
   (null where nobody told).

@@ -1,5 +1,7 @@
 """The pictures that recorded values speak of, and how many of them to take."""
 
+import re
+
 from caris_desktop.recording.replay.video_reader import Picture, VideoReader
 
 # Neighbouring frames of the fastest cameras are 4 ms apart; a video rounds its times to 11 µs.
@@ -12,6 +14,11 @@ def picture_of(videos: VideoReader, camera: str, stamp_ns: int) -> Picture | Non
     if info is None or abs(info.stamp_ns - stamp_ns) > _SAME_FRAME_NS:
         return None
     return videos.frame(camera, info.number)
+
+
+def camera_file_name(camera: str) -> str:
+    """The camera's name as a part of a file's name."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", camera).strip("-")[:40] or "camera"
 
 
 class Pace:

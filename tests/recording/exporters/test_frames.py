@@ -17,7 +17,7 @@ import yaml
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import AnswerUsed, CommandSent, UtteranceChanged
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.sensing import LaserScan, People, RobotPose
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.frames import write_frames
@@ -154,15 +154,27 @@ def test_driving_is_cut_where_the_wizard_paused(made: MadeSession, out: Path) ->
     scans = [(arrived, value) for arrived, value in made.values if isinstance(value, LaserScan)]
     poses = [(arrived, value) for arrived, value in made.values if isinstance(value, RobotPose)]
     commands = [(arrived, value) for arrived, value in made.values if isinstance(value, CommandSent)]
+    frames = [(arrived, value) for arrived, value in made.values if isinstance(value, FrameRef)]
     for episode in episodes:
         steps = lines(out / "driving" / episode["file"])
         assert [step["step"] for step in steps] == list(range(episode["steps"]))
+        for step in (*steps, episode):
+            told = (step["session"], step["participant"], step["condition"], step["trial"])
+            assert told == (made.folder.name, "P07", "B", "1")
         for step in steps:
             at_ns = made.plan.started_ns + round(step["session_s"] * 1e9)
             until_ns = at_ns + SECOND_NS // 10
             sent = [value for arrived, value in commands if arrived <= until_ns][-1]
             action = step["action"]
             assert (action["forward_mps"], action["turn_radps"]) == (sent.twist.forward_mps, sent.twist.turn_radps)
+            shown = [value for arrived, value in frames if arrived < at_ns]
+            assert set(step["state"]["pictures"]) == ({"front"} if shown else set())
+            if shown:
+                picture = step["state"]["pictures"]["front"]
+                assert picture["frame_sequence"] == shown[-1].sequence
+                assert number_in(cv2.imread(str(out / "driving" / picture["image"]))) == shown[-1].sequence - 1
+                taken_ns = shown[-1].stamp_ns - round(made.plan.under_way_ms * 1e6)
+                assert picture["age_s"] == pytest.approx((at_ns - taken_ns) / 1e9, abs=0.004)
             known = [value for arrived, value in scans if arrived < at_ns]
             if not known:
                 assert step["state"]["scan"] is None
@@ -178,6 +190,23 @@ def test_driving_is_cut_where_the_wizard_paused(made: MadeSession, out: Path) ->
     last = lines(out / "driving" / episodes[0]["file"])[-1]
     assert len(last["state"]["people_in_map"]["people"]) == made.plan.people
     assert last["action"]["forward_mps"] == 0.0
+
+
+def test_steps_show_large_pictures_smaller_and_cameras_without_video_not(tmp_path: Path) -> None:
+    made = make_session(
+        tmp_path / "s", seconds=2.0, cameras=("front", "rear"), size_px=(1280, 720), audio=(), keep=True
+    )
+    (made.folder / "video-rear.mp4").unlink()
+    export_session(made.folder, "frames", tmp_path / "out")
+    steps = lines(tmp_path / "out" / "driving" / "episode-0001.jsonl")
+    named = {name for step in steps for name in step["state"]["pictures"]}
+    assert named == {"front"}
+    images = [step["state"]["pictures"]["front"]["image"] for step in steps if step["state"]["pictures"]]
+    assert len(images) > 10
+    for image in images:
+        assert cv2.imread(str(tmp_path / "out" / "driving" / image)).shape == (360, 640, 3)
+    there = {f"pictures/{path.name}" for path in (tmp_path / "out" / "driving" / "pictures").iterdir()}
+    assert there == set(images)
 
 
 def test_turns_hold_what_the_wizard_could_know(made: MadeSession, out: Path) -> None:
