@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 
 import platformdirs
@@ -132,6 +133,7 @@ def parts(
         new_session=functools.partial(_new_session, study),
         expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
         free_bytes=functools.partial(free_bytes, study),
+        photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", run_microphone), lambda: None, _forget),
     )
 

@@ -299,7 +299,7 @@ class PersonRenamed:
 
 @dataclass(frozen=True, slots=True)
 class PhotoTaken:
-    """``file_name`` is relative to the session folder."""
+    """``file_name`` is relative to the session folder, and without a recording to the study's."""
 
     stamp_ns: int
     camera: str

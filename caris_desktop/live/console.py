@@ -103,6 +103,7 @@ class Parts:
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
     expected_bytes_per_hour: Callable[[Scenario], float | None]
     free_bytes: Callable[[], int | None]
+    photo_file: Callable[[], Path]
     microphone: MicrophoneParts
 
 
@@ -752,7 +753,7 @@ class Console(QObject):
 
     def take_photo(self) -> None:
         if self._scenario.permissions.photos:
-            self._recording.take_photo()
+            self._recording.take_photo(without_session=self._parts.photo_file())
 
     def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
         return self._marks.mark(label, kind, earlier_s=earlier_s, note=note)

@@ -163,17 +163,19 @@ class RecordingDirector(QObject):
             self._markers_offered = offer
             self._feed.request(offer)
 
-    def take_photo(self) -> None:
+    def take_photo(self, *, without_session: Path) -> None:
+        """Keep the newest picture with the session, or as ``without_session`` while there is none."""
         ref = self._state.frame.value
-        if self._state.recording.value.state != "recording" or ref is None:
+        if ref is None:
             self._problem(
                 "warning",
                 "No photo was taken.",
-                "Photos are kept in the session's folder.",
-                "Start recording first." if ref is not None else "There is no picture from the camera.",
+                "There is no picture from the camera.",
+                "Take it when the picture is back.",
+                until="picture",
             )
             return
-        self._feed.request(TakePhoto(ref))
+        self._feed.request(TakePhoto(ref, without_session))
 
     # What the recorder says
 

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 Permission = Literal["photos", "video_recording", "driving", "assistant", "naming_people"]
 Kind = Literal["command", "hold", "safety", "mark"]
-Condition = Literal["always", "recording", "video", "answer"]
+Condition = Literal["always", "recording", "video", "photo", "answer"]
 Feature = Literal["sideways", "head"]
 
 PHRASE_COUNT = 8
@@ -122,7 +122,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("filler", "Say the filler", "dots-three", ("F9",), callback="say_filler", group="Speaking"),
     ActionSpec("silence", "Silence", "speaker-slash", ("F12",), callback="silence", group="Speaking"),
     ActionSpec(
-        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="video", callback="take_photo",
+        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo", callback="take_photo",
         group="Session",
     ),
     ActionSpec(

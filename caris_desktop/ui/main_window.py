@@ -445,6 +445,9 @@ class MainWindow(QWidget):
         self._console.silence()
 
     def take_photo(self) -> None:
+        video = self._panels.get("video")
+        if isinstance(video, VideoPanel):
+            video.remember_photo()
         self._console.take_photo()
 
     def mark_moment(self) -> None:
@@ -997,6 +1000,7 @@ class MainWindow(QWidget):
     # ---- what happens
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
+        self._offer_photo()
         if self._sessions is None:
             return
         self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
@@ -1020,6 +1024,13 @@ class MainWindow(QWidget):
 
     def _on_video_freshness_changed(self, freshness: str) -> None:
         self.actions_table.set_condition("video", freshness == "fresh")
+        self._offer_photo()
+
+    def _offer_photo(self) -> None:
+        """In a pause nothing is to be kept of whoever is there."""
+        state = self._console.state
+        paused = state.recording.value.state == "paused"
+        self.actions_table.set_condition("photo", state.frame.freshness == "fresh" and not paused)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
         for panel in self._panels.values():

@@ -29,7 +29,7 @@ def main(folder: Path) -> None:
         recorder.send(AudioChunk(clock.now_ns(), "microphone", 16_000, np.ones((800, 1), np.int16)))
         recorder.send(UtteranceChanged(clock.now_ns(), str(number), "robot", "Hello", "typed", "started"))
         if number == 20:
-            recorder.send(TakePhoto(ref))
+            recorder.send(TakePhoto(ref, folder / "elsewhere.png"))
         recorder.drain()
         time.sleep(0.05)
     recorder.stop_session()

@@ -41,6 +41,7 @@ from caris_desktop.ui.panels.video import (
     boxes_fit,
     moved_since,
 )
+from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
@@ -692,5 +693,35 @@ def test_the_picture_says_why_the_robot_does_not_drive(window: MainWindow, conso
     assert panel._hints() == [("Slowed down: the picture is late", "warning")]
     console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
     assert panel._hints() == [("Driving is off: The robot is out of reach", "warning")]
-    console.state.take(PhotoTaken(clock.now_ns(), "front", 1, "photos/1.png"))
-    assert panel._hints()[0] == ("Photo taken", "good")
+
+
+def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeConsole) -> None:
+    _panel, view = video(window)
+    frame = show_flat(console, (20, 200, 40))
+    window.actions_table.run("photo")
+    assert console.named("take_photo") == [None]
+    show_flat(console, (200, 20, 20))
+    small = window.findChild(PhotoThumbnail, "photo_thumbnail")
+    assert small is not None
+    assert not small.isVisible(), "it is not kept yet"
+    console.state.take(PhotoTaken(clock.now_ns(), "front", frame.sequence, "photos/0001.png"))
+    assert small.isVisible()
+    assert small.accessibleName() == "Photo kept with the session: photos/0001.png"
+    middle = small.grab().toImage().pixelColor(small.width() // 2, 60)
+    assert (middle.blue(), middle.green(), middle.red()) == (20, 200, 40), "the one that was taken"
+    assert view.rect().contains(small.geometry())
+    small._going.timeout.emit()
+    assert not small.isVisible()
+    console.state.recording.set(RecordingStatus())
+    console.state.take(PhotoTaken(clock.now_ns(), "front", 999, "photos/0002.png"))
+    assert small.accessibleName() == "Photo kept in the study’s folder: photos/0002.png"
+    assert small.image is None, "that picture was not seen here"
+
+
+def test_a_photo_is_offered_whether_recording_or_not_but_never_in_a_pause(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    button, recording = find(window, "photo_button"), console.state.recording.value
+    for state, offered in (("idle", True), ("recording", True), ("paused", False), ("failed", True)):
+        console.state.recording.set(dataclasses.replace(recording, state=state))
+        assert button.isEnabled() is offered, state

@@ -389,6 +389,21 @@ class _CameraThread:
         )
 
 
+def write_photo(image_bgr: NDArray[np.uint8], path: Path, *, on_full: Callable[[], bool] = lambda: False) -> Path:
+    """A PNG, whole or not at all. Gives its path; raises OSError, ValueError."""
+    import cv2
+
+    try:
+        encoded, png = cv2.imencode(".png", image_bgr)
+    except cv2.error as error:
+        raise ValueError(str(error)) from error
+    if not encoded:
+        raise ValueError("the picture could not be encoded")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, png.tobytes(), durable=False, on_full=on_full)
+    return path
+
+
 class _PhotoThread:
     """PNG files, one after the other."""
 
@@ -420,17 +435,10 @@ class _PhotoThread:
             self._budget.give_back(image_bgr.nbytes)
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8], file_name: str) -> None:
-        import cv2
-
         try:
-            encoded, png = cv2.imencode(".png", image_bgr)
-            if not encoded:
-                raise ValueError("the picture could not be encoded")  # noqa: TRY301 - one place tells the recorder
-            path = self._folder / file_name
-            path.parent.mkdir(exist_ok=True)
-            replace_file(path, png.tobytes(), durable=False, on_full=self._on_full)
-            self.written_bytes += png.nbytes
-        except (OSError, ValueError, cv2.error) as error:
+            path = write_photo(image_bgr, self._folder / file_name, on_full=self._on_full)
+            self.written_bytes += path.stat().st_size
+        except (OSError, ValueError) as error:
             _log.exception("photo %s", file_name)
             full = isinstance(error, OSError) and no_room(error)
             self._results.append(MediaFailed("photo", ref.camera, 1, full, str(error)))

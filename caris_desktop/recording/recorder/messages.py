@@ -82,9 +82,13 @@ class OfferMarkers:
 
 @dataclass(frozen=True, slots=True)
 class TakePhoto:
-    """Keep this frame as ``photos/NUMBER.png``; answered by ``PhotoTaken``, or by a ``Problem``."""
+    """Keep this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` while there is none.
+
+    Answered by ``PhotoTaken``, or by a ``Problem``.
+    """
 
     ref: FrameRef
+    without_session: Path
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """The recorder: a process of its own, so that neither encoding nor a full disk holds up the console."""
 
+import itertools
 import logging
 import os
 import pickle
@@ -9,14 +10,16 @@ import threading
 import time
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import PhotoTaken, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
+from caris_desktop.recording.recorder.media_writer import write_photo
 from caris_desktop.recording.recorder.messages import (
     ARRIVED,
     OfferMarkers,
@@ -128,7 +131,7 @@ class _Recorder:
                     self._send_report(self._session.status())
             case TakePhoto():
                 if self._session is None:
-                    self._tell_problem("No photo was taken.", "Photos are kept with a session.", "Start recording.")
+                    self._keep_photo(message)
                 else:
                     self._session.take_photo(message.ref)
             case SetRecordingPermissions():
@@ -139,6 +142,27 @@ class _Recorder:
             case _:
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
+
+    def _keep_photo(self, wanted: TakePhoto) -> None:
+        """Without a recording nothing else waits for this process meanwhile."""
+        image_bgr = self._frames.read(wanted.ref)
+        if image_bgr is None:
+            self._tell_problem(
+                "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.", "warning"
+            )
+            return
+        try:
+            path = write_photo(image_bgr, _not_taken(wanted.without_session))
+        except (OSError, ValueError) as error:
+            _log.exception("photo %s", wanted.without_session)
+            self._tell_problem(
+                "The photo could not be kept.",
+                f"{wanted.without_session.parent} cannot be written ({error}).",
+                "Make room or rights for the study's folder, then take it again.",
+            )
+            return
+        ref = wanted.ref
+        self._send(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, f"{path.parent.name}/{path.name}"))
 
     def _start(self, start: StartRecording) -> None:
         unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
@@ -236,8 +260,8 @@ class _Recorder:
 
     # To the console
 
-    def _tell_problem(self, what: str, meaning: str, advice: str) -> None:
-        self._send(Problem(clock.now_ns(), "error", what, meaning, advice, until="recording"))
+    def _tell_problem(self, what: str, meaning: str, advice: str, severity: Severity = "error") -> None:
+        self._send(Problem(clock.now_ns(), severity, what, meaning, advice, until="recording"))
 
     def _send_report(self, report: RecorderReport) -> None:
         self._reported_ns = time.monotonic_ns()
@@ -251,6 +275,12 @@ class _Recorder:
             if not self._console_gone:
                 _log.warning("the console no longer listens")
             self._console_gone = True
+
+
+def _not_taken(path: Path) -> Path:
+    """The path, with a number where there is such a file already: two photos within a second."""
+    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
+    return next(each for each in itertools.chain([path], numbered) if not each.exists())
 
 
 def _import_writers() -> None:

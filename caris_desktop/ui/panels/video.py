@@ -24,6 +24,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, ring_px, spot_at
+from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
 
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
@@ -31,7 +32,6 @@ BOXES_GONE_S = 0.8
 
 _FORESEEN_S = 0.25
 _STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
-_PHOTO_SHOWN_S = 2.5
 _DRIVE_ENDED_SHOWN_S = 5.0
 _CHIP_COLORS = {
     "hint": "box_unnamed", "warning": "box_warning", "good": "box_named", "blocked": "box_warning",
@@ -122,7 +122,8 @@ class VideoPanel(Panel):
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
-        self._photo_until_s = 0.0
+        self._remembered: tuple[str, int, QImage] | None = None
+        self._thumbnail = PhotoThumbnail(self.theme, self.view)
         self._ended = ("", 0.0)
         self._latency_s = 0.0
         self._note = ("", 0.0)
@@ -259,11 +260,9 @@ class VideoPanel(Panel):
         self.view.show_age(age_s)
 
     def _hints(self) -> list[tuple[str, str]]:
-        """How to drive now, or why not; and for a moment that a photo was taken."""
+        """How to drive now, or why not."""
         drive: DriveStatus = self.state.drive.value
         hints: list[tuple[str, str]] = []
-        if time.monotonic() < self._photo_until_s:
-            hints.append(("Photo taken", "good"))
         if time.monotonic() < self._note[1]:
             hints.append((self._note[0], "warning"))
         if self.table.spec("drive_forward") is None:
@@ -360,8 +359,18 @@ class VideoPanel(Panel):
             self._ended = (event.reason, time.monotonic() + _DRIVE_ENDED_SHOWN_S)
             self._refresh()
         elif isinstance(event, PhotoTaken):
-            self._photo_until_s = time.monotonic() + _PHOTO_SHOWN_S
-            self._refresh()
+            taken = self._remembered
+            known = taken is not None and (taken[0], taken[1]) == (event.camera, event.frame_sequence)
+            in_session = self.state.recording.value.state in ("starting", "recording", "paused")
+            kept = "Photo kept with the session" if in_session else "Photo kept in the study’s folder"
+            self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
+
+    def remember_photo(self) -> None:
+        """The picture that is being kept now: it is shown small once it is."""
+        frame: FrameRef | None = self.state.frame.value
+        image_bgr = self.console.frames.read(frame) if frame is not None else None
+        if frame is not None and image_bgr is not None:
+            self._remembered = (frame.camera, frame.sequence, thumbnail_of(image_bgr))
 
 
 class FrameView(QWidget):

@@ -129,7 +129,7 @@ def test_a_session_is_a_folder_that_ordinary_programs_can_read(tmp_path: Path, r
     utterance = UtteranceChanged(clock.now_ns(), "u1", "robot", "Hello!", "phrase", "started", "espeak")
     recorder.send(utterance, exchange(), PersonAppeared(clock.now_ns(), "p-1", 4))
     recorder.send(People(clock.now_ns(), "front", 3, 640, 480, (PersonBox(4, "p-1", 1, 2, 3, 4, 0.9),), 12.0))
-    recorder.send(TakePhoto(refs[-1]))
+    recorder.send(TakePhoto(refs[-1], tmp_path / "elsewhere.png"))
     photo = recorder.wait_for(PhotoTaken)
     report = recorder.stop_session()
     recorder.close()
@@ -246,7 +246,7 @@ def test_what_the_scenario_forbids_is_not_recorded(tmp_path: Path, ring: FrameRi
     recorder = RecorderUnderTest(ring)
     recorder.send(start(tmp_path / "s", video=False, photos=False))
     ref = ring.write(picture(1), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
-    recorder.send(ref, TakePhoto(ref))
+    recorder.send(ref, TakePhoto(ref, tmp_path / "elsewhere.png"))
     assert "does not permit" in recorder.wait_for(Problem).meaning
     recorder.send(SetRecordingPermissions(video=True, photos=True))
     feed_frames(recorder, ring, 3, period_s=0.0)
@@ -257,6 +257,26 @@ def test_what_the_scenario_forbids_is_not_recorded(tmp_path: Path, ring: FrameRi
     assert [path.name for path in (tmp_path / "s").rglob("*.mp4")] == ["video-front.mp4"]
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 3
     assert not list((tmp_path / "s").rglob("*.png"))
+
+
+def test_without_a_session_a_photo_goes_where_it_is_told_to(tmp_path: Path, ring: FrameRing) -> None:
+    recorder = RecorderUnderTest(ring)
+    ref = ring.write(picture(1), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
+    target = tmp_path / "study" / "photos" / "2026-11-22_10-14-02.png"
+    recorder.send(TakePhoto(ref, target), TakePhoto(ref, target))
+    first = recorder.wait_for(PhotoTaken, file_name="photos/2026-11-22_10-14-02.png")
+    assert (first.camera, first.frame_sequence) == ("front", ref.sequence)
+    recorder.wait_for(PhotoTaken, file_name="photos/2026-11-22_10-14-02-2.png")
+    (tmp_path / "file").write_text("not a folder")
+    recorder.send(TakePhoto(ref, tmp_path / "file" / "a.png"))
+    assert "cannot be written" in recorder.wait_for(Problem, what="The photo could not be kept.").meaning
+    recorder.close()
+    image_bgr = cv2.imread(str(target))
+    assert image_bgr is not None
+    assert np.array_equal(image_bgr, picture(1))
+    assert sorted(path.name for path in target.parent.iterdir()) == [
+        "2026-11-22_10-14-02-2.png", "2026-11-22_10-14-02.png",
+    ]  # fmt: skip
 
 
 def test_one_process_serves_sessions_one_after_the_other(tmp_path: Path) -> None:

@@ -102,7 +102,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     recorder.send(mark("before"), PauseRecording(True))
     recorder.wait_for(RecorderReport, state="paused")
     photo = ring.write(picture(1), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
-    recorder.send(mark("unseen"), command(1, 0.7), pose(77.0), sound(1600, 2000), photo, TakePhoto(photo))
+    recorder.send(
+        mark("unseen"),
+        command(1, 0.7),
+        pose(77.0),
+        sound(1600, 2000),
+        photo,
+        TakePhoto(photo, folder / "elsewhere.png"),
+    )
     recorder.wait_for(Problem, what="No photo was taken.")
     recorder.send(PauseRecording(False), mark("after"), BatteryState(stamp_ns, 0.5))
     resumed_ns = clock.now_ns()
