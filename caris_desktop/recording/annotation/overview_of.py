@@ -55,7 +55,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     moments += [
         Moment("utterance", item.start_ns, f"{item.speaker}: {item.text}")
         for item in record.utterances()
-        if item.start_ns is not None
+        if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
     tell(1.0)

@@ -334,6 +334,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
                     "started_s": _seconds(session, utterance.start_ns),
                     "ended_s": _seconds(session, utterance.end_ns),
                     "state": utterance.state,
+                    "said": utterance.said,
                 },
                 "response_time_s": _rounded(responses.get(utterance.utterance_id)),
                 "wizard_reaction_time_s": _rounded(reactions.get(utterance.utterance_id)),

@@ -349,7 +349,8 @@ program ended the motion), none.
   what was done with it in the end (`said`, `edited`, `dismissed`, `unused`).
 - `action.text`, and `action.origin`: `typed`, `phrase` (prepared), `filler`, `suggestion`, `assistant` (a language
   model's answer as it was), `edited` (one that the wizard changed), `heard` (of an imported recording).
-- `action.state`: finished, interrupted, failed, requested (never said), started (its end is not known).
+- `action.state`: finished, interrupted, failed, requested (never said), started (its end is not known). `action.said`:
+  anybody heard at least a part of it.
 - `response_time_s`: from the end of what the participant said to the beginning of this; null where it is no response:
   nobody spoke before, or over 30 s passed. `wizard_reaction_time_s`: from the end of that, or the model's answer if it
   came later, to `decided_s`.

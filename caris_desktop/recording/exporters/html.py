@@ -280,7 +280,7 @@ class _Seen:
                         item.text,
                     )
                     for item in facts.utterances
-                    if item.speaker == speaker and item.start_ns is not None
+                    if item.speaker == speaker and item.said and item.start_ns is not None
                 ),
             )  # fmt: skip
         moves = [

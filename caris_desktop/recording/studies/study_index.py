@@ -553,7 +553,7 @@ def _items(session: Session) -> Iterator[_Item]:
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     utterances = [event for event in events if isinstance(event, UtteranceChanged)]
     for utterance in spoken_of(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns):
-        if utterance.start_ns is not None:
+        if utterance.said and utterance.start_ns is not None:
             yield item(utterance.start_ns, utterance.speaker, utterance.text)
     for mark in final_marks_of((event for event in events if isinstance(event, Marked)), ended_ns=session.ended_ns):
         yield item(mark.start_ns, mark.kind, " ".join(part for part in (mark.label, mark.note) if part))

@@ -28,6 +28,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.methods import write_methods_of_study
@@ -302,7 +303,8 @@ def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
     (used,) = [item.value for item in read_eaf(tmp_path / "eaf" / "told.eaf").of_tier("record-llm-answer-use")]
     assert used == "unheard"
     (turn,) = map(json.loads, (tmp_path / "frames" / "dialogue" / "turns.jsonl").read_text().splitlines())
-    assert turn["action"]["state"] == "interrupted"
+    assert (turn["action"]["state"], turn["action"]["said"]) == ("interrupted", False)
+    assert [moment.kind for moment in build_overview(session).moments] == []
     with (tmp_path / "csv" / "answers.csv").open(encoding="utf-8", newline="") as file:
         assert [(row["exchange_id"], row["use"]) for row in csv.DictReader(file)] == [("x-1", "unused")]
     with (tmp_path / "csv" / "utterances.csv").open(encoding="utf-8", newline="") as file:
