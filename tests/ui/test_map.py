@@ -215,6 +215,23 @@ def test_people_stand_where_they_were_measured(panel: MapPanel, console: FakeCon
     assert panel.view.grab().toImage().pixelColor(spot) == panel.theme.color("green")
 
 
+def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:
+    """As in a bag that tells neither where the robot was nor how its laser is mounted."""
+    view = panel.view
+    scan = samples.scan_at(Pose2D(2.0, 4.0, 0.0))
+    view.show_scan(None)
+    without = view.grab().toImage()
+    view.show_scan(dataclasses.replace(scan, robot_from_laser=None))
+    assert view.grab().toImage() == without
+    view.show_scan(scan)
+    assert view.grab().toImage() != without
+    view.show_pose(None)
+    view.show_scan(None)
+    without = view.grab().toImage()
+    view.show_scan(scan)
+    assert view.grab().toImage() == without
+
+
 def test_the_planned_path_is_shown_only_while_it_is_driven(panel: MapPanel, console: FakeConsole) -> None:
     line = np.array([(6.6, 3.4), (8.0, 3.4), (8.0, 6.0)], np.float32)
     console.go_to(Pose2D(8.0, 6.0, 0.0))

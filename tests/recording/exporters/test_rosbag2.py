@@ -238,7 +238,7 @@ def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
 STAMPED = "name: new\nvelocity: {topic: /base/cmd, type: TwistStamped}\n"
 
 
-def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path) -> None:
+def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
     began_ns = made.plan.started_ns
     stamped = RobotChosen(began_ns, "new", "New", "ws://127.0.0.1:9090", STAMPED)
@@ -250,6 +250,7 @@ def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path) -> None:
     commands = [(arrived_ns, value) for arrived_ns, value in values if isinstance(value, CommandSent)]
     bag = messages_in(tmp_path / "out" / "session.bag")
     read = {topic: [message for _, message in found] for topic, found in bag.items()}
+    assert "the recorded robot profile cannot be read" in caplog.text
     # The second robot's are beside the others: two types under one name stop a whole graph of ROS 1.
     assert {message.__msgtype__ for message in read["/cmd_vel"]} == {"geometry_msgs/msg/TwistStamped"}
     assert {message.__msgtype__ for message in read["/cmd_vel_twist"]} == {"geometry_msgs/msg/Twist"}
