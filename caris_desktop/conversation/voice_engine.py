@@ -4,6 +4,7 @@ Run as ``python -m caris_desktop.conversation.voice_engine``. Commands come as J
 lines on stdout; the first line in is the settings. One utterance at a time. It ends with its stdin.
 """
 
+import array
 import contextlib
 import json
 import os
@@ -28,6 +29,10 @@ _STALL_S = 4.0
 _HEARTBEAT_S = 0.5
 # Added to the computed end, which some drivers report a little early.
 _TAIL_S = 0.03
+# Voices put a third of a second of silence behind what they say, and some before it. Of the loudest sample, this much
+# is heard; so much is left of the silence that the sound begins and ends softly.
+_HEARD_SHARE = 0.005
+_SILENCE_KEPT_S = 0.005
 
 
 class _DeviceTroubleError(Exception):
@@ -49,6 +54,19 @@ class _Pcm:
     @property
     def duration_s(self) -> float:
         return len(self.samples) / 2 / self.rate_hz
+
+
+def _without_silence(pcm: _Pcm) -> _Pcm:
+    """From the first to the last sample that is heard, so that its playing begins and ends when the words do."""
+    samples = array.array("h", pcm.samples)
+    if sys.byteorder == "big":
+        samples.byteswap()
+    loudest = max(samples)
+    least = max(1, round(max(loudest, -min(samples)) * _HEARD_SHARE))
+    first = next((number for number, sample in enumerate(samples) if abs(sample) >= least), 0)
+    last = next((number for number in range(len(samples) - 1, first, -1) if abs(samples[number]) >= least), first)
+    kept = round(_SILENCE_KEPT_S * pcm.rate_hz)
+    return _Pcm(pcm.samples[2 * max(0, first - kept) : 2 * (last + 1 + kept)], pcm.rate_hz)
 
 
 class _Renderer:
@@ -94,11 +112,14 @@ class _Renderer:
                 raise ValueError(f"the voice made {file.getnchannels()} channels of {file.getsampwidth()} bytes")
             pcm = _Pcm(file.readframes(file.getnframes()), file.getframerate())
         self._path.unlink()
-        return pcm if pcm.samples else None
+        return _without_silence(pcm) if pcm.samples else None
 
 
 class _Playback:
-    """What the PortAudio callback does; it runs in PortAudio's thread, so it only copies and notes times."""
+    """What the PortAudio callback does; it runs in PortAudio's thread, so it only copies and notes times.
+
+    Times are those at the loudspeaker: PortAudio tells how long what it takes now waits in the device's buffer.
+    """
 
     def __init__(self, pcm: _Pcm, silenced: threading.Event, woken: threading.Event) -> None:
         self._pcm = pcm
@@ -111,22 +132,29 @@ class _Playback:
 
     @property
     def played_s(self) -> float:
+        """How much the device has taken."""
         return self._offset / 2 / self._pcm.rate_hz
 
+    @property
+    def heard_s(self) -> float:
+        """How much of that has come out of it."""
+        since_s = 0.0 if self.started_ns is None else (time.monotonic_ns() - self.started_ns) / 1e9
+        return max(0.0, min(self.played_s, since_s))
+
     def fill(self, out: Any, _frames: int, times: Any, _status: object) -> None:
-        now_ns = time.monotonic_ns()
+        buffered_s = times.outputBufferDacTime - times.currentTime
+        if not 0.0 <= buffered_s < _STALL_S:
+            buffered_s = _LATENCY_S
+        out_ns = time.monotonic_ns() + int(buffered_s * 1e9)
         part = b"" if self._silenced.is_set() else self._pcm.samples[self._offset : self._offset + len(out)]
         out[: len(part)] = part
         out[len(part) :] = bytes(len(out) - len(part))
         self._offset += len(part)
         if self.started_ns is None:
-            self.started_ns = now_ns
+            self.started_ns = out_ns
             self._woken.set()
         if self.ends_ns is None and self._offset >= len(self._pcm.samples):
-            buffered_s = times.outputBufferDacTime - times.currentTime
-            if not 0.0 < buffered_s < _STALL_S:
-                buffered_s = _LATENCY_S
-            self.ends_ns = now_ns + int((buffered_s + len(part) / 2 / self._pcm.rate_hz) * 1e9)
+            self.ends_ns = out_ns + int(len(part) / 2 / self._pcm.rate_hz * 1e9)
             self._woken.set()
 
     def on_stream_ended(self) -> None:
@@ -185,12 +213,12 @@ class _SoundCard:
         told_start = False
         moved_s, moved_at_s = -1.0, time.monotonic()
         while True:
-            woken.wait(self._wait_s(playback))
+            woken.wait(self._wait_s(playback, told_start=told_start))
             woken.clear()
-            if playback.started_ns is not None and not told_start:
+            now_ns = time.monotonic_ns()
+            if playback.started_ns is not None and now_ns >= playback.started_ns and not told_start:
                 told_start = True
                 tell("started", playback.started_ns)
-            now_ns = time.monotonic_ns()
             if silenced.is_set():
                 stream.abort()
                 ended_ns = time.monotonic_ns()
@@ -208,9 +236,11 @@ class _SoundCard:
                 moved_s, moved_at_s = playback.played_s, time.monotonic()
             elif playback.ends_ns is None and time.monotonic() - moved_at_s > _STALL_S:
                 raise _DeviceTroubleError("the sound device takes no sound", played_s=playback.played_s, hung=True)
-            tell("playing", playback.played_s)
+            tell("playing", playback.heard_s)
 
-    def _wait_s(self, playback: _Playback) -> float:
+    def _wait_s(self, playback: _Playback, *, told_start: bool) -> float:
+        if playback.started_ns is not None and not told_start:
+            return max(0.001, playback.started_ns / 1e9 - time.monotonic())
         if playback.ends_ns is None:
             return _HEARTBEAT_S
         return min(_HEARTBEAT_S, max(0.001, playback.ends_ns / 1e9 + _TAIL_S - time.monotonic()))

@@ -4,7 +4,12 @@ import os
 import shutil
 import signal
 import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -84,9 +89,49 @@ class SoundServer:
         """What is heard from now on."""
         return Listening(self._recording, skip_bytes=self._recording.stat().st_size // 2 * 2)
 
+    @contextmanager
+    def stamped(self) -> Iterator["StampedSound"]:
+        """What is heard while this is open, with the time of each sample."""
+        words = ("parec", "--device=speaker.monitor", "--latency-msec=5", "--format=s16le", f"--rate={RATE_HZ}")
+        with subprocess.Popen(
+            [*words, "--channels=1"], env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as program:
+            heard = StampedSound()
+            thread = threading.Thread(target=heard.read, args=(program.stdout,))
+            thread.start()
+            wait_for(lambda: heard.length, "the sink is listened to")
+            yield heard
+            program.kill()
+            thread.join()
+
     def _answers(self) -> bool:
         asked = subprocess.run(["pactl", "info"], env=self._environment, capture_output=True, timeout=10, check=False)
         return b"Default Sink: speaker" in asked.stdout
+
+
+class StampedSound:
+    """The sound of a sink and when each sample of it came: the quickest delivery tells how late the others were."""
+
+    def __init__(self) -> None:
+        self._parts: list[NDArray[np.int16]] = []
+        self.length = 0
+        self._begun_ns = 2**63
+
+    def read(self, stream: IO[bytes]) -> None:
+        while part := os.read(stream.fileno(), 4096):
+            now_ns = time.monotonic_ns()
+            self._parts.append(np.frombuffer(part[: len(part) // 2 * 2], dtype="<i2"))
+            self.length += len(part) // 2
+            self._begun_ns = min(self._begun_ns, now_ns - self.length * 1_000_000_000 // RATE_HZ)
+
+    def loud_between(self, from_ns: int, to_ns: int, *, least: int) -> tuple[int, int]:
+        """When the first and the last sample of at least ``least`` were heard."""
+        samples = np.concatenate(self._parts)
+        first, last = (max(0, (at_ns - self._begun_ns) * RATE_HZ // 1_000_000_000) for at_ns in (from_ns, to_ns))
+        loud = np.flatnonzero(np.abs(samples[first:last].astype(np.int32)) >= least) + first
+        assert loud.size, "nothing was heard"
+        ends = [int(self._begun_ns + number * 1_000_000_000 // RATE_HZ) for number in (loud[0], loud[-1])]
+        return ends[0], ends[1]
 
 
 class Listening:

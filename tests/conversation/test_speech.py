@@ -154,10 +154,26 @@ def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, s
     assert speech.states == [("u1", "started"), ("u1", "finished"), ("u2", "started"), ("u2", "finished")]
     assert (start.speaker, start.text, start.origin, start.detail) == ("robot", SENTENCE, "typed", "")
     assert 0.8 < _seconds(start, end) < 4.0
-    spoken_s = (speech.heard[-1].stamp_ns - start.stamp_ns) / 1e9
-    # The voice begins and ends each sentence with a little silence of its own.
-    assert spoken_s - 1.0 < listening.loud_span_s() < spoken_s + 0.5
     assert speech.problems == []
+
+
+def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, start_speech: StartSpeech) -> None:
+    """Twenty utterances: 20 ms are what a listener's threshold and the blocks of a sound server leave open."""
+    speech = start_speech(sound)
+    assert speech.wait_ready().audible
+    late_ms: list[float] = []
+    with sound.stamped() as heard:
+        for number in range(20):
+            name = f"u{number}"
+            speech.say(name, ("Yes.", "Please follow me.", "What happens next?", "Stop here!")[number % 4])
+            start, end = speech.wait_state(name, "started"), speech.wait_state(name, "finished")
+            until_ns = end.stamp_ns + 250_000_000
+            wait_for(lambda until_ns=until_ns: time.monotonic_ns() > until_ns, "silence again")
+            began_ns, ended_ns = heard.loud_between(start.stamp_ns - 250_000_000, until_ns, least=60)
+            late_ms += [(start.stamp_ns - began_ns) / 1e6, (end.stamp_ns - ended_ns) / 1e6]
+    print("late by ms:", [round(each) for each in late_ms])
+    # A machine that is full may hold up the thread that plays, and its reading of the clock with it, now and then.
+    assert sorted(map(abs, late_ms))[-4] < 20.0
 
 
 def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start_speech: StartSpeech) -> None:
