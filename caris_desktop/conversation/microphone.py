@@ -48,7 +48,7 @@ class MicrophoneList:
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneOpened:
-    """Sound comes from now on. ``name`` is the input that was really opened."""
+    """Sound comes from now on; sent with the first of it. ``name`` is the input that was really opened."""
 
     name: str
     sample_rate_hz: int
@@ -85,6 +85,7 @@ class _Microphone:
         self._rate_hz = SAMPLE_RATE_HZ
         self._heard_s = 0.0
         self._settling = 0
+        self._opened: MicrophoneOpened | None = None
         self._peak = 0
         self._level_told_s = 0.0
         self._failed = False
@@ -137,6 +138,9 @@ class _Microphone:
         if self._settling:
             self._settling -= 1
             return
+        if self._opened is not None:
+            self._connection.send(self._opened)
+            self._opened = None
         stamp_ns, samples = block
         self._connection.send(AudioChunk(stamp_ns, SOURCE, self._rate_hz, samples))
         self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
@@ -169,7 +173,7 @@ class _Microphone:
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
         self._stream, self._heard_s, self._failed, self._settling = stream, time.monotonic(), False, _SETTLING_BLOCKS
-        self._connection.send(MicrophoneOpened(str(info["name"]), self._rate_hz))
+        self._opened = MicrophoneOpened(str(info["name"]), self._rate_hz)
 
     def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
         blocks, rate_hz = self._blocks, self._rate_hz

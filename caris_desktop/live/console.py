@@ -678,14 +678,22 @@ class Console(QObject):
         self._conversation.clear()
         self._marks.forget()
         self._assistant.forget()
+        if self._scenario.permissions.audio_recording:
+            # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
+            self._recording.announce_session()
+            self._microphone.open_and_then(lambda: self._begin_session(details))
+        else:
+            self._begin_session(details)
+
+    def _begin_session(self, details: TrialDetails) -> None:
         connection = self._robot.connection
         started = self._recording.start_session(
             lambda: self._parts.new_session(details, self._scenario, connection),
             self._scenario,
             self._standing(resumed=False),
         )
-        if started and self._scenario.permissions.audio_recording:
-            self._microphone.open()
+        if not started:
+            self._microphone.close()
 
     def _standing(self, *, resumed: bool) -> list[Event]:
         """What happened once and holds until it happens again, as it stands now that a recording begins or goes on."""
@@ -787,6 +795,7 @@ class Console(QObject):
         self._layout = None
         self._recording.use_scenario(scenario)
         if not scenario.permissions.audio_recording:
+            self._microphone.wait_no_longer()
             self._microphone.close()
         elif self._recording.idle:
             self._microphone.get_ready()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.microphone import (
     CloseMicrophone,
@@ -14,6 +14,7 @@ from caris_desktop.conversation.microphone import (
     MicrophoneOpened,
     OpenMicrophone,
 )
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, Severity
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveState
@@ -21,6 +22,7 @@ from caris_desktop.live.status import MicrophoneStatus
 
 MicrophoneMessage = MicrophoneList | MicrophoneOpened | MicrophoneLevel | MicrophoneFailed
 _RESTARTS_AT_MOST = 3
+_OPENS_WITHIN_MS = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,10 @@ class MicrophoneDirector(QObject):
         self._listens_to: str | None = None
         self._open = False
         self._restarts = 0
+        self._then: Callable[[], None] | None = None
+        self._missing_since_ns: int | None = None
+        self._patience = QTimer(self, singleShot=True, interval=_OPENS_WITHIN_MS)
+        self._patience.timeout.connect(self._on_patience_over)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,6 +84,29 @@ class MicrophoneDirector(QObject):
             if self._open:
                 self.open()
 
+    def open_and_then(self, then: Callable[[], None]) -> None:
+        """Listen, and do ``then`` once its sound comes, none will come, or it has kept everybody waiting long enough.
+
+        Whoever closes it meanwhile has changed their mind, and nothing is done.
+        """
+        self.open()
+        self._then = then
+        if self._state.microphone.value.state == "starting":
+            self._patience.start()
+        else:
+            self.wait_no_longer()
+
+    def wait_no_longer(self) -> None:
+        """Do at once what waits for the sound, if anything does."""
+        then, self._then = self._then, None
+        self._patience.stop()
+        if then is not None:
+            then()
+
+    def _on_patience_over(self) -> None:
+        self._missing_since_ns = clock.now_ns()
+        self.wait_no_longer()
+
     def open(self) -> None:
         """Listen from now on, if a microphone is chosen."""
         status: MicrophoneStatus = self._state.microphone.value
@@ -97,6 +126,8 @@ class MicrophoneDirector(QObject):
 
     def close(self) -> None:
         self._open = False
+        self._then = self._missing_since_ns = None
+        self._patience.stop()
         self._tell_closed()
 
     def _tell_closed(self) -> None:
@@ -112,13 +143,28 @@ class MicrophoneDirector(QObject):
                 self._names, self._looked = names, True
             case MicrophoneOpened(opened) if self._open:
                 self._state.microphone.set(MicrophoneStatus("on", opened))
+                self._tell_missing()
+                self.wait_no_longer()
             case MicrophoneLevel(peak) if self._open:
                 self._state.microphone.set(MicrophoneStatus("on", name, round(peak, 3)))
             case MicrophoneFailed(problem) if self._open:
                 detail = "No microphone is plugged in." if problem is None else problem.what
                 self._state.microphone.set(MicrophoneStatus("failed", name, detail=detail))
+                self.wait_no_longer()
                 return problem
         return None
+
+    def _tell_missing(self) -> None:
+        if self._missing_since_ns is None:
+            return
+        missing_s = (clock.now_ns() - self._missing_since_ns) / 1e9
+        self._missing_since_ns = None
+        self._problem(
+            "info",
+            f"The microphone was heard {missing_s:.1f} s after the recording had begun.",
+            "Its sound is missing from the recording until then.",
+            "",
+        )
 
     def on_ended(self, child: ChildProcess) -> bool:
         """True when it was the microphone's process, which is started again if it is needed."""

@@ -70,6 +70,12 @@ class RecordingDirector(QObject):
     def idle(self) -> bool:
         return self._state.recording.value.state not in (*ACTIVE, "stopping")
 
+    @property
+    def announced(self) -> bool:
+        """A recording is about to start: ``announce_session`` was the last that was heard of it."""
+        status = self._state.recording.value
+        return bool(status.state == "starting" and status.folder is None)
+
     def start(self, scenario: Scenario) -> None:
         self._recorder.start()
         self._offer_markers(scenario)
@@ -97,9 +103,10 @@ class RecordingDirector(QObject):
         self, new_session: Callable[[], tuple[Path, SessionHeader]], scenario: Scenario, opened: Sequence[Event]
     ) -> bool:
         """False when it was refused; the wizard knows why then. ``opened`` are events that head the recording."""
-        if not self.idle:
+        if not (self.idle or self.announced):
             return False
         if self._restarts > RESTARTS_AT_MOST:
+            self._state.recording.set(replace(self._state.recording.value, state="failed"))
             self._problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
             return False
         try:
@@ -128,7 +135,17 @@ class RecordingDirector(QObject):
         )
         return True
 
+    def announce_session(self) -> None:
+        """A recording is about to start; until then it can be given up."""
+        self._folder = None
+        now_ns = clock.now_ns()
+        self._state.recording.set(
+            replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
+        )
+
     def stop_session(self, reason: str = "wizard") -> None:
+        if self.announced:
+            self._state.recording.set(replace(self._state.recording.value, state="idle"))
         if self._state.recording.value.state not in ACTIVE or self._folder is None:
             return
         self._video = self._audio = False

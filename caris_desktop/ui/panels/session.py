@@ -266,7 +266,11 @@ class SessionPanel(Panel):
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
         role = "dim"
         match status.state:
-            case "recording" | "starting":
+            case "starting":
+                self._toggle.set_label("Stop recording", icon="stop", look="plain")
+                text = "Getting ready to record"
+                self.set_fact("starting")
+            case "recording":
                 self._toggle.set_label("Stop recording", icon="stop", look="plain")
                 text, role = self._size_and_room(status)
                 self.set_fact(

@@ -1,0 +1,101 @@
+"""The microphone is heard before a recording is called running, and whoever waits for it does not wait forever."""
+
+from collections.abc import Iterator
+
+import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.conversation.microphone import (
+    CloseMicrophone,
+    MicrophoneFailed,
+    MicrophoneList,
+    MicrophoneOpened,
+    OpenMicrophone,
+)
+from caris_desktop.live import microphone_director
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.microphone_director import MicrophoneDirector, MicrophoneParts
+from caris_desktop.live.state import LiveState
+from tests.live.bodies import echo
+
+HEADSET = MicrophoneOpened("Headset", 16000)
+
+
+class FakeChild:
+    """Stands for the microphone's process: keeps what it is asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[object] = []
+        self.send = self.asked.append
+
+
+class Bench:
+    def __init__(self, chosen: str | None) -> None:
+        self.child = FakeChild()
+        self.told: list[str] = []
+        self.begun = 0
+        self.director = MicrophoneDirector(
+            LiveState(),
+            MicrophoneParts(ProcessBody("microphone", echo), chosen=lambda: chosen, keep=lambda _name: None),
+            start_child=lambda _body: self.child,  # type: ignore[arg-type,return-value]
+            problem=lambda _severity, what, *_words, **_until: self.told.append(what),  # type: ignore[arg-type]
+        )
+
+    def begin(self) -> None:
+        self.begun += 1
+
+
+@pytest.fixture
+def bench(qapp: QApplication) -> Iterator[Bench]:
+    bench = Bench(chosen="")
+    yield bench
+    bench.director.close()
+
+
+def test_what_waits_for_the_sound_is_done_when_it_comes(bench: Bench) -> None:
+    bench.director.open_and_then(bench.begin)
+    bench.director.on_message(MicrophoneList(("Headset",)))
+    assert bench.child.asked == [OpenMicrophone("")]
+    assert bench.begun == 0
+    bench.director.on_message(HEADSET)
+    assert bench.begun == 1
+    assert bench.told == []
+    bench.director.close()
+    bench.director.on_message(HEADSET)
+    assert bench.begun == 1
+
+
+def test_a_microphone_that_fails_keeps_nobody_waiting(bench: Bench) -> None:
+    bench.director.open_and_then(bench.begin)
+    bench.director.on_message(MicrophoneFailed(None))
+    assert bench.begun == 1
+
+
+def test_without_a_microphone_nothing_waits(qapp: QApplication) -> None:
+    bench = Bench(chosen=None)
+    bench.director.open_and_then(bench.begin)
+    assert bench.begun == 1
+    assert OpenMicrophone("") not in bench.child.asked
+
+
+def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
+    bench.director.open_and_then(bench.begin)
+    bench.director.close()
+    bench.director.on_message(HEADSET)
+    assert bench.begun == 0
+    assert bench.child.asked[-1] == CloseMicrophone()
+
+
+def test_sound_that_comes_too_late_is_told_with_what_is_missing(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(microphone_director, "_OPENS_WITHIN_MS", 10)
+    bench = Bench(chosen="")
+    bench.director.open_and_then(bench.begin)
+    qtbot.waitUntil(lambda: bench.begun == 1)
+    assert bench.told == []
+    bench.director.on_message(HEADSET)
+    bench.director.on_message(HEADSET)
+    assert bench.begun == 1
+    assert len(bench.told) == 1
+    assert "after the recording had begun" in bench.told[0]
+    bench.director.close()
