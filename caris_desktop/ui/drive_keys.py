@@ -109,6 +109,7 @@ class HoldToDrive(QObject):
         self._owned: dict[int, _Hold | None] = {}
         self._active: dict[int, _Hold] = {}
         self._arrows: set[str] = set()
+        self._resting_arrows: set[str] = set()
         self._sticks: dict[str, MotionWish] = {}
         self._resting_sticks: set[str] = set()
         self._pad, self._pad_must_rest = AT_REST, False
@@ -159,6 +160,15 @@ class HoldToDrive(QObject):
         return frozenset(hold.action_id for hold in self._active.values()) | self._arrows
 
     @property
+    def must_let_go(self) -> bool:
+        """Whether something is held that moves nothing: the motion was ended, and only a new press begins another."""
+        keys = any(
+            hold is not None and hold.action_id in _WISHES and identity not in self._active
+            for identity, hold in self._owned.items()
+        )
+        return keys or self._pad_must_rest or bool(self._resting_arrows or self._resting_sticks)
+
+    @property
     def wish(self) -> MotionWish:
         """Everything that is asked for now, from all sources."""
         robot = self._console.state.robot.value
@@ -186,11 +196,16 @@ class HoldToDrive(QObject):
         if self._actions.spec(action_id) is not None and self._may_drive():
             self._arrows.add(action_id)
             self._send("onscreen")
+        else:
+            self._resting_arrows.add(action_id)
 
     def let_go_onscreen(self, action_id: str) -> None:
         if action_id in self._arrows:
             self._arrows.discard(action_id)
             self._send("onscreen")
+        elif action_id in self._resting_arrows:
+            self._resting_arrows.discard(action_id)
+            self._tell()
 
     def push_onscreen(self, stick: str, wish: MotionWish) -> None:
         """An on-screen stick is there now. After a forced end it has to come to rest first."""
@@ -231,6 +246,7 @@ class HoldToDrive(QObject):
         """Nothing is held any more; False where nothing was."""
         was_held = bool(self._active or self._arrows or self._sticks) or self._pad.moving
         self._active.clear()
+        self._resting_arrows.update(self._arrows)
         self._arrows.clear()
         self._resting_sticks.update(self._sticks)
         self._sticks.clear()
@@ -536,6 +552,8 @@ class HoldToDrive(QObject):
             self._end_marking(identity)
             if self._active.pop(identity, None) is not None:
                 self._send("keyboard")
+            else:
+                self._tell()
         return True
 
     def _forget_keys_that_went_up_elsewhere(self) -> None:

@@ -260,6 +260,44 @@ def test_what_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConso
     assert drives(console)[-1] == (1, 0)
 
 
+def chips(view: QWidget) -> list[str]:
+    return [text for text, _role in view._chips]  # type: ignore[attr-defined]
+
+
+def test_a_key_that_is_still_down_after_the_end_is_to_be_let_go(
+    window: MainWindow, view: QWidget, console: FakeConsole
+) -> None:
+    reason = find(window, "drive_reason")
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert not window.hold.must_let_go
+    console.state.take(DriveEnded(clock.now_ns(), "The console stopped answering for a moment"))
+    assert window.hold.must_let_go
+    assert "Let go and press again to drive" in chips(view)
+    assert not any("W A S D" in text for text in chips(view))
+    assert reason.text() == "Let go and press again to drive."  # type: ignore[attr-defined]
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    assert not window.hold.must_let_go
+    assert "Let go" not in reason.text()  # type: ignore[attr-defined]
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert drives(console)[-1] == (1, 0)
+    assert not window.hold.must_let_go
+
+
+def test_an_arrow_and_a_stick_are_to_be_let_go_too(window: MainWindow, console: FakeConsole) -> None:
+    window.hold.hold_onscreen("turn_left")
+    window.hold.push_onscreen("base", MotionWish(forward=0.5))
+    window.hold.push_gamepad(MotionWish(forward=0.5))
+    console.state.take(DriveEnded(clock.now_ns(), "The console stopped answering for a moment"))
+    for let_go in (
+        lambda: window.hold.let_go_onscreen("turn_left"),
+        lambda: window.hold.push_onscreen("base", MotionWish()),
+        lambda: window.hold.push_gamepad(MotionWish()),
+    ):
+        assert window.hold.must_let_go
+        let_go()
+    assert not window.hold.must_let_go
+
+
 def test_a_lost_link_ends_what_is_held(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     window.dock_host.show_panel("drive")
     arrow = find(window, "hold_turn_left")

@@ -283,6 +283,8 @@ class DrivePanel(Panel):
             return "Release it in the red bar above to drive again.", "red"
         if not drive.allowed:
             return drive.reason, "amber"
+        if self.hold.must_let_go and not self.hold.held:
+            return "Let go and press again to drive.", "amber"
         if self._guard_hint.isActive() and drive.guard != "overridden":
             return "Hold Guard for a second to switch it off.", "amber"
         if guard:

@@ -271,8 +271,11 @@ class VideoPanel(Panel):
             hints.append(("Emergency stop is on", "warning"))
         elif not drive.allowed:
             hints.append((f"Driving is off: {drive.reason}" if drive.reason else "Driving is off", "warning"))
-        elif time.monotonic() < self._ended[1] and not self.hold.held:
-            hints.append((f"Driving ended: {self._ended[0]}", "warning"))
+        elif not self.hold.held and (self.hold.must_let_go or time.monotonic() < self._ended[1]):
+            if self.hold.must_let_go:
+                hints.append(("Let go and press again to drive", "warning"))
+            if time.monotonic() < self._ended[1]:
+                hints.append((f"Driving ended: {self._ended[0]}", "warning"))
         elif drive.cap_reason or guard_chip(drive) is not None:
             guard = guard_chip(drive)
             if guard is not None:
