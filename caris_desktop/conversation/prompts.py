@@ -41,6 +41,11 @@ def build_messages(
     return tuple(messages)
 
 
+def characters_too_long(question: str) -> int:
+    """By how much a question is longer than what is told of it to a model; 0 where all of it is."""
+    return max(0, len(question.strip()) - MAX_QUESTION_CHARACTERS)
+
+
 def _question(question: str) -> str:
     return _shortened(question.strip(), MAX_QUESTION_CHARACTERS)
 

@@ -14,6 +14,7 @@ from PySide6.QtCore import QObject, Qt, QThread, Signal
 
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
+from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
@@ -57,6 +58,7 @@ from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.marks_director import MarksDirector
 from caris_desktop.live.microphone_director import MicrophoneDirector, MicrophoneMessage, MicrophoneParts
+from caris_desktop.live.pace import PassPace
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.recording_director import RecordingDirector
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
@@ -135,7 +137,9 @@ class Console(QObject):
         self._rings_to_read = RingsToRead(tuple(ring.name for ring in rings))
 
         self._mailbox = Mailbox(self._woken.emit)
-        self._woken.connect(self._drain_mailbox, Qt.ConnectionType.QueuedConnection)
+        self._woken.connect(self._on_woken, Qt.ConnectionType.QueuedConnection)
+        self._pace = PassPace(self)
+        self._pace.due.connect(self._on_woken)
         self._child_spoke.connect(self._on_child_message, Qt.ConnectionType.QueuedConnection)
         self._child_ended.connect(self._on_child_ended, Qt.ConnectionType.QueuedConnection)
 
@@ -332,13 +336,22 @@ class Console(QObject):
         else:  # the recorder has written its own events already
             self._mailbox.put(value)
 
+    def _on_woken(self) -> None:
+        if self._pace.may_begin():
+            self._drain_mailbox()
+        else:
+            self._take_events(self._mailbox.drain_events())
+
     def _drain_mailbox(self) -> None:
         events, latest = self._mailbox.drain()
+        self._take_events(events)
+        for value in latest:
+            self._state.take(value)
+
+    def _take_events(self, events: list[Any]) -> None:
         for event in events:
             self._before_panels(event)
             self._state.take(event)
-        for value in latest:
-            self._state.take(value)
 
     def _before_panels(self, event: Any) -> None:
         self._robot.on_event(event)
@@ -636,6 +649,15 @@ class Console(QObject):
 
     def ask_assistant(self, question: str) -> None:
         if not self._scenario.permissions.assistant or not question.strip():
+            return
+        too_long = characters_too_long(question)
+        if too_long:
+            self.problem(
+                "warning",
+                f"The question is {too_long} characters too long.",
+                "The assistant was not asked; half a question would get an answer to something else.",
+                f"Ask in {MAX_QUESTION_CHARACTERS:,} characters at most.",
+            )
             return
         # Neither the record nor a model on another computer gets to know the names.
         people = [f"person {row.number}" for row in self._state.persons.value]

@@ -170,6 +170,19 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         console.shutdown()
 
 
+def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    console = Console(replace(parts, inference=None), scenario)
+    told: list[str] = []
+    console.state.event_happened.connect(lambda event: told.append(event.what) if isinstance(event, Problem) else None)
+    try:
+        console.ask_assistant("y" * 1503)
+        qtbot.waitUntil(lambda: told == ["The question is 3 characters too long."])
+    finally:
+        console.shutdown()
+
+
 def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)

@@ -25,6 +25,19 @@ def test_newest_state_wins_and_events_keep_their_order() -> None:
     assert mailbox.drain() == ([], [])
 
 
+def test_events_can_be_taken_alone_while_the_picture_waits() -> None:
+    wakes: list[int] = []
+    mailbox = Mailbox(lambda: wakes.append(1))
+    mailbox.put(_frame(1))
+    mailbox.put(Marked(1, "first"))
+    assert mailbox.drain_events() == [Marked(1, "first")]
+    mailbox.put(_frame(2))
+    assert len(wakes) == 1, "whoever lets the picture wait comes for it"
+    mailbox.put(Marked(2, "second"))
+    assert len(wakes) == 2, "but an event is told at once"
+    assert mailbox.drain() == ([Marked(2, "second")], [_frame(2)])
+
+
 def test_cameras_do_not_overwrite_one_another() -> None:
     mailbox = Mailbox(lambda: None)
     mailbox.put(_frame(1, "front"))

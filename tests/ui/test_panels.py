@@ -533,6 +533,25 @@ def session(window: MainWindow) -> SessionPanel:
     return panel
 
 
+def test_a_question_that_is_too_long_is_said_and_not_cut(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.state.assistant.set(dataclasses.replace(console.state.assistant.value, state="ready"))
+    field, note = find(window, "assistant_field"), window.findChild(QLabel, "assistant_note")
+    assert isinstance(field, QLineEdit)
+    assert isinstance(note, QLabel)
+    field.setText("x" * 2200)
+    assert "700 characters too long" in note.text()
+    assert not find(window, "assistant_ask").isEnabled()
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.named("ask_assistant") == []
+    assert len(field.text()) == 2200, "it is still there to be shortened"
+    field.setText("x" * 1500)
+    assert "too long" not in note.text()
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.named("ask_assistant") == ["x" * 1500]
+
+
 def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeConsole) -> None:
     console.state.take(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
     console.state.take(Marked(clock.now_ns(), "laughed"))

@@ -4,10 +4,13 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
 
+from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.live.status import AssistantStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
+
+_MOST_TYPED = 32_000
 
 
 class AssistantPanel(Panel):
@@ -21,13 +24,16 @@ class AssistantPanel(Panel):
         self._exchange_id = ""
         self._editing = False
         self._answering = False
+        self._too_long = 0
         self.field = QLineEdit()
         self.field.setObjectName("assistant_field")
         self.field.setAccessibleName("Question to the assistant")
         self.field.setPlaceholderText("Ask the assistant…")
         self.field.setMinimumHeight(40)
-        self.field.setMaxLength(2000)
+        # A pasted text stays whole: what is too long is said, and not cut behind the wizard's back.
+        self.field.setMaxLength(_MOST_TYPED)
         self.field.returnPressed.connect(self._on_ask)
+        self.field.textChanged.connect(self._on_question_changed)
         self._ask = ActionButton(self.theme, "Ask", key="Enter", height_px=40)
         self._ask.setObjectName("assistant_ask")
         self._ask.clicked.connect(self._on_ask)
@@ -103,9 +109,18 @@ class AssistantPanel(Panel):
             label.setFont(self.theme.font(tokens.STATUS_PX))
         self._on_assistant_changed(self.state.assistant.value)
 
+    def _asked(self) -> str:
+        return " ".join(self.field.text().split())
+
+    def _on_question_changed(self, _text: str) -> None:
+        too_long = characters_too_long(self._asked())
+        if too_long or self._too_long:
+            self._too_long = too_long
+            self._on_assistant_changed(self.state.assistant.value)
+
     def _on_ask(self) -> None:
-        question = " ".join(self.field.text().split())
-        if question and self.state.assistant.value.state in ("ready", "failed"):
+        question = self._asked()
+        if question and not self._too_long and self.state.assistant.value.state in ("ready", "failed"):
             self._stop_editing()
             self.field.clear()
             self.console.ask_assistant(question)
@@ -167,7 +182,7 @@ class AssistantPanel(Panel):
         self._say.setVisible(not answering)
         self._edit.setVisible(not answering)
         self._cancel.setVisible(answering)
-        self._ask.setEnabled(live and status.state in ("ready", "failed"))
+        self._ask.setEnabled(live and not self._too_long and status.state in ("ready", "failed"))
         self._show_note(status, answering=answering)
         match status.state:
             case "ready":
@@ -194,7 +209,13 @@ class AssistantPanel(Panel):
 
     def _show_note(self, status: AssistantStatus, *, answering: bool) -> None:
         role = "dim"
-        if status.state == "failed":
+        if self._too_long:
+            text, role = (
+                f"The question is {self._too_long:,} characters too long. "
+                f"The assistant takes {MAX_QUESTION_CHARACTERS:,}: shorten it to ask.",
+                "amber",
+            )
+        elif status.state == "failed":
             text, role = status.detail or "The assistant gave no answer. Ask again.", "amber"
         elif status.state == "starting":
             text = "The language model is starting. Phrases and typing work meanwhile."

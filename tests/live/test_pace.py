@@ -1,0 +1,26 @@
+"""How often the panels get new state."""
+
+import time
+
+from PySide6.QtCore import QTimer
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.live.pace import MOST_REST_S, UNHURRIED_S, PassPace, rest_after
+
+
+def test_only_a_slow_pass_is_followed_by_a_rest() -> None:
+    assert rest_after(UNHURRIED_S) == 0.0
+    assert rest_after(0.05) == 0.1
+    assert rest_after(3.0) == MOST_REST_S
+
+
+def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) -> None:
+    pace, order = PassPace(), []
+    pace.due.connect(lambda: order.append("due"))
+    assert pace.may_begin()
+    time.sleep(0.06)  # a pass that was slow
+    assert not pace.may_begin()
+    QTimer.singleShot(40, lambda: order.append("timer"))
+    qtbot.waitUntil(lambda: "due" in order, timeout=5000)
+    assert order == ["timer", "due"]
+    assert pace.may_begin()
