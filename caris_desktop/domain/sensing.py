@@ -128,7 +128,8 @@ class FrameRef:
     """A camera frame whose pixels lie in the shared frame ring named ``ring``.
 
     The pixels are uint8 BGR, shape (height_px, width_px, 3). They are overwritten after a while: who reads them
-    learns from the ring whether they still were the ones meant.
+    learns from the ring whether they still were the ones meant. ``taken_ns`` is when the camera took it, on the
+    session clock, by the robot's stamp and clock, to within ``taken_uncertainty_ns``; None where that is not known.
     """
 
     stamp_ns: int
@@ -139,6 +140,13 @@ class FrameRef:
     sequence: int
     width_px: int
     height_px: int
+    taken_ns: int | None = None
+    taken_uncertainty_ns: int | None = None
+
+    @property
+    def shown_ns(self) -> int:
+        """Its moment in a video: when it was taken, or else when it arrived."""
+        return self.stamp_ns if self.taken_ns is None else self.taken_ns
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from caris_desktop.domain import clock, commands
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.sensing import CameraLens
+from caris_desktop.domain.sensing import CameraLens, FrameRef
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
@@ -150,7 +150,7 @@ class MediaLink:
             except ValueError as error:
                 problem = f"does not fit: {error}"
             else:
-                self._put(ref)
+                self._put(self._with_its_moment(ref))
                 if camera.type == "Image":
                     self._advise(camera, image_bgr)
                 return
@@ -161,6 +161,18 @@ class MediaLink:
             meaning="The video stands still or stutters.",
             advice=f"Check what the robot publishes on {camera.topic}.",
         )
+
+    def _with_its_moment(self, ref: FrameRef) -> FrameRef:
+        offset = self._measurement.offset_at(ref.stamp_ns)
+        if offset is None:
+            return ref
+        taken_ns = clock.measured_ns(
+            ref.robot_stamp_ns,
+            arrival_ns=ref.stamp_ns,
+            offset_ns=offset.offset_ns,
+            uncertainty_ns=offset.uncertainty_ns,
+        )
+        return ref if taken_ns is None else replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=offset.uncertainty_ns)
 
     def _advise(self, camera: CameraTopic, image_bgr: NDArray[np.uint8]) -> None:
         """Once, when it is known how much it is: pictures that are not compressed are a load that is easily avoided."""

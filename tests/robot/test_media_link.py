@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
@@ -21,7 +22,7 @@ from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.messages import Lens, encode_camera_info
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
-from tests.robot.loop_bench import LoopBench, with_link
+from tests.robot.loop_bench import Bridge, LoopBench, with_link
 from tests.support.polling import wait_for
 
 CAMERA = "/camera/image_raw/compressed"
@@ -248,3 +249,43 @@ def test_raw_pictures_arrive_and_torn_ones_are_one_problem(monkeypatch: pytest.M
         assert "image_transport republish raw compressed" in advice.advice
 
     with_link(RAW, test, media=True)
+
+
+def test_a_picture_tells_when_it_was_taken_by_the_robots_clock() -> None:
+    ahead_ns = 1_700_000_000 * 1_000_000_000
+
+    def told_time(_request: object) -> dict[str, object]:
+        secs, nsecs = divmod(clock.now_ns() + ahead_ns, 1_000_000_000)
+        return {"time": {"secs": secs, "nsecs": nsecs}}
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers["/rosapi/get_time"] = told_time
+
+    async def test(bench: LoopBench) -> None:
+        bench.link._frames = Kept()
+        image = raw_message(np.zeros((8, 8, 3), np.uint8), "rgb8")
+        taken: list[tuple[int, FrameRef]] = []
+
+        async def publish() -> FrameRef:
+            seen = len(bench.of(FrameRef))
+            taken_ns = clock.now_ns() - 150_000_000
+            secs, nsecs = divmod(taken_ns + ahead_ns, 1_000_000_000)
+            stamp = {"stamp": {"secs": secs, "nsecs": nsecs}}
+            await bench.bridge.publish("/camera/image_raw", {**image, "header": stamp}, cbor=True)
+            refs = await bench.until(lambda: bench.of(FrameRef)[seen:], "the picture")
+            taken.append((taken_ns, refs[0]))
+            return refs[0]
+
+        while (await publish()).taken_ns is None:
+            pass  # until the robot's time has been asked for
+        taken_ns, ref = taken[-1]
+        assert ref.taken_ns is not None
+        assert ref.taken_uncertainty_ns is not None
+        assert abs(ref.taken_ns - taken_ns) <= ref.taken_uncertainty_ns
+        assert ref.stamp_ns - ref.taken_ns >= 150_000_000 - ref.taken_uncertainty_ns
+        # A stamp of another clock says nothing.
+        await bench.bridge.publish("/camera/image_raw", image, cbor=True)
+        await bench.until(lambda: bench.of(FrameRef)[-1].robot_stamp_ns == 3_000_000_004, "that picture")
+        assert bench.of(FrameRef)[-1].taken_ns is None
+
+    with_link(RAW, test, media=True, prepare=prepare)

@@ -12,7 +12,7 @@ import logging
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
 
 FREE_TEXT = "free text"
@@ -253,7 +254,8 @@ def _media(session: Session, out: Path, progress: Callable[[float], None]) -> It
             def tell(fraction: float, number: int = number) -> None:
                 progress((number + fraction) / count)
 
-            yield _video(session, str(row["file_name"]), first_ns, out, tell)
+            linked = _video(session, str(row["file_name"]), first_ns, out, tell)
+            yield replace(linked, note=f"{linked.note} {moments_words(row)}")
     for number, (name, its_blocks) in enumerate(blocks.items(), start=len(videos)):
         progress(number / count)
         yield _sound(session, name, its_blocks, out)

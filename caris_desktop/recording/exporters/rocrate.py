@@ -42,7 +42,10 @@ _DESCRIPTIONS = (
         "events.mcap",
         "Every event and every value of the robot's streams with its moment. FORMAT.md says how to read it.",
     ),
-    ("*.frames.csv", "For each frame of the video of this name when it was taken and when the video shows it."),
+    (
+        "*.frames.csv",
+        "For each frame of the video of this name when it came, when it was taken, and when the video shows it.",
+    ),
     ("video-*", "Video of one camera; the .frames.csv beside it has the true time of each frame."),
     ("audio-*", "Sound of one source. Which sample belongs to which moment is in the audio stream of events.mcap."),
     ("movement.txt", "How the robot was driven, for reading."),
@@ -360,9 +363,9 @@ schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file t
 
 - **Time.** `stamp_ns`, and every other field that ends in `_ns` except robot stamps, counts nanoseconds of one
   monotonic clock. UTC in nanoseconds since 1970 is `{anchor.utc_ns} + (stamp_ns - {anchor.monotonic_ns})` (also in
-  `session.json` under `clock`). The session began at {session.started_ns}. `publish_time` of a message is its
-  `stamp_ns` in UTC, `log_time` is when the value reached the recording computer, in UTC. Messages lie in the order of
-  arrival.
+  `session.json` under `clock`). The session began at {session.started_ns}. `publish_time` of a message is
+  when it was measured, by the robot's stamp where its clock is known and else its `stamp_ns`, in UTC; `log_time` is
+  when the value reached the recording computer, in UTC. Messages lie in the order of arrival.
 - **Robot stamps.** `robot_stamp_ns` is nanoseconds of the robot's own clock. `/event/link_quality` has measurements of
   how far it is ahead: robot clock minus session clock (`clock_offset_ms`) with a bound for the error.
 - **Units** end the names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are counter-clockwise, x forward,
@@ -376,7 +379,10 @@ schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file t
 
 ## Beside it
 - `video-*.mp4` (H.264): `video-*.frames.csv` has a line for each frame: `frame` (from 0), `video_s` (when the video
-  shows it), `stamp_ns` (when it was taken), `robot_stamp_ns`, `utc`, `sequence` (as in `/frame` and `/people`).
+  shows it), `stamp_ns` (when it reached the recording computer), `robot_stamp_ns`, `utc` (of `stamp_ns`), `sequence`
+  (as in `/frame` and `/people`), `taken_ns`, `taken_utc` and `uncertainty_ms` (when the camera took it, by the robot's
+  stamp and clock, and how far off that may be; empty where it is not known). The video shows a frame when it was taken,
+  or else when it came; its time 0 is `first_stamp_ns` of `videos` in `session.json`.
 - `audio-*`: `/audio/...` says which samples of which file belong to which moment.
 - `annotations/CODER.json`: labels of one coder, in milliseconds since the session began.
 - `{MANIFEST_NAME}`: checksums, `sha256sum -c {MANIFEST_NAME}` in `{name}/` checks them.

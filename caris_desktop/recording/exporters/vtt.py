@@ -11,6 +11,7 @@ from typing import Any
 
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text
+from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
@@ -26,6 +27,7 @@ class _Video:
     file_name: str
     first_stamp_ns: int
     last_stamp_ns: int
+    moments: str = ""
 
 
 def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]:
@@ -54,7 +56,10 @@ def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtt
     name = _line(session.folder.name)
     if video.file_name:
         begins_s = session.clock.session_s(video.first_stamp_ns)
-        note = f"Times since the first frame of {_line(video.file_name)}, which is second {begins_s:.3f} of {name}."
+        note = (
+            f"Times since the first frame of {_line(video.file_name)}, which is second {begins_s:.3f} of {name}. "
+            f"{video.moments}"
+        )
     else:
         note = f"Times since the session {name} began, which was at {session.clock.utc(session.started_ns)}."
     blocks = ["WEBVTT", f"NOTE {note}"]
@@ -112,4 +117,4 @@ def _video(row: Any) -> _Video | None:
         or not PurePath(name).stem
     ):
         return None
-    return _Video(name, first_ns, last_ns)
+    return _Video(name, first_ns, last_ns, moments_words(row))

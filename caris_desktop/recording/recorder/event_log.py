@@ -2,10 +2,13 @@
 
 import json
 from collections import Counter
+from math import isfinite
 from typing import Any
 
-from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.clock import ClockAnchor, measured_ns
+from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.schema import json_schema, to_jsonable
+from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.recorder.mcap_file import McapFile
@@ -14,8 +17,8 @@ from caris_desktop.recording.recorder.mcap_file import McapFile
 class EventLog:
     """Writes one MCAP file, in the order of arrival.
 
-    ``publish_time`` is a value's own stamp and ``log_time`` when it arrived at the console, both as UTC by the
-    session's anchor.
+    ``publish_time`` is when a value was measured, by the robot's stamp and clock where both are known, and else its
+    own stamp; ``log_time`` is when it arrived at the console. Both are UTC by the session's anchor.
     """
 
     def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
@@ -23,6 +26,7 @@ class EventLog:
         self._anchor = anchor
         self._channels: dict[str, int] = {}
         self._schemas: dict[type[Any], int] = {}
+        self._robot_clock: LinkQuality | None = None
         self.counts: Counter[str] = Counter()
         self._writer = McapFile(file, library="caris-desktop")
         self._writer.add_metadata("session", metadata)
@@ -39,9 +43,27 @@ class EventLog:
             channel,
             data,
             log_time=max(0, self._anchor.utc_ns_at(arrived_ns)),
-            publish_time=max(0, self._anchor.utc_ns_at(value.stamp_ns)),
+            publish_time=max(0, self._anchor.utc_ns_at(self._happened_ns(value))),
             sequence=self.counts[spec.name] & 0xFFFFFFFF,
         )
+
+    def _happened_ns(self, value: Any) -> int:
+        if isinstance(value, FrameRef):
+            return value.shown_ns
+        if isinstance(value, LinkQuality):
+            self._robot_clock = value
+        stamp_ns: int = value.stamp_ns
+        offset_ms = None if self._robot_clock is None else self._robot_clock.clock_offset_ms
+        uncertainty_ms = None if self._robot_clock is None else self._robot_clock.clock_uncertainty_ms
+        if offset_ms is None or uncertainty_ms is None or not (isfinite(offset_ms) and isfinite(uncertainty_ms)):
+            return stamp_ns
+        measured = measured_ns(
+            getattr(value, "robot_stamp_ns", None),
+            arrival_ns=stamp_ns,
+            offset_ns=round(offset_ms * 1e6),
+            uncertainty_ns=round(uncertainty_ms * 1e6),
+        )
+        return stamp_ns if measured is None else measured
 
     def flush(self) -> None:
         """Close the chunk in progress: from here on a kill does not lose it."""

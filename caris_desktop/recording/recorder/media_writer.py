@@ -30,7 +30,9 @@ _CROWDED_SHARE = 0.6
 class VideoInfo:
     """What ``session.json`` says of one video. Time 0 of the video is ``first_stamp_ns`` of the session clock.
 
-    ``rate_hz`` is its mean frame rate; ``left_out`` counts frames that were not encoded, to keep up.
+    ``rate_hz`` is its mean frame rate; ``left_out`` counts frames that were not encoded, to keep up. ``delay_ms`` is
+    how long a frame took from the camera to here (the median) and ``uncertainty_ms`` how far off that may be at most;
+    the video shows frames when they were taken. None: not known, and they are shown when they arrived.
     """
 
     file_name: str
@@ -44,6 +46,8 @@ class VideoInfo:
     encoder: str
     rate_hz: float
     left_out: int
+    delay_ms: float | None = None
+    uncertainty_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,6 +390,8 @@ class _CameraThread:
             encoder=video.encoder.title,
             rate_hz=round((video.frames - 1) / duration_s, 3) if video.frames > 1 and duration_s > 0 else 0.0,
             left_out=self.left_out,
+            delay_ms=video.delay_ms,
+            uncertainty_ms=video.uncertainty_ms,
         )
 
 

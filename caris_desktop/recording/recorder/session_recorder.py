@@ -658,8 +658,9 @@ class SessionRecorder:
             "clock": {
                 "monotonic_ns": header.anchor.monotonic_ns,
                 "utc_ns": header.anchor.utc_ns,
-                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap publish_time is the "
-                "stamp of a value and log_time its arrival at the console, both in UTC.",
+                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap publish_time is when "
+                "a value was measured, by the robot's stamp where its clock is known, and log_time its arrival at the "
+                "console, both in UTC.",
             },
             "started_ns": self.started_ns,
             "started_utc": self._clock.utc(self.started_ns),

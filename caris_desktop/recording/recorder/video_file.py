@@ -1,14 +1,17 @@
 """One camera's mp4, in fragments: readable while it grows, after a kill, and whatever is left of it.
 
-Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it and when it was taken.
+Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it, when it arrived, and when
+it was taken as far as that is known.
 """
 
 import logging
 import re
+from array import array
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -21,7 +24,7 @@ from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
-INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence\n"
+INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"
 
 
 def video_file_name(camera: str, taken: set[str]) -> str:
@@ -33,8 +36,18 @@ def video_file_name(camera: str, taken: set[str]) -> str:
     return name
 
 
+def index_cells(ref: FrameRef, video_s: float, clock: SessionClock) -> str:
+    """A line of the index, without the number of the frame and the end of the line."""
+    robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
+    taken = ",,"
+    if ref.taken_ns is not None:
+        uncertainty = "" if ref.taken_uncertainty_ns is None else f"{ref.taken_uncertainty_ns / 1e6:.3f}"
+        taken = f"{ref.taken_ns},{clock.utc(ref.taken_ns)},{uncertainty}"
+    return f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{clock.utc(ref.stamp_ns)},{ref.sequence},{taken}"
+
+
 class VideoFile:
-    """Frames of one size, shown at the times they were taken: time 0 is ``first_stamp_ns``.
+    """Frames of one size, shown at the times they were taken (or else arrived): time 0 is ``first_stamp_ns``.
 
     The lines of the index are written just before their frames, so that after a kill every frame has its line; the
     last lines may lack theirs. ``frames`` counts those on disk, and ``last_stamp_ns`` is the stamp of the last.
@@ -71,6 +84,8 @@ class VideoFile:
         # Stamps and lines of frames that the encoder still has, and of those that the muxer still has.
         self._encoding: deque[tuple[int, str]] = deque()
         self._muxed: list[tuple[int, str]] = []
+        self._delays_ns = array("q")
+        self._uncertainty_ns = 0
         self.file = DiskFile(path, on_full=on_full)
         try:
             self.index = DiskFile(path.with_suffix(".frames.csv"), on_full=on_full)
@@ -99,18 +114,18 @@ class VideoFile:
         first = self._last_tick < 0
         self.taken += 1
         if first:
-            self.first_stamp_ns = ref.stamp_ns
-        tick = max((ref.stamp_ns - self.first_stamp_ns) * TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
+            self.first_stamp_ns = ref.shown_ns
+        tick = max((ref.shown_ns - self.first_stamp_ns) * TICKS_PER_S // 1_000_000_000, self._last_tick + 1)
         even = np.ascontiguousarray(image_bgr[: self.height_px, : self.width_px])
         frame = self._av.VideoFrame.from_numpy_buffer(even, format="bgr24")
         frame.pts, frame.time_base = tick, self._stream.time_base
         if first or tick - self._last_key_tick >= KEY_FRAME_EVERY_S * TICKS_PER_S:
             frame.pict_type = self._av.video.frame.PictureType.I
             self._last_key_tick = tick
-        robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
-        video_s = tick / TICKS_PER_S
-        line = f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{self._clock.utc(ref.stamp_ns)},{ref.sequence}\n"
-        self._encoding.append((ref.stamp_ns, line))
+        if ref.taken_ns is not None:
+            self._delays_ns.append(ref.stamp_ns - ref.taken_ns)
+            self._uncertainty_ns = max(self._uncertainty_ns, ref.taken_uncertainty_ns or 0)
+        self._encoding.append((ref.shown_ns, f"{index_cells(ref, tick / TICKS_PER_S, self._clock)}\n"))
         self._mux(self._stream.encode(frame))
         self._last_tick = tick
 
@@ -135,6 +150,16 @@ class VideoFile:
         except (OSError, self._av.error.FFmpegError):
             _log.debug("closing an abandoned video", exc_info=True)
         self._close_files()
+
+    @property
+    def delay_ms(self) -> float | None:
+        """How long frames took from the camera to here, in the middle; None where that is not known."""
+        return round(median(self._delays_ns) / 1e6, 3) if self._delays_ns else None
+
+    @property
+    def uncertainty_ms(self) -> float | None:
+        """How far off at most the moments are at which frames were taken; None where those are not known."""
+        return round(self._uncertainty_ns / 1e6, 3) if self._delays_ns else None
 
     @property
     def lost(self) -> int:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_file import video_file_name
-from caris_desktop.recording.session.frame_times import NO_ROBOT_STAMP, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.frame_times import (
+    NO_ROBOT_STAMP,
+    UNKNOWN,
+    FrameTimes,
+    index_path,
+    read_frame_times,
+)
 from caris_desktop.recording.session.losses import told_bytes_of
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
@@ -243,7 +249,8 @@ class _Video:
         tick_s = float(self._stream.time_base)
         video_s = np.array([entry.timestamp for entry in self._stream.index_entries]) * tick_s
         stamps_ns = self._first_ns + np.round(video_s * 1e9).astype(np.int64)
-        self.times = FrameTimes(video_s, stamps_ns, np.full(len(stamps_ns), NO_ROBOT_STAMP, np.int64))
+        unknown = np.full(len(stamps_ns), UNKNOWN, np.int64)
+        self.times = FrameTimes(video_s, stamps_ns, unknown, unknown, np.full(len(stamps_ns), np.nan))
         return ""
 
     def _decoded(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:

@@ -1,23 +1,47 @@
-"""The side index of a video: when each of its frames was taken, one line each, as the recorder writes it."""
+"""The side index of a video: when each of its frames came and was taken, one line each, as the recorder writes it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 INDEX_SUFFIX = ".frames.csv"
-NO_ROBOT_STAMP = -1
+NO_ROBOT_STAMP = UNKNOWN = -1
+_TAKEN = ("taken_ns", "uncertainty_ms")
 _MAX_INDEX_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTimes:
-    """One entry for each frame. ``robot_stamps_ns`` is NO_ROBOT_STAMP where the robot sent none."""
+    """One entry for each frame. ``stamps_ns`` are the arrivals; ``robot_stamps_ns`` is NO_ROBOT_STAMP where the robot
+    sent none. ``taken_ns`` is when the camera took it, to within ``uncertainty_ms``; UNKNOWN and NaN where that is not
+    known.
+    """
 
     video_s: NDArray[np.float64]
     stamps_ns: NDArray[np.int64]
     robot_stamps_ns: NDArray[np.int64]
+    taken_ns: NDArray[np.int64]
+    uncertainty_ms: NDArray[np.float64]
+
+    @property
+    def delay_ms(self) -> float | None:
+        """How long a frame took from the camera to here, in the middle; None where that is known of none."""
+        known = self.taken_ns != UNKNOWN
+        return round(float(np.median((self.stamps_ns - self.taken_ns)[known])) / 1e6, 3) if known.any() else None
+
+    @property
+    def worst_uncertainty_ms(self) -> float | None:
+        known = np.isfinite(self.uncertainty_ms)
+        return float(self.uncertainty_ms[known].max()) if known.any() else None
+
+    @property
+    def shown_ns(self) -> NDArray[np.int64]:
+        """The moments that the video shows: when a frame was taken, or else when it came."""
+        return np.where(self.taken_ns == UNKNOWN, self.stamps_ns, self.taken_ns)
 
     @property
     def count(self) -> int:
@@ -29,7 +53,8 @@ class FrameTimes:
 
     @classmethod
     def none(cls) -> "FrameTimes":
-        return cls(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        stamps = np.zeros(0, np.int64)
+        return cls(np.zeros(0), stamps, stamps, stamps, np.zeros(0))
 
 
 def index_path(video: Path) -> Path:
@@ -57,8 +82,11 @@ def read_frame_times(path: Path) -> FrameTimes:
         raise ValueError(f"{path.name} has not the columns of a video's index: {', '.join(columns)[:200]}") from error
     lines = rest.split(b"\n")[:-1]  # what follows the last line end is empty, or a line cut off
     number_at, video_at, stamp_at, robot_at = at
+    # Older recordings lack them.
+    taken_at, uncertainty_at = (columns.index(name) if name in columns else None for name in _TAKEN)
     video_s = np.zeros(len(lines))
     stamps_ns, robot_stamps_ns = np.zeros(len(lines), np.int64), np.full(len(lines), NO_ROBOT_STAMP, np.int64)
+    taken_ns, uncertainty_ms = np.full(len(lines), UNKNOWN, np.int64), np.full(len(lines), np.nan)
     whole = 0
     try:
         for number, line in enumerate(lines):
@@ -69,7 +97,22 @@ def read_frame_times(path: Path) -> FrameTimes:
             stamps_ns[number] = int(cells[stamp_at])
             if cells[robot_at].strip():
                 robot_stamps_ns[number] = int(cells[robot_at])
+            if taken_at is not None and cells[taken_at].strip():
+                taken_ns[number] = int(cells[taken_at])
+            if uncertainty_at is not None and cells[uncertainty_at].strip():
+                uncertainty_ms[number] = float(cells[uncertainty_at])
             whole = number + 1
     except (ValueError, IndexError, OverflowError):
         pass  # zeros after a power cut, or somebody's edit: the lines before it are good
-    return FrameTimes(video_s[:whole], stamps_ns[:whole], robot_stamps_ns[:whole])
+    return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(whole)
+
+
+def moments_words(video: Mapping[str, Any]) -> str:
+    """A sentence for people: which moments a video of ``session.json`` shows."""
+    delay_ms, uncertainty_ms = video.get("delay_ms"), video.get("uncertainty_ms")
+    if not isinstance(delay_ms, (int, float)) or not isinstance(uncertainty_ms, (int, float)):
+        return "Its pictures are shown when they reached the computer; when the camera took them is not known."
+    return (
+        f"Its pictures are shown when the camera took them, by the robot's stamps and clock, to within "
+        f"{uncertainty_ms:.1f} ms; they reached the computer {delay_ms:.0f} ms later."
+    )

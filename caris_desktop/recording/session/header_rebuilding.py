@@ -85,10 +85,12 @@ def _beginning(file: IO[bytes], index: BlockIndex) -> tuple[ClockAnchor, int] | 
     for only in (numbers, list(index.channels)):
         for message, content in _messages(file, index, only):
             try:
-                stamp_ns = json.loads(content)["stamp_ns"]
+                told = json.loads(content)
+                stamp_ns = told["stamp_ns"]
             except (ValueError, KeyError, TypeError, RecursionError):
                 continue
-            if isinstance(stamp_ns, int) and message.publish_ns > 0:
+            # What the robot stamped was published by its clock, which is another moment than its arrival.
+            if isinstance(stamp_ns, int) and message.publish_ns > 0 and told.get("robot_stamp_ns") is None:
                 # What was known before the session began is older than it, and arrived when it did.
                 return ClockAnchor(stamp_ns, message.publish_ns), message.log_ns - message.publish_ns + stamp_ns
     return None

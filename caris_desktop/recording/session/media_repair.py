@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_file import INDEX_HEAD
+from caris_desktop.recording.recorder.video_file import INDEX_HEAD, index_cells
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
 from caris_desktop.recording.session.session_clock import SessionClock
 
@@ -145,30 +145,30 @@ def index_lines(video: Path, content: VideoContent, recorded: list[FrameRef], cl
     head = lines[0] if kept else INDEX_HEAD.rstrip("\n").encode()
     rows = [*lines[1 : kept + 1]]
     if kept < len(content.times_s):
-        rows += _missing_lines(content, kept, times, recorded, clock)
+        rows += _missing_lines(content, kept, times, recorded, clock, columns=head.count(b",") + 1)
     return b"\n".join([head, *rows, b""])
 
 
 def _missing_lines(
-    content: VideoContent, kept: int, times: FrameTimes, recorded: list[FrameRef], clock: SessionClock
+    content: VideoContent, kept: int, times: FrameTimes, recorded: list[FrameRef], clock: SessionClock, *, columns: int
 ) -> list[bytes]:
     of_size = [ref for ref in recorded if _even_size(ref) == (content.width_px, content.height_px)] or recorded
     if kept:
-        zero_ns = int(times.stamps_ns[0]) - round(float(times.video_s[0]) * 1e9)
+        zero_ns = int(times.shown_ns[0]) - round(float(times.video_s[0]) * 1e9)
     else:
-        zero_ns = of_size[0].stamp_ns if of_size else clock.started_ns
-    stamps_ns = [ref.stamp_ns for ref in of_size]
+        zero_ns = of_size[0].shown_ns if of_size else clock.started_ns
+    of_size = sorted(of_size, key=lambda ref: ref.shown_ns)
+    moments_ns = [ref.shown_ns for ref in of_size]
     rows = []
     for number in range(kept, len(content.times_s)):
-        stamp_ns, robot_stamp, sequence = zero_ns + round(content.times_s[number] * 1e9), "", ""
-        at = bisect_left(stamps_ns, stamp_ns - _SAME_FRAME_NS)
-        if at < len(of_size) and abs(stamps_ns[at] - stamp_ns) <= _SAME_FRAME_NS:
-            ref = of_size[at]
-            stamp_ns, sequence = ref.stamp_ns, str(ref.sequence)
-            robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
-        rows.append(
-            f"{number},{content.times_s[number]:.6f},{stamp_ns},{robot_stamp},{clock.utc(stamp_ns)},{sequence}".encode()
-        )
+        video_s = content.times_s[number]
+        at_ns = zero_ns + round(video_s * 1e9)
+        at = bisect_left(moments_ns, at_ns - _SAME_FRAME_NS)
+        if at < len(of_size) and abs(moments_ns[at] - at_ns) <= _SAME_FRAME_NS:
+            cells = index_cells(of_size[at], video_s, clock)
+        else:
+            cells = f"{video_s:.6f},{at_ns},,{clock.utc(at_ns)},,,,"
+        rows.append(",".join(f"{number},{cells}".split(",")[:columns]).encode())
     return rows
 
 

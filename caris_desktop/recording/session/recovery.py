@@ -391,8 +391,9 @@ class _Repair:
                 self._keep(index)
             replace_file(index, lines, durable=True)
             self._sentences.append(f"The frame times of {path.name} were brought in line with its pictures.")
-        stamps_ns = read_frame_times(index).stamps_ns
-        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+        times = read_frame_times(index)
+        stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
+        first_ns, last_ns = int(shown_ns[0]), int(shown_ns[-1])
         shown = set(stamps_ns.tolist())
         info = VideoInfo(
             file_name=path.name,
@@ -405,7 +406,9 @@ class _Repair:
             index_file=index.name,
             encoder="",
             rate_hz=round((len(stamps_ns) - 1) / max(1e-9, (last_ns - first_ns) / 1e9), 3),
-            left_out=sum(first_ns < ref.stamp_ns < last_ns and ref.stamp_ns not in shown for ref in recorded),
+            left_out=sum(first_ns < ref.shown_ns < last_ns and ref.stamp_ns not in shown for ref in recorded),
+            delay_ms=times.delay_ms,
+            uncertainty_ms=times.worst_uncertainty_ms,
         )
         return {**told, **asdict(info)}
 
@@ -430,11 +433,11 @@ class _Repair:
         """Frames that the record tells of and that came after the last whole part of the video."""
         for camera, frames in self._record.frames.items():
             last_ns = max((video["last_stamp_ns"] for video in videos if video["camera"] == camera), default=0)
-            lost = sum(ref.stamp_ns > last_ns for ref in frames)
+            lost = sum(ref.shown_ns > last_ns for ref in frames)
             if lost:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
-                from_ns = max(last_ns, frames[0].stamp_ns)
-                lost_s = (frames[-1].stamp_ns - from_ns) / 1e9
+                from_ns = max(last_ns, frames[0].shown_ns)
+                lost_s = (frames[-1].shown_ns - from_ns) / 1e9
                 self._losses.append(f"The last {lost} pictures of camera {camera} ({lost_s:.1f} s) were not saved.")
 
     # The rest

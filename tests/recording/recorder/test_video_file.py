@@ -1,6 +1,7 @@
 """Video files: names, odd sizes, uneven times, a kill in the middle, and the index beside them."""
 
 import csv
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
 from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.session.frame_times import moments_words, read_frame_times
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_clock import SessionClock
 from tests.recording.driving import picture
@@ -92,6 +94,42 @@ def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tm
     assert [float(row["video_s"]) for row in rows] == pytest.approx(video_times_s(video.path)[0], abs=1e-4)
     assert video.frames == len(stamps_ms)
     assert video.lost == 0
+
+
+def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path: Path) -> None:
+    """Taken every 100 ms, under way for longer and longer, and the first one of an unknown moment."""
+    path = tmp_path / "video-front.mp4"
+    video = VideoFile(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+    taken_ms, came_ms = [None, 100, 200, 300, 400], [80, 140, 260, 380, 500]
+    for number, (taken, came) in enumerate(zip(taken_ms, came_ms, strict=True)):
+        ref = FrameRef(SECOND + came * 1_000_000, 5, "front", "r", 0, number, 64, 48)
+        if taken is not None:
+            ref = replace(ref, taken_ns=SECOND + taken * 1_000_000, taken_uncertainty_ns=1_000_000 + number * 100_000)
+        video.write(picture(number, width_px=64, height_px=48), ref)
+    video.close()
+    assert video.first_stamp_ns == SECOND + 80_000_000
+    assert video.last_stamp_ns == SECOND + 400_000_000
+    assert video_times_s(path)[0] == pytest.approx([0.0, 0.02, 0.12, 0.22, 0.32], abs=1e-3)
+    assert (video.delay_ms, video.uncertainty_ms) == (70.0, 1.4)
+    rows = index_of(path)
+    assert [row["taken_ns"] for row in rows] == ["", *(str(SECOND + ms * 1_000_000) for ms in (100, 200, 300, 400))]
+    assert [row["uncertainty_ms"] for row in rows] == ["", "1.100", "1.200", "1.300", "1.400"]
+    assert rows[2]["taken_utc"] == CLOCK.utc(SECOND + 200_000_000)
+    times = read_frame_times(path.with_suffix(".frames.csv"))
+    assert (times.shown_ns - SECOND).tolist() == [ms * 1_000_000 for ms in (80, 100, 200, 300, 400)]
+    assert (times.delay_ms, times.worst_uncertainty_ms) == (70.0, 1.4)
+
+
+def test_an_index_of_before_tells_when_frames_came(tmp_path: Path) -> None:
+    index = tmp_path / "video-front.frames.csv"
+    index.write_text("frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence\n0,0.0,1000,7,x,1\n1,0.1,2000,,x,2\n")
+    times = read_frame_times(index)
+    assert times.shown_ns.tolist() == times.stamps_ns.tolist() == [1000, 2000]
+    assert (times.delay_ms, times.worst_uncertainty_ms) == (None, None)
+    assert "not known" in moments_words({"file_name": "video-front.mp4"})
+    assert "to within 1.4 ms; they reached the computer 70 ms later" in moments_words(
+        {"delay_ms": 70.0, "uncertainty_ms": 1.4}
+    )
 
 
 def test_an_encoder_is_used_only_if_it_really_makes_a_video() -> None:
