@@ -66,6 +66,9 @@ def test_nothing_returned_and_invalid_stay_apart() -> None:
     data = json.loads(json.dumps(to_jsonable(scan), allow_nan=False))
     jsonschema.validate(data, json_schema(LaserScan))
     np.testing.assert_array_equal(from_jsonable(LaserScan, data).ranges_m, ranges_m)
+    # As older records have it.
+    del data["intensities"]
+    assert from_jsonable(LaserScan, data).intensities.shape == (0,)
 
 
 # Every stream, with every wrong shape in every place
@@ -94,7 +97,7 @@ def example(kind: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         plain = {field.name: example(hints[field.name]) for field in dataclasses.fields(kind)}
-        return plain | {"ranges_m": [1.5, None]} if kind is LaserScan else plain
+        return plain | {"ranges_m": [1.5, None], "intensities": [7.0]} if kind is LaserScan else plain
     return {int: 1, float: 1.5, str: "a", bool: True}.get(kind, 1)
 
 
