@@ -197,6 +197,10 @@ class ReplayControls(Protocol):
         """(camera, at_ns, image_bgr): a thumbnail that was asked for; an empty array where there is no picture."""
 
     @property
+    def noticed(self) -> SignalInstance:
+        """(Problem): what the replay itself has to tell. Those of the session are history, and in its log."""
+
+    @property
     def session(self) -> Session: ...
 
     def play(self) -> None: ...

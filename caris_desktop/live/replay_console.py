@@ -75,6 +75,7 @@ class ReplayConsole(QObject):
     """Implements WizardIntents, refusing, and ReplayControls."""
 
     thumbnail_made = Signal(str, object, object)
+    noticed = Signal(object)
 
     def __init__(self, parts: ReplayParts, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -89,7 +90,7 @@ class ReplayConsole(QObject):
         self._refused_ns = 0
         self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
         anchor: ClockAnchor = session.clock.anchor
-        self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor))
+        self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
         self._frames = ReplayFrames()
         self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
@@ -287,7 +288,7 @@ class ReplayConsole(QObject):
 
     def _tell(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         _log.info("%s %s %s", what, meaning, advice)
-        self._state.event_happened.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
+        self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
     def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
         self._refuse()

@@ -36,10 +36,14 @@ _SEEN_TOGETHER_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class PresentClock:
-    """What time it is for the panels: now, or in a replay the moment on show. ``anchor`` maps it to UTC."""
+    """What time it is for the panels: now, or in a replay the moment on show. ``anchor`` maps it to UTC.
+
+    ``live`` is False in a replay: nothing is waited for there, and nothing is under way.
+    """
 
     now_ns: Callable[[], int] = clock.now_ns
     anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
+    live: bool = True
 
 
 # What stands only as long as the link does that brings it.

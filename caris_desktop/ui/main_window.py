@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QEvent, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QMenu, QScrollArea, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged, Problem
@@ -44,6 +44,7 @@ from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.replay.replay_bar import ReplayBar
+from caris_desktop.ui.replay.replay_panels import ReplayPanels
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
 from caris_desktop.ui.sessions_window import SessionsWindow
@@ -85,8 +86,7 @@ _ROOMY = QSize(1680, 1000)
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
-_PANELS_AND_TIMELINE_PX = (540, 300)
-_LEAST_PANELS_PX = 240
+_PANELS_AND_TIMELINE_PX = (600, 260)
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
 
@@ -179,6 +179,7 @@ class MainWindow(QWidget):
         self._panels: dict[PanelName, Panel] = {}
         self._replay_title = ""
         self._timeline: TimelineView | None = None
+        self._replay_panels: ReplayPanels | None = None
         self._geometry_key = "window/geometry"
         self._log: list[LogEntry] = []
         self._dialog: StartDialog | None = None
@@ -269,13 +270,9 @@ class MainWindow(QWidget):
         self._strip.hide()
         timeline = TimelineView(self.theme, replay, self._console.state, self.actions_table)
         bar = ReplayBar(self.theme, replay, self._console.state, self.actions_table)
-        # On a low screen the panels scroll: they show what was, and nothing in them needs to be at hand.
-        panels = QScrollArea()
-        panels.setObjectName("replay_panels")
-        panels.setWidgetResizable(True)
-        panels.setFrameShape(QScrollArea.Shape.NoFrame)
-        panels.setMinimumHeight(_LEAST_PANELS_PX)
-        panels.setWidget(self.dock_host)
+        # Built anew with what a replay can do: no Photo, for one.
+        self.show_scenario(self._console.scenario)
+        panels = self._replay_panels = ReplayPanels(self.dock_host)
         self._middle.insertWidget(0, panels)
         self._middle.addWidget(timeline)
         self._middle.setStretchFactor(0, 1)
@@ -285,6 +282,7 @@ class MainWindow(QWidget):
         if isinstance(outer, QVBoxLayout):
             outer.insertWidget(outer.indexOf(self._status_bar), bar)
         self._timeline = timeline
+        replay.noticed.connect(self._problems.show_problem)
         self.hold.escape_pressed.connect(timeline.give_up)
         self._geometry_key = "replay/geometry"
         if self._settings is not None:
@@ -326,6 +324,8 @@ class MainWindow(QWidget):
         for name in panels_in(tree):
             self._make_panel(name)
         self.dock_host.show_layout(self._panels, tree)
+        if self._replay_panels is not None:
+            self._replay_panels.fit()
         # How much room each panel really gets is seen once they are at rest; that is not the wizard's doing.
         self._told_layout, self._scenario_layout = None, tree
         self._layout_rest.start()
@@ -1019,7 +1019,8 @@ class MainWindow(QWidget):
         self.actions_table.use_places([place.name for place in places])
 
     def _on_event(self, event: Any) -> None:
-        if isinstance(event, Problem):
+        # In a replay the problems of the session are history; there is nothing to do about them.
+        if isinstance(event, Problem) and self._timeline is None:
             self._problems.show_problem(event)
 
     def _on_video_freshness_changed(self, freshness: str) -> None:

@@ -146,6 +146,8 @@ class StatusBar(QWidget):
         state, items = self._console.state, self.items
         link: LinkStatus = state.link.value
         role, word = _LINK_WORDS[link.state]
+        if link.state == "connecting" and not state.present.live:
+            word = "not reached"
         robot = link.robot or "Robot"
         facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         items["link"].say(
@@ -158,11 +160,13 @@ class StatusBar(QWidget):
             f"link {round_trip:.0f} ms" if round_trip is not None else "",
             tip=_round_trip_tip(link, state.present.anchor),
         )
-        items["video"].say(*_stream_words("video", state.frame), tip="Age of the newest picture")
-        items["lidar"].say(*_stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")
+        items["video"].say(*self._stream_words("video", state.frame), tip="Age of the newest picture")
+        items["lidar"].say(*self._stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")
         # The pose is shown on the map; here it is told only where it has become old.
         old_pose = state.pose.freshness in ("stale", "lost")
-        items["pose"].say(*(_stream_words("pose", state.pose) if old_pose else ("",)), tip="Age of the newest pose")
+        items["pose"].say(
+            *(self._stream_words("pose", state.pose) if old_pose else ("",)), tip="Age of the newest pose"
+        )
         self._say_battery()
         refused = sum(measured.refused for measured in state.traffic.value.values())
         items["refused"].say(
@@ -173,6 +177,18 @@ class StatusBar(QWidget):
         self._say_models(state.perception.value)
         self._say_recording(state.recording.value)
         self._fit()
+
+    def _stream_words(self, name: str, stream: LiveStream) -> tuple[str, str]:
+        age_s = stream.age_s()
+        match stream.freshness:
+            case "fresh":
+                return f"{name} {words.age(age_s or 0.0)}", "dim"
+            case "stale":
+                return f"{name} delayed {words.age(age_s or 0.0)}", "amber"
+            case "lost":
+                return f"{name} lost for {words.age(age_s or 0.0)}", "red"
+            case _:
+                return f"no {name} yet" if self._console.state.present.live else f"no {name}", "dim"
 
     def minimumSizeHint(self) -> QSize:
         # A long word here must not make the window wider than its screen.
@@ -298,16 +314,3 @@ def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
         offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
         lines.append(f"Robot clock {offset}.")
     return "\n".join([*lines, "Click for the last minute."])
-
-
-def _stream_words(name: str, stream: LiveStream) -> tuple[str, str]:
-    age_s = stream.age_s()
-    match stream.freshness:
-        case "fresh":
-            return f"{name} {words.age(age_s or 0.0)}", "dim"
-        case "stale":
-            return f"{name} delayed {words.age(age_s or 0.0)}", "amber"
-        case "lost":
-            return f"{name} lost for {words.age(age_s or 0.0)}", "red"
-        case _:
-            return f"no {name} yet", "dim"

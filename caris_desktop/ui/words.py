@@ -275,7 +275,7 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
         case events.LinkChanged(state="connected"):
             return "Session", "The robot is connected"
         case events.LinkChanged(state="connecting"):
-            return "Session", "Connecting to the robot"
+            return "Session", "Looking for the robot"
         case events.LinkChanged(state="trouble", detail=detail):
             return "Problems", _with_detail("The connection to the robot is unsteady", detail)
         case events.LinkChanged(state="lost", detail=detail):

@@ -48,6 +48,7 @@ class FakeReplay(QObject):
     """Implements ReplayControls; ``calls`` holds (name, arguments) in order."""
 
     thumbnail_made = Signal(str, object, object)
+    noticed = Signal(object)
 
     def __init__(
         self,

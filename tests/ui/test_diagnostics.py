@@ -62,9 +62,9 @@ def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPan
     measure(console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))
     for _second in range(3):
         measure(console, topic("/scan", 10.0), latched, topic("/path", 0.0, last_s=None))
-    assert shown(panel, 1) == ["rare", "nothing yet", "live"]
+    assert shown(panel, 1) == ["rare", "nothing", "flowing"]
     measure(console, topic("/scan", 0.0, last_s=2.0), topic("/map", 0.0, last_s=41.0), topic("/path", 0.0, last_s=None))
-    assert shown(panel, 1) == ["rare", "nothing yet", "stale"]
+    assert shown(panel, 1) == ["rare", "nothing", "stale"]
     assert panel.fact == ("1 stale", "amber")
 
 
@@ -80,7 +80,7 @@ def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, consol
     assert "Lab robot at ws://lab:9090: connected" in text
     assert "round trip 12.0 ms, robot clock 3.1 ± 0.4 ms ahead" in text
     assert "control link: CBOR, 1 topics, 10 messages/s, 1.0 kB/s, 3 refused" in text
-    assert "/scan\tlive\t10.0 Hz\t50 ms\t4 ms\t1.0 kB/s\t3\tstd_msgs/String\tcontrol" in text
+    assert "/scan\tflowing\t10.0 Hz\t50 ms\t4 ms\t1.0 kB/s\t3\tstd_msgs/String\tcontrol" in text
 
 
 def test_before_anything_came_it_says_that(panel: DiagnosticsPanel) -> None:

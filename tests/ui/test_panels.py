@@ -466,7 +466,7 @@ def test_what_is_said_and_what_waits_is_shown(window: MainWindow, console: FakeC
     assert window.panels["speak"].fact[0].startswith("now saying “Over there")
     queue = find(window, "speak_queue")
     assert isinstance(queue, QLabel)
-    assert queue.text() == "Waiting: “It can lift five kilos.”"
+    assert queue.text() == "Next: “It can lift five kilos.”"
     console.state.speech.set(SpeechStatus(True, "robot"))
     assert window.panels["speak"].fact[0] == "quiet"
     assert not queue.isVisible()

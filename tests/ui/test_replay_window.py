@@ -1,15 +1,21 @@
 """The window of a replay: it says what it is, and its one red button is that of the robot which is driven now."""
 
+import re
 from collections.abc import Iterator
 
 import pytest
 from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QLabel, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain.events import Problem
+from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.replay.replay_panels import lower_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples
@@ -35,6 +41,21 @@ def window(
     window.resize(1366, 768)  # a replay keeps a place of its own
     QApplication.processEvents()
     yield window
+
+
+@pytest.fixture
+def past(qtbot: QtBot, settings: MemorySettings, theme: Theme, replay: FakeReplay) -> MainWindow:
+    """A replay at a moment before anything was recorded, with every panel open."""
+    console = FakeConsole(samples.TOUR)
+    console.state = LiveState(present=PresentClock(live=False))
+    window = MainWindow(console, settings=settings, theme=theme)
+    qtbot.addWidget(window)
+    window.use_replay(replay)
+    window.resize(1366, 768)
+    window.show()
+    for name in window.possible_panels():
+        window.open_panel(name)
+    return window
 
 
 def red_button(window: MainWindow) -> ActionButton:
@@ -112,3 +133,61 @@ def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeCon
     assert console.state.recording.value.state == "recording", "then"
     assert window._what_closing_ends() == []
     assert samples.TOUR.title in window.windowTitle()
+
+
+def test_the_picture_is_whole_without_scrolling(window: MainWindow) -> None:
+    panels, video = find(window, "replay_panels"), window.panels["video"]
+    assert isinstance(panels, QScrollArea)
+    assert isinstance(video, VideoPanel)
+    window.show_scenario(window._console.scenario)  # as when the moment on show is of another one
+    video = window.panels["video"]
+    assert isinstance(video, VideoPanel)
+    QApplication.processEvents()
+    place = QRect(video.view.mapTo(panels.viewport(), QPoint()), video.view.size())
+    assert panels.viewport().rect().contains(place)
+    assert place.height() > 150
+    assert video.findChild(QWidget, "photo_button") is None, "nothing is taken in a replay"
+
+
+@pytest.mark.parametrize(
+    ("tree", "edge"),
+    [
+        (PanelLeaf("video"), 1.0),
+        (TabNode(("map", "video")), 1.0),
+        (PanelLeaf("map"), None),
+        (SplitNode("vertical", (PanelLeaf("video"), PanelLeaf("map")), (3.0, 1.0)), 0.75),
+        (SplitNode("vertical", (PanelLeaf("map"), PanelLeaf("video")), (3.0, 1.0)), 1.0),
+        (samples.TOUR.layout, 0.68),
+    ],
+)
+def test_where_the_picture_ends_is_known_from_the_layout(tree: LayoutNode, edge: float | None) -> None:
+    assert lower_edge(tree, "video") == edge
+
+
+def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
+    video, map_panel = past.panels["video"], past.panels["map"]
+    assert isinstance(video, VideoPanel)
+    past.status_bar.refresh()
+    said = [label.text() for label in past.findChildren(QLabel)]
+    said += [field.placeholderText() for field in past.findChildren(QPlainTextEdit)]
+    said += [panel.fact[0] for panel in past.panels.values()]
+    said += [item.text for item in past.status_bar.items.values()]
+    said += [*video.view.words_without_picture(), map_panel.view._waiting]  # type: ignore[attr-defined]
+    coding = find(past, "coding_words")
+    assert isinstance(coding, QLabel)
+    said.remove(coding.text())  # coding is what goes on here
+    found = [
+        text for text in said if re.search(r"\b(live|connecting|wait\w*|yet|as soon as|getting ready)\b", text, re.I)
+    ]
+    assert found == []
+    video.view.show_freshness("fresh")
+    video.state.frame.freshness = "fresh"
+    video._refresh()
+    assert video.fact[0].startswith("recorded")
+
+
+def test_problems_of_the_session_are_history(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
+    console.state.take(Problem(1, "error", "The recording stopped", "Nothing is kept.", "Free disk space."))
+    assert window.problems.cards == ()
+    replay.noticed.emit(Problem(1, "error", "Your annotations are not saved.", "", "Make room."))
+    assert [card.problem.what for card in window.problems.cards] == ["Your annotations are not saved."]

@@ -46,7 +46,8 @@ class AssistantPanel(Panel):
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
-        self._answer.setPlaceholderText("Answers wait here until you say them.")
+        if self.state.present.live:
+            self._answer.setPlaceholderText("Answers wait here until you say them.")
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()

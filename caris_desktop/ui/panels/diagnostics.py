@@ -73,12 +73,12 @@ def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float)
     if link_silent_s > _OLD_MEASUREMENT_S:
         return "link silent"
     if traffic.last_heard_s is None:
-        return "nothing yet"
+        return "nothing"
     if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
         return "stale"
     if traffic.rate_hz < 0.05:
         return "rare"
-    return "live"
+    return "flowing"
 
 
 _ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": "CBOR and JSON"}
@@ -285,7 +285,7 @@ class DiagnosticsPanel(Panel):
         header.setStretchLastSection(True)
         for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
             header.resizeSection(column, width)
-        self._empty = QLabel("Nothing has come from the robot yet.\nIts topics appear here once it is connected.")
+        self._empty = QLabel("Nothing has come from the robot.\nIts topics appear here once they do.")
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._empty.setWordWrap(True)
         self._copy = ActionButton(self.theme, "Copy report", icon="copy", height_px=28, text_px=tokens.STATUS_PX)

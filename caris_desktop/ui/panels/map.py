@@ -615,6 +615,8 @@ class MapPanel(Panel):
         self.view.show_chips(self._chips())
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = "Waiting for the map" if reachable else "No map: the robot is out of reach"
+        if not state.present.live:
+            waiting = "No map was recorded until this moment"
         self.view.show_waiting("" if self._by_odometry else waiting)
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
@@ -623,7 +625,7 @@ class MapPanel(Panel):
             case "stale" | "lost":
                 text, role = f"LIDAR silent for {words.age(scan_age_s or 0.0)}", "amber"
             case _:
-                text, role = "no LIDAR yet", "dim"
+                text, role = "no LIDAR yet" if state.present.live else "no LIDAR", "dim"
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state in words.UNDER_WAY:
             left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""

@@ -248,8 +248,9 @@ class MotionPanel(Panel):
         state = self.state
         odometry: Odometry | None = state.odometry.value
         if odometry is None:
-            self._odometry_line.setText("No odometry yet")
-            self.set_fact("no odometry yet")
+            yet = " yet" if state.present.live else ""
+            self._odometry_line.setText(f"No odometry{yet}")
+            self.set_fact(f"no odometry{yet}")
             return
         pose = odometry.pose_in_odom
         self._odometry_line.setText(

@@ -121,6 +121,8 @@ class PeoplePanel(Panel):
             return
         perception: PerceptionStatus = self.state.perception.value
         match perception.state:
+            case _ if not self.state.present.live:
+                text = "Nobody was seen at this moment."
             case "ready" if blind:
                 text = "No picture, so nobody can be seen."
             case "ready":

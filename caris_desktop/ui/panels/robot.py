@@ -197,7 +197,7 @@ class RobotPanel(Panel):
 
     def _refresh(self) -> None:
         link: LinkStatus = self.state.link.value
-        reason = _NOT_USABLE.get(link.state, "")
+        reason = _NOT_USABLE.get(link.state, "") if self.state.present.live else ""
         held = ""
         for entry in self._entries.values():
             entry_held = _HELD if self._held and entry.control.is_motion else ""

@@ -132,13 +132,13 @@ class SpeakPanel(Panel):
             return
         if speech.now is not None:
             self.set_fact(f"now saying “{words.shortened(speech.now.text, 60)}”", "blue")
-        elif not speech.ready:
+        elif not speech.ready and self.state.present.live:
             self.set_fact(speech.detail or "the voice is getting ready", "amber" if speech.detail else "dim")
         else:
             self.set_fact("quiet")
         waiting = " · ".join(f"“{words.shortened(utterance.text, 60)}”" for utterance in speech.waiting[:3])
         more = f" and {len(speech.waiting) - 3} more" if len(speech.waiting) > 3 else ""
-        self._queue.setText(f"Waiting: {waiting}{more}")
+        self._queue.setText(f"Next: {waiting}{more}")
         self._queue.setVisible(bool(speech.waiting))
 
 

@@ -231,13 +231,14 @@ class VideoPanel(Panel):
                     (len(self._shown) - 1) / max(0.001, self._shown[-1] - self._shown[0]) if len(self._shown) > 2 else 0
                 )
                 rate_words = f" · {rate:.0f} fps" if rate else ""
-                self.set_fact(f"live{rate_words} · {words.age(self._latency_s)} old")
+                latency = words.age(self._latency_s)
+                self.set_fact(f"live{rate_words} · {latency} old" if state.present.live else f"recorded{rate_words}")
             case "stale":
                 self.set_fact(f"delayed · {words.age(age_s or 0.0)} old", "amber")
             case "lost":
                 self.set_fact(f"no picture for {words.age(age_s or 0.0)}", "red")
             case _:
-                self.set_fact("no picture yet")
+                self.set_fact("no picture yet" if state.present.live else "no picture")
         chips: list[tuple[str, str]] = []
         if state.odometry.freshness == "fresh":
             twist = state.odometry.value.twist
@@ -548,16 +549,21 @@ class FrameView(QWidget):
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.drawPath(path)
 
+    def words_without_picture(self) -> tuple[str, str]:
+        """What stands in the place of the picture: in short, and what it means."""
+        if not self._panel.state.present.live:
+            return "No picture", "None was recorded at this moment."
+        if self._freshness == "lost":
+            silent = words.age(self._age_s or 0.0)
+            return "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
+        if self._out_of_reach:
+            return "No picture", "The robot is out of reach. The console keeps trying."
+        return "Waiting for the camera", "The picture appears here as soon as the robot sends it."
+
     def _paint_words(self, painter: QPainter) -> None:
         theme = self._theme
         center = QRectF(self.rect()).center()
-        if self._freshness == "lost":
-            silent = words.age(self._age_s or 0.0)
-            head, sub = "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
-        elif self._out_of_reach:
-            head, sub = "No picture", "The robot is out of reach. The console keeps trying."
-        else:
-            head, sub = "Waiting for the camera", "The picture appears here as soon as the robot sends it."
+        head, sub = self.words_without_picture()
         draw_icon(
             painter, QRectF(center.x() - 20, center.y() - 66, 40, 40), "video-camera-slash", theme.color("video_dim")
         )

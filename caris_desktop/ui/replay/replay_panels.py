@@ -1,0 +1,58 @@
+"""The panels of a replay above its timeline: they show what was, and nothing in them needs to be at hand."""
+
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFrame, QScrollArea
+
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, TabNode
+from caris_desktop.ui.dock_host import DockHost
+
+LEAST_PX = 200
+_LEAST_PANEL_PX = 56
+
+
+def lower_edge(node: LayoutNode, panel: PanelName) -> float | None:
+    """Where the panel ends, as a share of the height of the whole tree; None where it is not in the tree."""
+    if isinstance(node, PanelLeaf):
+        return 1.0 if node.panel == panel else None
+    if isinstance(node, TabNode):
+        return 1.0 if panel in node.tabs else None
+    above, total = 0.0, sum(node.weights)
+    for child, weight in zip(node.children, node.weights, strict=True):
+        edge = lower_edge(child, panel)
+        if edge is not None:
+            return edge if node.split == "horizontal" else (above + edge * weight) / total
+        above += weight
+    return None
+
+
+class ReplayPanels(QScrollArea):
+    """On a low screen the panels scroll, and are just so high that the picture is whole without scrolling."""
+
+    def __init__(self, docks: DockHost) -> None:
+        super().__init__()
+        self.setObjectName("replay_panels")
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setMinimumHeight(LEAST_PX)
+        self._docks = docks
+        self.setWidget(docks)
+        docks.layout_changed.connect(self.fit)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(super().minimumSizeHint().width(), LEAST_PX)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.fit()
+
+    def fit(self) -> None:
+        """Give the panels the height at which the video ends where the view ends."""
+        tree = self._docks.tree
+        edge = lower_edge(tree, "video") if tree is not None else None
+        for dock in self._docks.docks.values():
+            panel = dock.widget()
+            if panel is not None:
+                # What they need by themselves is for working with them, which nobody does here.
+                panel.setMinimumHeight(_LEAST_PANEL_PX)
+        self._docks.setMinimumHeight(round(self.viewport().height() / edge) if edge else 0)
