@@ -25,7 +25,7 @@ from caris_desktop.simulator.robot_clock import RobotClock
 from caris_desktop.simulator.robot_topics import RobotTopics
 from caris_desktop.simulator.rosapi import offer_rosapi
 from caris_desktop.simulator.security import SECRET_CHARS, tls_context
-from caris_desktop.simulator.sent_log import SentLog
+from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
 from caris_desktop.simulator.server import BridgeServer
 from caris_desktop.simulator.wiring import Wiring
 
@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="let in only who authenticates with the secret in this environment variable",
     )
     parser.add_argument("--log", type=Path, metavar="FILE", help="write down each message that is delivered")
+    parser.add_argument("--obeyed-log", type=Path, metavar="FILE", help="write down each message that is obeyed")
     parser.add_argument("--seed", type=int, default=1, help="the same number repeats the same run (default: 1)")
     parser.add_argument("--mute", action="store_true", help="speak without sound")
     parser.add_argument(
@@ -108,6 +109,7 @@ class _ServerSettings:
     tls: ssl.SSLContext | None
     secret: str | None
     log: SentLog | None
+    obeyed_log: ObeyedLog | None
 
 
 def _dress_of(args: argparse.Namespace) -> Dress:
@@ -118,7 +120,7 @@ def _dress_of(args: argparse.Namespace) -> Dress:
 
 
 def _server_of(args: argparse.Namespace) -> _ServerSettings:
-    tls, secret, log = None, None, None
+    tls, secret, log, obeyed_log = None, None, None, None
     if (args.tls_cert is None) != (args.tls_key is None):
         raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
     if args.tls_cert is not None:
@@ -140,7 +142,14 @@ def _server_of(args: argparse.Namespace) -> _ServerSettings:
             log = SentLog(args.log)
         except OSError as error:
             raise _CannotStart(f"--log {args.log} cannot be written: {error.strerror or error}.") from error
-    return _ServerSettings(tls, secret, log)
+    if args.obeyed_log is not None:
+        try:
+            obeyed_log = ObeyedLog(args.obeyed_log)
+        except OSError as error:
+            raise _CannotStart(
+                f"--obeyed-log {args.obeyed_log} cannot be written: {error.strerror or error}."
+            ) from error
+    return _ServerSettings(tls, secret, log, obeyed_log)
 
 
 async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSettings) -> int:
@@ -152,7 +161,7 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
     robot = Robot(args.seed, body=dress.body, populated=not args.empty)
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
-    server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log)
+    server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log, obeyed_log=settings.obeyed_log)
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)
     topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps)
@@ -183,8 +192,9 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
     await server.stop()
     maps.close()
-    if settings.log is not None:
-        settings.log.close()
+    for log in (settings.log, settings.obeyed_log):
+        if log is not None:
+            log.close()
     return 0
 
 

@@ -1,4 +1,6 @@
-"""A log of every message that was delivered to a client, so that losses can be counted against it."""
+"""Logs of every message that was delivered to a client, and of every one that the robot obeyed: losses and late
+commands are counted against them.
+"""
 
 import json
 import time
@@ -36,6 +38,35 @@ class SentLog:
 
     def close(self) -> None:
         self._file.close()
+
+
+class ObeyedLog:
+    """One JSON line per message that the robot took from a client and obeyed: ``at_ns`` (monotonic clock, the same for
+    every process of this machine), ``client``, ``topic`` and ``message``; and one per client: ``at_ns``, ``connected``.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("a", encoding="utf-8", buffering=1)
+
+    def connected(self, client: str) -> None:
+        """Note a client that has just been let in."""
+        self._write({"at_ns": time.monotonic_ns(), "connected": client})
+
+    def obeyed(self, client: str, topic: str, message: dict[str, Any]) -> None:
+        """Note one message."""
+        self._write({"at_ns": time.monotonic_ns(), "client": client, "topic": topic, "message": message})
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        # CBOR brings bytes and undefined values, too.
+        self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
 
 
 def _stamp_ns(message: dict[str, Any]) -> int | None:

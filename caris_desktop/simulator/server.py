@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import itertools
 import logging
+import os
 import socket
 import ssl
 import time
@@ -15,6 +16,7 @@ from typing import Any
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.fields import MessageError, count, message_of, number, text, text_or_empty
@@ -22,7 +24,7 @@ from caris_desktop.ros.fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json
 from caris_desktop.simulator.outbox import Outbox, Published, Subscription
 from caris_desktop.simulator.security import introduces_itself
-from caris_desktop.simulator.sent_log import SentLog
+from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
 from caris_desktop.simulator.wire import Wire
 
 logger = logging.getLogger(__name__)
@@ -90,6 +92,22 @@ class Client:
         self.connection.transport.abort()
 
 
+class _Connection(ServerConnection):
+    """Reads what lies in its socket to the end, also when the other side has gone meanwhile.
+
+    A server that was stopped wakes up and may write before it reads; the failure to write would throw the rest away,
+    which the system has taken for it long ago.
+    """
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        raw = self.transport.get_extra_info("socket")
+        if raw is not None and self.transport.get_extra_info("ssl_object") is None:
+            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(raw.fileno())) as unread:
+                while data := unread.recv(MAX_INCOMING_BYTES):
+                    self.data_received(data)
+        super().connection_lost(exc)
+
+
 class BridgeServer:
     """The server. Everything runs in the event loop that :meth:`start` is called in.
 
@@ -101,6 +119,8 @@ class BridgeServer:
         The robot's clock, by which an introduction is of this moment.
     log
         Is told of each message that was delivered.
+    obeyed_log
+        Is told of each client, and of each message that the robot took from one and obeyed.
     """
 
     def __init__(
@@ -109,6 +129,7 @@ class BridgeServer:
         secret: str | None = None,
         now_s: Callable[[], float] = time.time,
         log: SentLog | None = None,
+        obeyed_log: ObeyedLog | None = None,
     ) -> None:
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, Service] = {}
@@ -120,6 +141,7 @@ class BridgeServer:
         self._secret = secret
         self._now_s = now_s
         self._log = log
+        self._obeyed_log = obeyed_log
         self._refused_until_s = 0.0
         self._numbers = itertools.count(1)
         self._forwarded: dict[str, tuple[Client, str | None, str]] = {}
@@ -139,6 +161,7 @@ class BridgeServer:
             host,
             port,
             process_request=self._admit,
+            create_connection=_Connection,
             ssl=tls,
             compression=None,
             max_size=MAX_INCOMING_BYTES,
@@ -223,6 +246,8 @@ class BridgeServer:
             # the system's own buffer would hold seconds of old pictures for a slow client
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         client = Client(next(self._numbers), connection, asyncio.get_running_loop().time)
+        if self._obeyed_log is not None:
+            self._obeyed_log.connected(client.name)
         client.admitted = self._secret is None
         self.clients.add(client)
         logger.info("%s connected", client.name)
@@ -233,6 +258,10 @@ class BridgeServer:
                     asyncio.get_running_loop().call_later(self.latency_s, self._receive, client, content)
                 else:
                     self._receive(client, content)
+                # The real one reads in one thread and obeys in another, which forgets the rest when the client leaves.
+                await asyncio.sleep(0)
+                if connection.state is State.CLOSED:
+                    break
         except ConnectionClosed as closed:
             logger.info("%s: %s", client.name, closed)
         finally:
@@ -351,6 +380,8 @@ class BridgeServer:
         topic.publishers.add(client.name)
         if topic.on_message is not None:
             topic.on_message(message)
+            if self._obeyed_log is not None:
+                self._obeyed_log.obeyed(client.name, name, message)
         self.publish(name, message)
 
     def _subscribe(self, client: Client, operation: Message) -> None:
