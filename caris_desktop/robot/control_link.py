@@ -20,7 +20,7 @@ from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
 from caris_desktop.robot.head import RobotHead
-from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, MotionLease
+from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.maps import RobotMaps
@@ -32,6 +32,7 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.unread import UnreadCommands
 from caris_desktop.robot.voice import make_voice
 from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
@@ -42,6 +43,8 @@ from caris_desktop.ros.messages import (
 
 logger = logging.getLogger(__name__)
 
+# A rosbridge that has just been started reaches the base a moment after it has taken the first zeros.
+ZERO_AGAIN_S = (1.0, 2.0)
 OLDEST_DRIVE_S = 0.25
 """No older command moves the robot, even if the console went on holding the lease."""
 GUARD_WATCHED_EVERY_S = 0.25
@@ -64,18 +67,22 @@ class ControlLink:
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardNews()
         self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz, allow=self._allow)
+        self._unread = UnreadCommands(rate_hz=profile.command_rate_hz)
+        # The last velocity on this connection.
+        self._told = ZERO_TWIST
+        self._zeros_again: list[asyncio.TimerHandle] = []
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
         self._connected = False
         self._silent = False
         self._drives_count_from_ns = 0
-        self._stop_when_heard = False
         self._told_missing = False
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
         self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
         self._velocity.advertise()
+        self._ros.factory.say_first(profile.velocity.topic, self._say_first)
         self._navigator = Navigator(
             self._ros,
             profile.navigation,
@@ -158,6 +165,7 @@ class ControlLink:
             await asyncio.sleep(ZERO_REPEAT_S)
         await self._goal_speed.restore()
         self._closing = True
+        self._forget_zeros()
         self._watched.link_lost()
         self._controls.close()
         for task in self._tasks:
@@ -284,23 +292,54 @@ class ControlLink:
 
     def _move(self) -> None:
         """Send whatever velocity is due, and come back when the next one is."""
-        while True:
-            leased = self._lease.next_twist(self._loop.time())
-            if leased is None:
-                break
-            if leased.twist.moving and self._ros.unsent_bytes > 0:
-                # What the network does not take now it would deliver late.
-                self._end_drive("The network does not take the commands")
-                continue
-            self._send_twist(leased.twist, leased.source)
+        while (leased := self._lease.next_twist(self._loop.time())) is not None:
+            self._pass_on(leased)
+        if self._told.moving and self._unread.late(self._loop.time()):
+            # If it has been stopped, this is the last that it reads of us when it wakes up.
+            self._send_twist(ZERO_TWIST, "lease")
+            self._lease.told(ZERO_TWIST)
         if self._lease.take_expired():
             self._put(DriveEnded(now_ns(), "The console stopped answering for a moment"))
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         due_s = self._lease.due_s()
+        if self._told.moving:
+            due_s = min(due_s, self._unread.late_from_s())
         if due_s != float("inf"):
             self._timer = self._loop.call_at(due_s, self._move)
+
+    def _pass_on(self, leased: LeasedTwist) -> None:
+        """Send a velocity that is due, unless it would only lie behind others that the robot has not read."""
+        full = self._unread.full(self._loop.time())
+        if leased.twist.moving and self._ros.unsent_bytes > 0:
+            # What the network does not take now it would deliver late.
+            self._end_drive("The network does not take the commands")
+        elif full and leased.twist.moving:
+            self._lease.told(self._told)
+        elif not full or self._told.moving:
+            # The first zero goes out in any case; more of them would pile up as velocities do.
+            self._send_twist(leased.twist, leased.source)
+
+    def _say_first(self) -> None:
+        """The first words on a connection: whoever drove before may have died in the midst of it."""
+        if not self._unread.settled:
+            self._stop_what_moves()
+            for delay_s in ZERO_AGAIN_S:
+                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_again))
+
+    def _stop_what_moves(self) -> None:
+        """Zero, unless the robot is known to have read one after our last velocity.
+
+        For half a second: more would fight navigation.
+        """
+        if not self._unread.settled:
+            self._lease.stop(self._loop.time(), "lease")
+            self._move()
+
+    def _say_zero_again(self) -> None:
+        if not self._lease.held and not self._navigator.under_way:
+            self._send_twist(ZERO_TWIST, "lease")
 
     def _send_zero_first(self) -> None:
         if self._connected:
@@ -319,10 +358,21 @@ class ControlLink:
             message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
         else:
             message = encode_twist(twist)
+        self._told = twist
         if self._velocity.publish(message):
+            self._unread.sent(self._loop.time(), moving=twist.moving)
+            self._ros.send_ping(self._commands_answered)
             self._guard.note_sent(twist, self._loop.time())
             self._sequence += 1
             self._put(CommandSent(now_ns(), self._sequence, twist, source))
+
+    def _forget_zeros(self) -> None:
+        for timer in self._zeros_again:
+            timer.cancel()
+        self._zeros_again.clear()
+
+    def _commands_answered(self, round_trip_s: float) -> None:
+        self._unread.answered(round_trip_s, self._loop.time())
 
     def _end_drive(self, reason: str) -> None:
         if self._lease.end(self._loop.time()):
@@ -387,8 +437,7 @@ class ControlLink:
     def link_silent(self) -> None:
         self._silent = True
         if self._lease.due_s() < float("inf"):
-            # One zero goes ahead of everything; more of them would pile up in a network that does not move.
-            self._stop_when_heard = True
+            # One zero has gone out behind the last velocity, or does so now; it is said again when the robot is heard.
             self._end_drive("The robot has not been heard for a moment")
             self._move()
             self._lease.forget()
@@ -397,17 +446,16 @@ class ControlLink:
     def link_heard(self) -> None:
         self._silent = False
         self._drives_count_from_ns = now_ns()
-        if self._stop_when_heard:
-            self._stop_when_heard = False
-            self._lease.stop(self._loop.time())
-            self._move()
+        self._stop_what_moves()
         self._report.changed("connected")
         self._maps.link_heard()
 
     def link_lost(self, reason: str) -> None:
         self._connected = False
         self._silent = False
-        self._stop_when_heard = False
+        self._told = ZERO_TWIST
+        self._unread.forget()
+        self._forget_zeros()
         if self._lease.held:
             self._put(DriveEnded(now_ns(), "The link to the robot was lost"))
         self._lease.forget()
@@ -427,6 +475,7 @@ class ControlLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
+        self._commands_answered(round_trip_s)
         self._measurement.take_round_trip(round_trip_s)
         self._guard.take_round_trip(round_trip_s)
 

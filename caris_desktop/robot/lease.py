@@ -119,9 +119,14 @@ class MotionLease:
         if self.held and self._current.moving and self._allow(self._current, now_s) < 1.0:
             self._due_s = min(self._due_s, now_s)
 
-    def stop(self, now_s: float) -> None:
+    def stop(self, now_s: float, source: CommandSource = "stop") -> None:
         """Zero at once, whether or not anything held the lease: something else may be moving the robot."""
-        self._begin_zeros(now_s, "stop")
+        self._begin_zeros(now_s, source)
+
+    def told(self, twist: Twist2D) -> None:
+        """What was due did not go out; the robot was last told this instead, and the ramp goes on from there."""
+        if self.held:
+            self._current = self._ramped = twist
 
     def end(self, now_s: float) -> bool:
         """Take the lease away for a reason of our own: zero at once. False when nothing held it."""

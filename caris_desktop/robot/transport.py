@@ -403,6 +403,9 @@ class SafeFactory:
         self._binary_failures = 0
         self._keeper: asyncio.Task[None] | None = None
         self._lost: asyncio.Future[str] | None = None
+        self._left_open: list[Wire] = []
+        self._first_topic = ""
+        self._say_first: Callback | None = None
 
     @property
     def is_connected(self) -> bool:
@@ -420,6 +423,8 @@ class SafeFactory:
         """Close the connection properly and stop trying for another."""
         if self._keeper is not None:
             self._keeper.cancel()
+        for wire in self._left_open:
+            wire.drop()
         if self._proto is not None:
             self._proto.wire.close()
 
@@ -468,6 +473,10 @@ class SafeFactory:
     def _subscribed(self, topic: str) -> bool:
         standing = self._standing.values()
         return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in standing)
+
+    def say_first(self, topic: str, words: Callback) -> None:
+        """On each connection ``topic`` is advertised and ``words`` are called before anything else is asked for."""
+        self._first_topic, self._say_first = topic, words
 
     def ask_for_every_message(self, topic: str) -> None:
         """The newest must not win on this topic: its messages do not replace one another."""
@@ -608,8 +617,15 @@ class SafeFactory:
     def _begin(self, wire: Wire) -> None:
         self._proto = SafeProtocol(self, wire)
         self._established.clear()
-        for key, operation in list(self._standing.items()):
-            self._establish(key, operation)
+        standing = list(self._standing.items())
+        if self._say_first is not None:
+            for key, operation in standing:
+                if operation["op"] == "advertise" and operation["topic"] == self._first_topic:
+                    self._establish(key, operation)
+            self.run_safely(self._say_first)
+        for key, operation in standing:
+            if key not in self._established:
+                self._establish(key, operation)
         self.emit("ready", self._proto)
         self.run_safely(self._observer.link_connected)
 
@@ -686,6 +702,7 @@ class SafeFactory:
             return
         if proto.wire.broken_by_size:
             self.refuse(f"a message of more than {self.sizes.frame_bytes / 2**20:.0f} MB, which ended the connection")
+        self._left_open = [wire for wire in (*self._left_open, proto.wire) if wire.left_open]
         self._established.clear()
         proto.fail_everything("the link to the robot was lost")
         self.emit("close", proto)
@@ -858,6 +875,12 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
     def arrival_ns(self) -> int:
         """Session time when the message that is being handled reached this machine."""
         return int(self.factory.arrival_ns)
+
+    def send_ping(self, answered: Callable[[float], None]) -> None:
+        """Ask for an answer: ``answered`` gets the round trip, in seconds, when all that was sent before was read."""
+        protocol = self.factory.protocol
+        if protocol is not None:
+            protocol.wire.send_ping(lambda round_trip_s: self.factory.run_safely(answered, round_trip_s))
 
     @property
     def unsent_bytes(self) -> int:

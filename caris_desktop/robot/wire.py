@@ -4,6 +4,7 @@ It stands on the sans-I/O layer of the ``websockets`` package rather than on its
 must reach the socket in the very call that decides on it, and every byte that arrives must count as a sign of life.
 """
 
+import array
 import asyncio
 import contextlib
 import itertools
@@ -12,6 +13,8 @@ import math
 import socket
 import ssl
 import struct
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, cast
 from urllib.parse import urlsplit
@@ -26,10 +29,16 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
 
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
 logger = logging.getLogger(__name__)
 
 _TLS_READ_BYTES = 256 * 1024
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
+# What a peer that wakes up takes to obey what it had not read yet.
+_OBEYS_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +48,9 @@ class Timings:
     Silence is measured in bytes of any kind. A ping that is not answered counts as well, later, where
     ``unanswered_trouble_after_s`` and ``unanswered_dead_after_s`` say so: it shows that nothing of ours arrives over
     there, although the robot's own messages still arrive here.
+
+    A peer that has been given up, and whose system has taken all of our bytes, keeps its connection for up to
+    ``leave_open_s``: see :meth:`Wire.give_up`.
     """
 
     ping_every_s: float = 0.2
@@ -46,6 +58,7 @@ class Timings:
     dead_after_s: float = 0.85
     unanswered_trouble_after_s: float = 0.8
     unanswered_dead_after_s: float = 1.6
+    leave_open_s: float = 600.0
     handshake_s: float = 1.5
     first_retry_s: float = 0.2
     longest_retry_s: float = 1.0
@@ -59,6 +72,7 @@ MEDIA_TIMINGS = Timings(
     dead_after_s=4.0,
     unanswered_trouble_after_s=math.inf,
     unanswered_dead_after_s=math.inf,
+    leave_open_s=0.0,
 )
 
 
@@ -81,6 +95,14 @@ class WireOwner(Protocol):
         """The connection is over. Called once, and only for one that was open."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Ping:
+    """One that is not answered yet."""
+
+    sent_s: float
+    answered: Callable[[float], None] | None
+
+
 class Wire(asyncio.Protocol):
     """One connection, from handshake to loss. Make it with :func:`open_wire`."""
 
@@ -101,7 +123,7 @@ class Wire(asyncio.Protocol):
         self._began_s = self._heard_s
         self._silent = False
         self._pieces: list[bytes] = []
-        self._pings: dict[bytes, float] = {}
+        self._pings: dict[bytes, _Ping] = {}
         self._ping_numbers = itertools.count(1)
         self._next_ping_s = 0.0
         self._watch_s = min(timings.ping_every_s, timings.trouble_after_s / 4, 0.1)
@@ -109,6 +131,7 @@ class Wire(asyncio.Protocol):
         self._watch: asyncio.TimerHandle | None = None
         self._why_lost = ""
         self._ended_here = False
+        self._left_open: asyncio.TimerHandle | None = None
 
     @property
     def is_open(self) -> bool:
@@ -147,6 +170,55 @@ class Wire(asyncio.Protocol):
         self._flush()
         return True
 
+    def send_ping(self, answered: Callable[[float], None] | None = None) -> None:
+        """Ask for an answer, which comes when the peer has read everything that was sent before.
+
+        ``answered`` is called with the round trip in seconds; without it the owner is told.
+        """
+        if self.is_open:
+            token = b"%d" % next(self._ping_numbers)
+            self._pings[token] = _Ping(self._loop.time(), answered)
+            self._protocol.send_ping(token)
+            self._flush()
+
+    def give_up(self, reason: str) -> None:
+        """The peer does not answer. Lost from now on; but what it may read yet is left to it, to the last byte.
+
+        A rosbridge throws away what it has read and not obeyed yet when its client leaves. One that was stopped would
+        wake up, obey some old commands, learn of our end and forget the zero behind them. So the connection stays
+        open, unused, until the peer has had time to obey. Bytes that its system has not even taken are another matter:
+        they are thrown away here and now.
+        """
+        if self._timings.leave_open_s <= 0.0 or self.unsent_bytes or not self._taken_by_peer():
+            self.abort(reason)
+            return
+        self._why_lost = reason
+        self._left_open = self._loop.call_later(self._timings.leave_open_s, self.drop)
+        self._end()
+
+    @property
+    def left_open(self) -> bool:
+        """Given up, but not closed yet."""
+        return self._left_open is not None
+
+    def drop(self) -> None:
+        """Close what :meth:`give_up` left open."""
+        if self._left_open is not None:
+            self._left_open.cancel()
+            self._left_open = None
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _taken_by_peer(self) -> bool:
+        """Whether the peer's system has acknowledged every byte; False where that cannot be known."""
+        raw = None if self._transport is None else self._transport.get_extra_info("socket")
+        if raw is None or sys.platform != "linux":
+            return False
+        unacknowledged = array.array("i", [1])
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(raw.fileno(), termios.TIOCOUTQ, unacknowledged)
+        return unacknowledged[0] == 0
+
     def close(self) -> None:
         """Say goodbye properly; what was sent before still arrives."""
         if self.is_open:
@@ -181,6 +253,12 @@ class Wire(asyncio.Protocol):
             self._shake_hands(b"")
 
     def data_received(self, data: bytes) -> None:
+        if self._over:
+            if self._left_open is not None and self._left_open.when() > self._loop.time() + _OBEYS_WITHIN_S:
+                # It lives, and obeys what it had not read.
+                self._left_open.cancel()
+                self._left_open = self._loop.call_later(_OBEYS_WITHIN_S, self.drop)
+            return
         # Of a secured message that is still incomplete the bytes count as a sign of life, too.
         self._heard_s = self._loop.time()
         if self._silent and not self._unanswered(self._heard_s):
@@ -248,10 +326,15 @@ class Wire(asyncio.Protocol):
             self._transport.close()
 
     def eof_received(self) -> None:
+        if self._over:
+            return
         self._protocol.receive_eof()
         self._flush()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        if self._left_open is not None:
+            self._left_open.cancel()
+            self._left_open = None
         if self._tls is not None and not self._tls.established:
             # Servers without TLS hang up on a question they do not understand.
             self._fail_opening(SecurityError(*no_tls(self._address)))
@@ -280,11 +363,11 @@ class Wire(asyncio.Protocol):
                 whole, self._pieces = b"".join(self._pieces), []
                 self._owner.wire_received(whole)
         elif frame.opcode is Opcode.PONG:
-            sent_s = self._pings.pop(bytes(frame.data), None)
-            if sent_s is not None:
+            ping = self._pings.pop(bytes(frame.data), None)
+            if ping is not None:
                 # Earlier ones, had they been answered, would have been answered before.
-                self._pings = {token: at_s for token, at_s in self._pings.items() if at_s > sent_s}
-                self._owner.wire_round_trip(self._loop.time() - sent_s)
+                self._pings = {token: other for token, other in self._pings.items() if other.sent_s > ping.sent_s}
+                (ping.answered or self._owner.wire_round_trip)(self._loop.time() - ping.sent_s)
 
     def _look_after(self) -> None:
         now_s = self._loop.time()
@@ -294,28 +377,30 @@ class Wire(asyncio.Protocol):
         if late_s > self._watch_s:
             # It was this process that slept; what the peer sent meanwhile still lies unread in the socket.
             self._heard_s = min(now_s, self._heard_s + late_s)
-            self._pings = {token: min(now_s, at_s + late_s) for token, at_s in self._pings.items()}
+            self._pings = {
+                token: _Ping(min(now_s, ping.sent_s + late_s), ping.answered) for token, ping in self._pings.items()
+            }
         silent_s = now_s - self._heard_s
         if silent_s >= self._timings.dead_after_s:
-            self.abort(f"nothing came from it for {silent_s:.1f} s")
+            self.give_up(f"nothing came from it for {silent_s:.1f} s")
             return
-        unanswered_s = now_s - next(iter(self._pings.values()), now_s)
+        unanswered_s = self._unanswered_s(now_s)
         if unanswered_s >= self._timings.unanswered_dead_after_s:
-            self.abort(f"it did not answer for {unanswered_s:.1f} s")
+            self.give_up(f"it did not answer for {unanswered_s:.1f} s")
             return
         if not self._silent and (silent_s >= self._timings.trouble_after_s or self._unanswered(now_s)):
             self._silent = True
             self._owner.wire_silent()
         if now_s >= self._next_ping_s and self.is_open:
             self._next_ping_s = now_s + self._timings.ping_every_s
-            token = b"%d" % next(self._ping_numbers)
-            self._pings[token] = now_s
-            self._protocol.send_ping(token)
-            self._flush()
+            self.send_ping()
 
     def _unanswered(self, now_s: float) -> bool:
-        oldest_s = next(iter(self._pings.values()), now_s)
-        return now_s - oldest_s >= self._timings.unanswered_trouble_after_s
+        return self._unanswered_s(now_s) >= self._timings.unanswered_trouble_after_s
+
+    def _unanswered_s(self, now_s: float) -> float:
+        oldest = next(iter(self._pings.values()), None)
+        return 0.0 if oldest is None else now_s - oldest.sent_s
 
     def _farewell(self) -> str:
         if isinstance(self._protocol.parser_exc, PayloadTooBig):

@@ -3,8 +3,8 @@
 Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
 (``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
 thing to send to every client: ``{"text": ...}``, ``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or
-``{"flood": N}``. Service calls listed in ``answers`` are answered, others of rosapi refused; scans and odometry are
-published while somebody subscribes to them.
+``{"flood": N}``; ``{"drop": true}`` ends every connection. Service calls listed in ``answers`` are answered, others of
+rosapi refused; scans and odometry are published while somebody subscribes to them.
 """
 
 import asyncio
@@ -102,7 +102,9 @@ async def obey() -> None:
 
 
 async def send_ordered(client: ServerConnection, order: dict[str, Any]) -> None:
-    if "text" in order:
+    if "drop" in order:
+        client.transport.abort()
+    elif "text" in order:
         await client.send(order["text"])
     elif "hex" in order:
         await client.send(bytes.fromhex(order["hex"]))

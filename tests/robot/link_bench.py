@@ -29,11 +29,17 @@ class BridgeDouble:
     def __init__(self) -> None:
         self.lines: list[dict[str, Any]] = []
         self.port = 0
+        self._connected_s = 0.0
         self.start()
 
     @property
     def address(self) -> str:
         return f"ws://127.0.0.1:{self.port}"
+
+    @property
+    def connected_s(self) -> float:
+        """When the last client came, on the monotonic clock; kept when ``lines`` is cleared."""
+        return self._connected_s
 
     def start(self) -> None:
         self._process = subprocess.Popen(
@@ -78,8 +84,11 @@ class BridgeDouble:
         ]
 
     def _read(self, process: "subprocess.Popen[str]") -> None:
-        for line in process.stdout:  # type: ignore[union-attr]
-            self.lines.append(json.loads(line))
+        for text in process.stdout:  # type: ignore[union-attr]
+            line = json.loads(text)
+            if line.get("event") == "connected":
+                self._connected_s = line["at"]
+            self.lines.append(line)
 
 
 class LinkProcess:

@@ -24,6 +24,8 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, Odometry
+from caris_desktop.robot.control_link import ZERO_AGAIN_S
+from caris_desktop.robot.unread import MOST_UNREAD
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.support.polling import wait_for
 
@@ -63,8 +65,14 @@ def shared_link(shared_bridge: BridgeDouble) -> Iterator[LinkProcess]:
 
 @pytest.fixture
 def bridge(shared_bridge: BridgeDouble, shared_link: LinkProcess) -> BridgeDouble:
-    """The shared one, when the zeros of the test before have ended."""
-    wait_for(lambda: not shared_bridge.twists() or time.monotonic() - shared_bridge.twists()[-1][0] > 0.3, "silence")
+    """The shared one, when the zeros of the test before have ended, and those that a new connection begins with."""
+    wait_for(
+        lambda: (
+            time.monotonic() - shared_bridge.connected_s > ZERO_AGAIN_S[-1] + 0.1
+            and (not shared_bridge.twists() or time.monotonic() - shared_bridge.twists()[-1][0] > 0.3)
+        ),
+        "silence",
+    )
     shared_bridge.lines.clear()
     shared_link.values.clear()
     return shared_bridge
@@ -137,7 +145,7 @@ def test_the_death_of_the_console_stops_the_robot(own_bridge: BridgeDouble, own_
     own_link.disappear()
     own_link.process.join(5)
     assert own_link.process.exitcode == 0
-    zeros = [at_s for at_s, forward, _ in own_bridge.twists() if not forward]
+    zeros = [at_s for at_s, forward, _ in own_bridge.twists() if not forward and at_s > moving(own_bridge)[0][0]]
     assert zeros
     assert zeros[0] - died_s < 0.2
     assert moving(own_bridge)[-1][0] <= zeros[0]
@@ -180,7 +188,10 @@ def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_a
     assert time.monotonic() - back_s < 3.0
     own_link.hold(lambda: len(own_link.of(LaserScan)) > scans + 5, "scans again")
     assert {line["topic"] for line in own_bridge.operations("subscribe")} == subscribed
-    assert own_bridge.twists() == []
+    assert moving(own_bridge) == []
+    # The first words, before anything is subscribed: the robot that is back may move as it was told last.
+    first = [line for line in own_bridge.lines if line.get("op")][:2]
+    assert [(line["op"], line["topic"]) for line in first] == [("advertise", "/cmd_vel"), ("publish", "/cmd_vel")]
     own_link.drive()
     wait_for(lambda: moving(own_bridge), "a new key press moves it")
 
@@ -204,7 +215,11 @@ def test_a_robot_that_stops_answering_is_noticed_within_a_second(
     assert time.monotonic() - continued_s < 3.0
     scans = len(own_link.of(LaserScan))
     own_link.hold(lambda: len(own_link.of(LaserScan)) > scans + 5, "scans again")
-    assert all(at_s < stopped_s + 0.01 for at_s, _, _ in own_bridge.twists()), "nothing of before or during the gap"
+    read = [twist for twist in own_bridge.twists() if twist[0] > continued_s - 0.01]
+    old = [twist for twist in read if twist[1]]
+    assert len(old) <= MOST_UNREAD, "what lay in its socket when trouble was seen, and nothing of later"
+    assert read[len(old)][1] == 0.0 and not any(forward for _, forward, _ in read[len(old) :])
+    assert read[len(old)][0] - continued_s < 0.2
 
 
 def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(
@@ -222,6 +237,59 @@ def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(
     count = len(moving(own_bridge))
     own_link.hold(lambda: len(own_link.of(LaserScan)) > 5, "the key still held moves nothing")
     assert len(moving(own_bridge)) == count
+
+
+def test_a_stop_of_a_moment_leaves_four_velocities_and_a_zero_and_the_drive_goes_on_from_there(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    own_link.drive()
+    own_link.hold(lambda: moving(own_bridge) and moving(own_bridge)[-1][1] == 0.3, "full speed")
+    own_bridge.signal(signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    own_link.hold(lambda: time.monotonic() - stopped_s > 0.35, "less than trouble takes")
+    own_bridge.signal(signal.SIGCONT)
+    continued_s = time.monotonic()
+    read = own_link.hold(
+        lambda: [twist[1] for twist in own_bridge.twists() if twist[0] > continued_s - 0.005][:12],
+        "what lay in its socket, and more",
+    )
+    own_link.hold(lambda: len(own_bridge.twists()) and own_bridge.twists()[-1][1] == 0.3, "full speed again")
+    read = [twist[1] for twist in own_bridge.twists() if twist[0] > continued_s - 0.005]
+    zero = read.index(0.0)
+    assert zero <= MOST_UNREAD
+    assert set(read[:zero]) <= {0.3}
+    # From a stand, as after a new key press.
+    after = [forward for forward in read[zero:] if forward]
+    assert after[0] < 0.1
+    assert after == sorted(after)
+    assert "trouble" not in own_link.states()
+    assert own_link.of(DriveEnded) == []
+
+
+def test_a_new_link_says_zero_first_whoever_drove_before(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+    own_link.drive()
+    own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
+    own_link.process.kill()
+    own_link.process.join(5)
+    own_bridge.lines.clear()
+    link = LinkProcess(own_bridge.address)
+    try:
+        link.wait_for_state("connected")
+        wait_for(lambda: len(own_bridge.twists()) >= 5, "zeros")
+        began = next(at for at, line in enumerate(own_bridge.lines) if line.get("event") == "connected")
+        first = [(line["op"], line.get("topic")) for line in own_bridge.lines[began:] if line.get("op")][:2]
+        assert first == [("advertise", "/cmd_vel"), ("publish", "/cmd_vel")]
+        assert moving(own_bridge) == []
+        wait_for(lambda: time.monotonic() - own_bridge.connected_s > ZERO_AGAIN_S[-1] + 0.2, "the end of them")
+        count = len(own_bridge.twists())
+        assert count <= 14, "a short burst, and not something that fights navigation"
+        own_bridge.tell(drop=True)
+        link.wait_for_state("connected", after=len(link.states()))
+        wait_for(lambda: [line for line in own_bridge.lines if line.get("event") == "connected"][1:], "it comes back")
+        wait_for(lambda: len(own_bridge.operations("subscribe", "/scan")) == 2, "everything is asked for again")
+        assert len(own_bridge.twists()) == count, "it is known to stand, so nothing has to be said"
+    finally:
+        link.close()
 
 
 def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
@@ -420,10 +488,16 @@ def test_a_robot_that_wants_stamped_velocities_gets_them(bridge: BridgeDouble, t
     try:
         process.wait_for_state("connected")
         process.drive(0.3)
-        [first, *_] = wait_for(lambda: bridge.operations("publish", "/cmd_vel"), "a velocity")
-        assert first["msg"]["header"]["frame_id"] == "base"
+        wait_for(
+            lambda: [
+                sent
+                for sent in bridge.operations("publish", "/cmd_vel")
+                if sent["msg"]["header"]["frame_id"] == "base" and sent["msg"]["twist"]["linear"]["x"] > 0.0
+            ],
+            "a velocity",
+        )
+        first = bridge.operations("publish", "/cmd_vel")[0]
         assert set(first["msg"]["header"]["stamp"]) == {"sec", "nanosec"}
-        assert first["msg"]["twist"]["linear"]["x"] > 0.0
         [advertised] = bridge.operations("advertise", "/cmd_vel")
         assert advertised["type"] == "geometry_msgs/msg/TwistStamped"
     finally:

@@ -1,0 +1,80 @@
+"""Which velocity commands may still lie unread at the robot. Pure logic, time comes in as an argument.
+
+A rosbridge that was stopped goes on acknowledging bytes, because its system does that for it; all of them are read and
+obeyed when it wakes up. Only its own answer tells that it reads: behind each command goes a ping.
+"""
+
+import math
+from collections import deque
+
+MOST_UNREAD = 4
+READ_WITHIN_S = 0.15
+# The shortest round trip of this long, and of this long before, is what the network usually takes.
+_USUAL_OVER_S = 1.0
+# Stamps are taken back from differences of floats.
+_SAME_MOMENT_S = 1e-6
+
+
+class UnreadCommands:
+    """Counts what has been sent and not been answered, on one connection after another.
+
+    At most ``MOST_UNREAD`` commands are on their way to a robot that should have read them, none is sent to one that
+    has not answered for ``READ_WITHIN_S``; what the network itself usually takes is allowed on top of both.
+    """
+
+    def __init__(self, *, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._sent_s: deque[float] = deque()
+        self._least_s = math.inf
+        self._least_before_s = math.inf
+        self._least_since_s = -math.inf
+        # Whoever drove before this process began may have left the robot moving.
+        self._settled = False
+        self._zero_s: float | None = None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot is known to have read a zero after the last velocity."""
+        return self._settled
+
+    def sent(self, now_s: float, *, moving: bool) -> None:
+        """A command went out, and a ping behind it."""
+        self._sent_s.append(now_s)
+        if moving:
+            self._settled, self._zero_s = False, None
+        elif self._zero_s is None:
+            self._zero_s = now_s
+
+    def answered(self, round_trip_s: float, now_s: float) -> None:
+        """A ping came back, whether or not it went behind a command."""
+        if now_s - self._least_since_s >= _USUAL_OVER_S:
+            self._least_before_s, self._least_s, self._least_since_s = self._least_s, math.inf, now_s
+        self._least_s = min(self._least_s, round_trip_s)
+        read_to_s = now_s - round_trip_s + _SAME_MOMENT_S
+        while self._sent_s and self._sent_s[0] <= read_to_s:
+            self._sent_s.popleft()
+        if self._zero_s is not None and self._zero_s <= read_to_s:
+            self._settled = True
+
+    def full(self, now_s: float) -> bool:
+        """Whether another command would only lie behind others."""
+        return len(self._sent_s) >= MOST_UNREAD + int(self._usual_s() * self._rate_hz) or self.late(now_s)
+
+    def late(self, now_s: float) -> bool:
+        """Whether the robot should have read by now."""
+        return now_s >= self.late_from_s() - _SAME_MOMENT_S
+
+    def late_from_s(self) -> float:
+        """From when on :meth:`late` is true; ``inf`` while everything was read."""
+        return self._sent_s[0] + READ_WITHIN_S + self._usual_s() if self._sent_s else math.inf
+
+    def forget(self) -> None:
+        """The connection is over: nothing of it is answered any more."""
+        self._sent_s.clear()
+        self._zero_s = None
+        self._least_s = self._least_before_s = math.inf
+        self._least_since_s = -math.inf
+
+    def _usual_s(self) -> float:
+        least_s = min(self._least_s, self._least_before_s)
+        return least_s if math.isfinite(least_s) else 0.0

@@ -1,0 +1,195 @@
+"""rosbridge stopped and killed, and the control link killed, at random moments while the whole console drives.
+
+Judged by what the simulated robot itself wrote down: each velocity that it read and obeyed, and when. After each fault
+at most four old velocities may still be read, and the last one is zero within 0.2 s of the robot's going on, or of the
+first new connection. The robot is not driven until the wizard presses a key anew.
+"""
+
+import json
+import os
+import random
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from caris_desktop.robot.unread import MOST_UNREAD
+from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+
+pytestmark = pytest.mark.alone
+
+S = 1_000_000_000
+Fault = Literal["stop", "kill", "kill link"]
+SHORT, LONG = 7, 100
+ZERO_WITHIN_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """A velocity that the robot read, or (``moving`` is None) a client that it let in."""
+
+    at_ns: int
+    client: str
+    moving: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What the robot read from a fault on; ``zero_after_s`` counts from its going on or the first new connection."""
+
+    fault: str
+    old: int
+    zero_after_s: float
+    driven_after: bool
+
+
+class Bench:
+    """The robot, which may be killed and started again on its port, and the console that drives it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.log = folder / "obeyed.jsonl"
+        self.robot = SimulatedRobot("--empty", "--obeyed-log", str(self.log))
+        # Nobody is to be found here, and looking for people would slow down everything else.
+        (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
+        environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
+        environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
+        environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
+        self.console = ConsoleProcess(self.robot.address, folder / "study", **environment)
+        self._position = 0
+        self._read: list[Read] = []
+
+    def close(self) -> None:
+        os.kill(self.robot.pid, signal.SIGCONT)
+        self.console.close()
+        self.robot.kill()
+
+    def read(self) -> list[Read]:
+        """Everything that the robot has read so far."""
+        with self.log.open("rb") as stream:
+            stream.seek(self._position)
+            for raw in stream:
+                if not raw.endswith(b"\n"):
+                    break
+                self._position += len(raw)
+                if (read := _read(json.loads(raw))) is not None:
+                    self._read.append(read)
+        return self._read
+
+    def drive(self, seconds: float) -> None:
+        """Hold a key, turning on the spot, for a while after the robot has begun to obey."""
+        self.console.wait_until_shown(link="connected", drive_allowed=True)
+        self.robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
+        for _attempt in range(10):
+            before = len(self.read())
+            self.console.hold("A", lambda: any(read.moving for read in self.read()[before:]), "it drives")  # noqa: B023
+            until_s = time.monotonic() + seconds
+            wait_for(lambda: time.monotonic() >= until_s, "the moment of the fault")  # noqa: B023 (called at once)
+            if self.read()[-1].moving:
+                return
+            # A busy machine stalled the window, and that ended the drive.
+            self.console.say("release A")
+        raise AssertionError("the window stalls again and again")
+
+    def suffer(self, fault: Fault, seconds: float) -> Outcome:
+        """One fault, until the robot has been heard again for a while with the key still held."""
+        before = len(self.console.history)
+        if fault == "kill link":
+            os.kill(self.console.shown["children"]["control"], signal.SIGKILL)
+            from_ns = time.monotonic_ns()
+        elif fault == "kill":
+            self.robot.kill()
+            from_ns = time.monotonic_ns()
+            self.robot = SimulatedRobot("--empty", "--obeyed-log", str(self.log), port=self.robot.port)
+        else:
+            os.kill(self.robot.pid, signal.SIGSTOP)
+            until_s = time.monotonic() + seconds
+            wait_for(lambda: time.monotonic() >= until_s, "the end of the stop")
+            from_ns = time.monotonic_ns()
+            os.kill(self.robot.pid, signal.SIGCONT)
+        wait_for(
+            lambda: (
+                any(report["link"] != "connected" for report in self.console.history[before:])
+                and self.console.shown["link"] == "connected"
+                and self.console.shown["drive_allowed"]
+            ),
+            f"connected again, have {self.console.shown}",
+            timeout_s=40.0,
+        )
+        # Whatever comes late would have come by now.
+        again_s = time.monotonic() + 0.7
+        wait_for(lambda: time.monotonic() >= again_s, "a moment")
+        outcome = _outcome(f"{fault} {seconds:.2f} s", fault, self.read(), from_ns)
+        self.console.say("release A")
+        return outcome
+
+
+def _read(line: dict[str, Any]) -> Read | None:
+    if "connected" in line:
+        return Read(line["at_ns"], line["connected"], None)
+    if line["topic"] != "/cmd_vel":
+        return None
+    axes = (line["message"]["linear"]["x"], line["message"]["linear"]["y"], line["message"]["angular"]["z"])
+    return Read(line["at_ns"], line["client"], any(axes))
+
+
+def _outcome(name: str, fault: Fault, every: list[Read], from_ns: int) -> Outcome:
+    reads = [read for read in every if read.at_ns >= from_ns]
+    velocities = [read for read in reads if read.moving is not None]
+    if not velocities and not [read for read in every if read.moving is not None][-1].moving:
+        return Outcome(f"{name}, and the zero was read just before", 0, 0.0, driven_after=False)
+    old = next((at for at, read in enumerate(velocities) if not read.moving), len(velocities))
+    assert old < len(velocities), f"{name}: no zero at all, {velocities}"
+    zero = velocities[old]
+    if fault == "stop":
+        # By the robot's own clock: how long the machine took to let it go on says nothing about us.
+        since_ns = reads[0].at_ns
+    else:
+        since_ns = next(read.at_ns for read in reads if read.moving is None and read.client == zero.client)
+    return Outcome(name, old, (zero.at_ns - since_ns) / S, any(read.moving for read in velocities[old:]))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path)
+    made.console.wait_until_shown(timeout_s=120.0, link="connected", drive_allowed=True)
+    yield made
+    made.close()
+
+
+def _suffer(bench: Bench, count: int, seed: int, longest_stop_s: float) -> list[Outcome]:
+    chance = random.Random(seed)  # noqa: S311 (moments, not secrets)
+    kinds: tuple[Fault, ...] = ("stop", "kill", "kill link")
+    faults = [kinds[number % len(kinds)] for number in range(count)]
+    chance.shuffle(faults)
+    outcomes = []
+    for fault in faults:
+        bench.drive(chance.uniform(0.1, 1.2))
+        outcomes.append(bench.suffer(fault, chance.uniform(0.65, longest_stop_s)))
+        print(outcomes[-1])
+    return outcomes
+
+
+def _judge(outcomes: list[Outcome]) -> None:
+    assert not [outcome for outcome in outcomes if outcome.driven_after]
+    assert not [outcome for outcome in outcomes if outcome.old > MOST_UNREAD]
+    assert not [outcome for outcome in outcomes if outcome.zero_after_s > ZERO_WITHIN_S]
+
+
+def test_stops_and_kills_leave_a_zero_as_the_last_word(bench: Bench) -> None:
+    _judge(_suffer(bench, SHORT, seed=8, longest_stop_s=2.5))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_a_hundred_stops_and_kills(bench: Bench) -> None:
+    outcomes = _suffer(bench, LONG, seed=100, longest_stop_s=6.0)
+    print(f"most old velocities read: {max(outcome.old for outcome in outcomes)}")
+    print(f"longest time to zero: {max(outcome.zero_after_s for outcome in outcomes):.3f} s")
+    _judge(outcomes)
