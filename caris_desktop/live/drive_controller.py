@@ -46,7 +46,7 @@ class DriveController(QObject):
         self._sent_target = Twist2D()
         self._renewed_ns = 0
         profile: RobotProfile | None = state.robot.value
-        self._limits = profile.limits if profile is not None else _ANY_SPEED
+        self._limits = profile.driving_limits if profile is not None else _ANY_SPEED
         self._frames_came = False
         self._guard_switched_off = False
         self._goals_limited_to_mps: float | None = None
@@ -153,7 +153,7 @@ class DriveController(QObject):
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         self.release("Another robot is connected")
-        self._limits = robot.limits if robot is not None else _ANY_SPEED
+        self._limits = robot.driving_limits if robot is not None else _ANY_SPEED
         self._frames_came = False
         self._apply_limits()
         self._on_condition_changed()

@@ -47,6 +47,8 @@ from caris_desktop.scenario.model import Place
 
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
+# A control link that had worked is missed by a robot that may move: only one that dies at once waits for its turn.
+_RESTART_AT_ONCE_AFTER_NS = 5_000_000_000
 _SETTLE_AGAIN_S = 1.0
 _MAP_WORDS: dict[MapOperation, str] = {
     "save": "The map was not saved.",
@@ -107,6 +109,8 @@ class RobotDirector(QObject):
         self._scenario_controls: tuple[RobotControl, ...] = ()
         self._driving_permitted = True
         self._control_is_new = False
+        self._control_since_ns = 0
+        self._told_no_timeout_of = ""
         self._closed = False
 
     @property
@@ -207,7 +211,8 @@ class RobotDirector(QObject):
             "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
             until="connected" if name == "control" else "picture",
         )
-        QTimer.singleShot(_RESTART_AFTER_MS, lambda: self._restart_link(name))
+        worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
+        QTimer.singleShot(0 if worked else _RESTART_AFTER_MS, lambda: self._restart_link(name))
         return True
 
     def _start_link(self, name: str) -> None:
@@ -223,6 +228,7 @@ class RobotDirector(QObject):
         self._links[name] = self._new_child(body)
         if name == "control":
             self._control_is_new = True
+            self._control_since_ns = clock.now_ns()
 
     def _restart_link(self, name: str) -> None:
         if not self._closed and name not in self._links:
@@ -289,6 +295,21 @@ class RobotDirector(QObject):
                 self.send(SetEmergencyStop(clock.now_ns(), latched=True))
             self._control_is_new = False
             self._offer_controls()
+            self._tell_of_timeout()
+
+    def _tell_of_timeout(self) -> None:
+        """Once for each robot: nobody can stop a base that does not do so by itself when its rosbridge dies."""
+        connection = self._connection
+        if connection is None or connection.profile.stops_by_itself:
+            return
+        if self._told_no_timeout_of != connection.address and self._driving_permitted:
+            self._told_no_timeout_of = connection.address
+            self._problem(
+                "warning",
+                "Whether this robot stops by itself when its rosbridge dies is not known.",
+                "It is driven at half speed. If its connection breaks while it moves, it may go on moving.",
+                "Keep its own emergency stop at hand. Where it does stop, its profile can say so (timeout_s).",
+            )
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:
         busy = event.operation if event.state == "requested" else ""

@@ -66,7 +66,7 @@ class ControlLink:
         )
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardNews()
-        self._lease = MotionLease(profile.limits, rate_hz=profile.command_rate_hz, allow=self._allow)
+        self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)
         self._unread = UnreadCommands(rate_hz=profile.command_rate_hz)
         # The last velocity on this connection.
         self._told = ZERO_TWIST

@@ -25,6 +25,9 @@ PictureType = Literal["CompressedImage", "Image"]
 VelocityType = Literal["Twist", "TwistStamped"]
 NavigationKind = Literal["move_base", "navigate_to_pose"]
 
+LONGEST_TIMEOUT_S = 1.0
+WITHOUT_TIMEOUT_FRACTION = 0.5
+
 _NAME = r"[A-Za-z0-9_-]+"
 
 
@@ -48,12 +51,15 @@ class TopicSource:
 class VelocityTopic:
     """Where velocity commands go: the base itself, or the wizard's input of a velocity multiplexer.
 
-    ``frame_id`` is used in the header of a TwistStamped.
+    ``frame_id`` is used in the header of a TwistStamped. ``timeout_s`` is after how long without a command the base
+    stops by itself, and ``timeout_source`` where that is documented; None where nobody has said so.
     """
 
     topic: str = "/cmd_vel"
     type: VelocityType = "Twist"
     frame_id: str = "base_link"
+    timeout_s: float | None = None
+    timeout_source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,6 +272,24 @@ class RobotProfile:
     def holonomic(self) -> bool:
         """Whether the base can move sideways."""
         return self.limits.left_mps > 0.0
+
+    @property
+    def stops_by_itself(self) -> bool:
+        """Whether the base is known to stop soon when commands no longer come, because nobody is left to send zero."""
+        return self.velocity.timeout_s is not None and self.velocity.timeout_s <= LONGEST_TIMEOUT_S
+
+    @property
+    def driving_limits(self) -> MotionLimits:
+        """The limits that hold: a base that is not known to stop by itself is driven slower."""
+        if self.stops_by_itself:
+            return self.limits
+        return replace(
+            self.limits,
+            forward_mps=self.limits.forward_mps * WITHOUT_TIMEOUT_FRACTION,
+            backward_mps=self.limits.backward_mps * WITHOUT_TIMEOUT_FRACTION,
+            left_mps=self.limits.left_mps * WITHOUT_TIMEOUT_FRACTION,
+            turn_radps=self.limits.turn_radps * WITHOUT_TIMEOUT_FRACTION,
+        )
 
     @property
     def footprint_outline_m(self) -> tuple[tuple[float, float], ...]:

@@ -128,7 +128,6 @@ class _Builder:
     def profile(self, name: str) -> RobotProfile:
         data = self._data
         footprint_m, radius_m = self._footprint()
-        velocity = data["velocity"]
         return RobotProfile(
             name=name,
             title=data.get("title", name),
@@ -136,7 +135,7 @@ class _Builder:
             address=self._address(),
             security=self._security(),
             simulation_time=data.get("simulation_time", False),
-            velocity=VelocityTopic(**{**velocity, "topic": self._name(velocity["topic"], ("velocity", "topic"))}),
+            velocity=self._velocity(),
             command_rate_hz=float(data.get("command_rate_hz", 20.0)),
             limits=MotionLimits(**_floats(data.get("limits", {}))),
             guard=GuardSettings(**_floats(data.get("guard", {}))),
@@ -154,6 +153,19 @@ class _Builder:
             footprint_radius_m=radius_m,
             footprint_m=footprint_m,
         )
+
+    def _velocity(self) -> VelocityTopic:
+        given = dict(self._data["velocity"])
+        given["topic"] = self._name(given["topic"], ("velocity", "topic"))
+        if "timeout_s" in given:
+            given["timeout_s"] = float(given["timeout_s"])
+            if "timeout_source" not in given:
+                raise self._source.mistake(
+                    ("velocity", "timeout_s"), "say beside it in timeout_source where that is documented."
+                )
+        elif "timeout_source" in given:
+            raise self._source.mistake(("velocity", "timeout_source"), "belongs to timeout_s, which is not there.")
+        return VelocityTopic(**given)
 
     def _name(self, name: str, path: KeyPath) -> str:
         """The absolute name: one that does not begin with a slash lies in the namespace."""

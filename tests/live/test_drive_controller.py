@@ -24,7 +24,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan
 from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import CameraTopic, MotionLimits, RobotProfile, TopicSource
+from caris_desktop.robot.profile import CameraTopic, MotionLimits, RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.scenario.model import DrivingLimits, PanelLeaf, Permissions, Scenario
 
 
@@ -194,9 +194,18 @@ def test_the_speed_setting_applies_while_driving(
 PROFILE = RobotProfile(
     "r",
     "R",
+    velocity=VelocityTopic(timeout_s=0.5, timeout_source="its manual"),
     scan=TopicSource("/scan"),
     limits=MotionLimits(forward_mps=0.6, backward_mps=0.2, left_mps=0.4, turn_radps=1.5),
 )
+
+
+def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed(
+    controller: DriveController, state: LiveState
+) -> None:
+    state.robot.set(replace(PROFILE, velocity=VelocityTopic()))
+    assert state.drive.value.max_forward_mps == 0.3
+    assert state.drive.value.max_turn_radps == 0.75
 
 
 def test_the_robots_own_limits_hold_where_the_scenario_allows_more(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shiboken6
 from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import commands
@@ -30,12 +31,13 @@ from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
 from caris_desktop.live.state import LiveState
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile import RobotProfile, VelocityTopic
 from caris_desktop.scenario.model import Place
 
 KITCHEN = Place("Kitchen", Pose2D(4.0, 2.0, 0.0))
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
 LIGHT = RobotControl("light", "Light", "toggle", CallService("/light", "std_srvs/SetBool", {"data": "$value"}))
+STOPS_BY_ITSELF = VelocityTopic(timeout_s=0.5, timeout_source="its manual")
 
 
 class Child:
@@ -76,7 +78,7 @@ class Bench:
             self.ring,
             new_child=self._new_child,  # type: ignore[arg-type]
             publish=self.published.append,
-            problem=lambda _severity, *words: self.problems.append(" ".join(words)),
+            problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
             before_goal=self._before_goal,
             own_camera=False,
             asyncio_thread=self.asyncio,
@@ -95,7 +97,7 @@ class Bench:
         self.goals_begun += 1
 
     def connect(self, profile: RobotProfile | None = None) -> None:
-        profile = profile or RobotProfile("r", "R", controls=(WAVE,))
+        profile = profile or RobotProfile("r", "R", velocity=STOPS_BY_ITSELF, controls=(WAVE,))
         bodies = ProcessBody("control", print), ProcessBody("media", print)
         self.robot.connect_robot(RobotConnection("R", "ws://r:9090", profile, *bodies))
         self.robot.on_event(LinkChanged(1, "control", "connected", "ws://r:9090"))
@@ -211,6 +213,16 @@ def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) ->
     assert [command.controls for command in bench.asked(commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]
 
 
+def test_that_a_robot_may_not_stop_by_itself_is_told_once(bench: Bench) -> None:
+    bench.connect(RobotProfile("r", "R"))
+    assert len(bench.problems) == 1
+    assert "half speed" in bench.problems[0]
+    bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
+    bench.robot.on_event(LinkChanged(2, "control", "connected", "ws://r:9090"))
+    bench.connect()
+    assert len(bench.problems) == 1
+
+
 def test_the_emergency_stop_outlives_the_link_process_and_the_robot(bench: Bench, qtbot: QtBot) -> None:
     bench.connect()
     assert not bench.asked(commands.SetEmergencyStop)
@@ -228,6 +240,16 @@ def test_the_emergency_stop_outlives_the_link_process_and_the_robot(bench: Bench
     bench.robot.on_event(LinkChanged(5, "control", "lost", "ws://r:9090"))
     bench.robot.on_event(LinkChanged(6, "control", "connected", "ws://r:9090"))
     assert len(bench.asked(commands.SetEmergencyStop)) == 1
+
+
+def test_a_control_link_that_had_worked_is_started_again_at_once(bench: Bench) -> None:
+    bench.connect()
+    bench.robot._control_since_ns -= 10_000_000_000
+    bench.robot.on_child_ended(bench.control)  # type: ignore[arg-type]
+    children = len(bench.children)
+    for _ in range(3):
+        QApplication.processEvents()
+    assert len(bench.children) == children + 1
 
 
 def test_both_links_of_the_robot_before_end_side_by_side(bench: Bench) -> None:

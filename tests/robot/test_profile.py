@@ -231,6 +231,9 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, 1]]}\n", 5, ["footprint.polygon_m", "three corners"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [2, 1], [2, 2]]}\n", 5, ["footprint.polygon_m", "centre"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, -1], [1, -1], [-1, 1]]}\n", 5, ["cross"]),
+        (GOOD + "  timeout_s: 0.5\n", 5, ["velocity.timeout_s", "timeout_source"]),
+        (GOOD + "  timeout_source: a page\n", 5, ["velocity.timeout_source", "timeout_s"]),
+        (GOOD + "  timeout_s: 0\n", 5, ["velocity.timeout_s"]),
         (GOOD + "footprint: {}\n", 5, ["either radius_m or polygon_m"]),
         (GOOD + "footprint: {radius_m: 1}\nfootprint_radius_m: 1\n", 6, ["keep one"]),
         (GOOD + CAMERA % "z_m: 1", 6, ["either horizontal_fov_deg or fx_px"]),
@@ -357,6 +360,20 @@ def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
     blocked.write_text("")
     with pytest.raises(ProfileError, match="not written"):
         save_profile(load_profile("simulated"), blocked / "robot.yaml")
+
+
+def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed() -> None:
+    limits = "limits: {forward_mps: 0.4, backward_mps: 0.2, left_mps: 0.1, turn_radps: 1.0}\n"
+    for timeout, known in (("", False), ("0.5", True), ("1.5", False)):
+        said = f"  timeout_s: {timeout}\n  timeout_source: its manual\n" if timeout else ""
+        profile = parsed(GOOD + said + limits)
+        assert profile.stops_by_itself is known
+        speeds = profile.driving_limits
+        factor = 1.0 if known else 0.5
+        assert (speeds.forward_mps, speeds.backward_mps, speeds.left_mps, speeds.turn_radps) == pytest.approx(
+            (0.4 * factor, 0.2 * factor, 0.1 * factor, 1.0 * factor)
+        )
+        assert speeds.deceleration_mps2 == profile.limits.deceleration_mps2
 
 
 def test_a_title_becomes_a_file_name() -> None:

@@ -273,6 +273,9 @@ class DrivePanel(Panel):
             self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
         elif by_itself and not words.goal_speed(self.state.robot.value, drive)[1]:
             self.set_fact("goals: own speed", "amber")
+        elif self.state.robot.value is not None and not self.state.robot.value.stops_by_itself:
+            # The message when it was connected told why.
+            self.set_fact(f"half speed · {top_mps:.2f} m/s at most", "amber")
         else:
             self.set_fact(f"{top_mps:.2f} m/s at most")
 
