@@ -46,6 +46,11 @@ def test_one_that_reads_gets_all_of_them() -> None:
         now_s += 0.05
 
 
+def test_an_ordinary_wireless_network_is_allowed_no_more() -> None:
+    unread, now_s = answering(0.06)
+    assert sent_until_full(unread, now_s, 0.05) <= MOST_UNREAD
+
+
 def test_what_the_network_usually_takes_is_allowed_on_top() -> None:
     unread, now_s = answering(0.6)
     count = sent_until_full(unread, now_s, 0.05)
