@@ -28,6 +28,7 @@ from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.ui.closing_window import ClosingWindow
 from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
 from caris_desktop.ui.theme import Theme, as_choice
 
@@ -71,7 +72,9 @@ class ConsoleRun:
         )
         self.console = Console(parts, scenario)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
-        theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
+        theme = self._theme = Theme(
+            self.application, as_choice(arguments.theme or self.settings.value("theme", "system"))
+        )
         self.window = MainWindow(
             self.console,
             settings=self.settings,
@@ -105,7 +108,9 @@ class ConsoleRun:
                 rest.callback(self._garbage.stop)
             rest.callback(self.library.shutdown)
             rest.callback(self.host.shutdown)
-            rest.callback(self.console.shutdown)
+            closing = ClosingWindow(self._theme)
+            rest.callback(closing.close)
+            rest.callback(self.console.shutdown, closing.during)
             rest.callback(self.window.close)
 
     def _start_rest(self) -> None:

@@ -266,8 +266,12 @@ class Console(QObject):
             self._perception.forget_cameras()
         self._robot.connect_robot(connection)
 
-    def shutdown(self) -> None:
-        """Zero, close the recording, end every thread and child, in that order. Blocks a few seconds at most."""
+    def shutdown(self, during: Callable[[str, Callable[[], None]], None] = lambda _what, work: work()) -> None:
+        """Zero, close the recording, end every thread and child, in that order.
+
+        Blocks: a few seconds as a rule, up to a minute and a half where much is left to write. ``during`` is given
+        what takes long, with words for it, and does it before it returns; none of that touches Qt.
+        """
         if self._shut_down:
             return
         self._shut_down = True
@@ -276,6 +280,16 @@ class Console(QObject):
         self._robot.shutdown()
         self._gamepads.stop()
         self.stop_session()
+        during("Voice, models and people detection are being ended.", self._end_helpers)
+        self._microphone.shutdown()
+        self._asyncio.stop()
+        during(
+            "The recording is being finished: what is left is written to disk, and checksums are made of all of it.",
+            self._recording.shutdown,
+        )
+        self._frames.close()
+
+    def _end_helpers(self) -> None:  # any thread
         for child in self._children.values():
             child.ask_to_end()
         for child in self._children.values():
@@ -284,10 +298,6 @@ class Console(QObject):
             self._perception.stop()
             if not self._perception_thread.wait(5000):
                 _log.error("the perception thread did not end")
-        self._microphone.shutdown()
-        self._asyncio.stop()
-        self._recording.shutdown()
-        self._frames.close()
 
     # Values on their way
 

@@ -1,7 +1,7 @@
 """The console composed from its real parts, without its child processes."""
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -199,3 +199,18 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
         assert len(statuses) < 15, "nor does the pace of it change with each"
     finally:
         console.shutdown()
+
+
+def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    console = Console(replace(parts, inference=None), scenario)
+    told: list[str] = []
+
+    def during(what: str, work: Callable[[], None]) -> None:
+        told.append(what)
+        work()
+
+    console.shutdown(during)
+    assert [what.split()[0] for what in told] == ["Voice,", "The"]
+    assert "recording is being finished" in told[-1]

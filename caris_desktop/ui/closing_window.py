@@ -1,0 +1,65 @@
+"""A small window that says what is being finished while the program ends."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QEventLoop, Qt
+from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QVBoxLayout, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+
+SHOWN_AFTER_S = 0.7
+_STEP_MS = 50
+
+
+class ClosingWindow(QWidget):
+    """Does what takes time in a thread, and is seen once that is more than a moment."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("closing_window")
+        self.setWindowTitle("CARIS Desktop is closing")
+        self.setWindowFlag(Qt.WindowType.WindowCloseButtonHint, on=False)
+        self._began_s = time.monotonic()
+        self._what = QLabel()
+        self._what.setObjectName("closing_what")
+        self._what.setWordWrap(True)
+        self._what.setFont(theme.font(tokens.BODY_PX))
+        self._since = QLabel()
+        self._since.setObjectName("closing_since")
+        self._since.setFont(theme.font(tokens.STATUS_PX))
+        busy = QProgressBar()
+        busy.setRange(0, 0)
+        busy.setTextVisible(False)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(24, 20, 24, 20)
+        column.setSpacing(12)
+        for widget in (self._what, busy, self._since):
+            column.addWidget(widget)
+        self.setFixedWidth(420)
+
+    def during(self, what: str, work: Callable[[], None]) -> None:
+        """Do ``work``, which knows nothing of Qt, and say ``what`` meanwhile. Returns when it is done."""
+        self._what.setText(what)
+        failures: list[Exception] = []
+
+        def do() -> None:
+            try:
+                work()
+            except Exception as failure:  # it is raised again by whoever waits
+                failures.append(failure)
+
+        thread = threading.Thread(target=do, name="closing")
+        thread.start()
+        while thread.is_alive():
+            elapsed_s = time.monotonic() - self._began_s
+            if elapsed_s > SHOWN_AFTER_S:
+                self._since.setText(f"For {elapsed_s:.0f} s. Do not switch the computer off.")
+                self.show()
+            # Nobody can do anything here; keys and clicks are not for a program that ends.
+            QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)
+            thread.join(_STEP_MS / 1000)
+        if failures:
+            raise failures[0]
