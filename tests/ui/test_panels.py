@@ -374,14 +374,63 @@ def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWi
     panel = people(window)
     field = press_name_button(qtbot, panel, "p3")
     QTest.keyClicks(field, "Mara")
+    place = field.geometry()
     persons = console.state.persons.value
     console.state.persons.set(tuple(person for person in persons if person.person_id != "p1"))
-    row = panel.list.visualRect(panel.model.index(1))
-    assert panel.model.row_of("p3") == 1
-    assert row.contains(field.geometry().center())
-    console.state.persons.set(tuple(person for person in persons if person.person_id == "p1"))
-    assert not field.isVisible(), "there is nobody any more whose name it could be"
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4"], "no row moves while a name is typed"
+    assert field.geometry() == place
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("rename_person", ("p3", "Mara"))]
+    assert names(panel) == ["Ana Torres", "Mara", "Person 4"]
+
+
+def test_letters_for_somebody_who_is_no_more_go_nowhere(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    field = press_name_button(qtbot, panel, "p3")
+    assert isinstance(field, QLineEdit)
+    QTest.keyClicks(field, "Mar")
+    persons = console.state.persons.value
+    for left in (persons[:1], ()):
+        console.state.persons.set(tuple(person for person in left if person.person_id != "p3"))
+        focused = QApplication.focusWidget()
+        assert focused is field, "letters that are still typed reach nothing else"
+        QTest.keyClicks(focused, "a Silva wasd")
+        assert (field.text(), field.placeholderText()) == ("", "Nobody is named: this person is gone")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert not field.isVisible()
+    assert panel.isAncestorOf(QApplication.focusWidget()) or QApplication.focusWidget() is None
+    assert names(panel) == []
     assert console.calls == []
+    assert find(window, "speak_field").property("text") == ""
+
+
+def test_after_a_name_no_key_drives_or_speaks(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    for key in (Qt.Key.Key_Return, Qt.Key.Key_Escape):
+        field = press_name_button(qtbot, panel, "p3")
+        QTest.keyClick(field, key)
+        assert not field.isVisible()
+        focused = QApplication.focusWidget()
+        assert focused is panel.list
+        QTest.keyClicks(focused, "wasd")
+    assert [name for name, _ in console.calls] == ["stop"], "Esc gave up the second name"
+
+
+def test_no_row_moves_under_the_mouse(window: MainWindow, console: FakeConsole) -> None:
+    panel = people(window)
+    viewport = panel.list.viewport()
+    QApplication.sendEvent(viewport, QEvent(QEvent.Type.Enter))
+    luis, ana, third, gone = console.state.persons.value
+    new = dataclasses.replace(luis, person_id="p9", name="Person 9", since_ns=luis.since_ns + 1)
+    console.state.persons.set((dataclasses.replace(luis, here=False), third, new, gone))
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4", "Person 9"]
+    row = panel.model.row_of(ana.person_id)
+    assert row is not None
+    QTest.mouseClick(viewport, Qt.MouseButton.LeftButton, pos=panel.list.button_rect(row).center())
+    assert not panel.list.naming, "who is gone cannot be named"
+    QApplication.sendEvent(viewport, QEvent(QEvent.Type.Leave))
+    assert set(names(panel)) == {"Luis", "Person 3", "Person 4", "Person 9"}
+    assert names(panel).index("Luis") > names(panel).index("Person 3"), "those who left go to the end"
 
 
 def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeConsole) -> None:

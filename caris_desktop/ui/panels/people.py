@@ -1,6 +1,7 @@
 """People: who is in front of the robot, and what they are called."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import (
@@ -15,7 +16,7 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtGui import QCursor, QFontMetrics, QKeyEvent, QMouseEvent, QPainter, QPen, QResizeEvent
+from PySide6.QtGui import QCursor, QFontMetrics, QHideEvent, QKeyEvent, QMouseEvent, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
@@ -41,6 +42,8 @@ _ROW_PX = 52
 _SIDE_PX = 14
 _GAP_PX = 12
 _BUTTON_SIZE = QSize(96, 30)
+_NAME_HINT = "Name, then Enter"
+_NOBODY_HINT = "Nobody is named: this person is gone"
 _PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
 
@@ -61,6 +64,8 @@ class PeoplePanel(Panel):
         self.list = PeopleList(self.theme, self.model, can_name=self.console.scenario.permissions.naming_people)
         self.list.setObjectName("people_list")
         self.list.named.connect(self.console.rename_person)
+        self.list.let_go.connect(self.catch_up)
+        self.hold.escape_pressed.connect(self.list.give_up_naming)
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
@@ -97,7 +102,10 @@ class PeoplePanel(Panel):
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         if self.in_view:
-            self.model.show_persons(tuple(filter(self._in_picture, persons)))
+            in_picture = tuple(filter(self._in_picture, persons))
+            known = frozenset(person.person_id for person in persons)
+            self.model.show_persons(in_picture, known=known, in_place=self.list.held)
+            self.list.look_whose_name_it_is()
             self._refresh()
 
     def _on_perception_changed(self, _status: PerceptionStatus) -> None:
@@ -116,8 +124,8 @@ class PeoplePanel(Panel):
         blind = self.state.frame.freshness == "lost"
         fact = "no picture" if blind else f"{here} here" if here else "nobody here"
         self.set_fact(fact + (f" · {elsewhere} in another camera" if elsewhere else ""), "dim")
-        self._stack.setCurrentIndex(1 if persons else 0)
-        if persons:
+        self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
+        if self.model.rowCount():
             return
         perception: PerceptionStatus = self.state.perception.value
         match perception.state:
@@ -152,6 +160,7 @@ class PeopleModel(QAbstractListModel):
         self._present = present
         self._persons: list[PersonRow] = []
         self._told: list[tuple[object, ...]] = []
+        self._known: frozenset[str] = frozenset()
 
     @property
     def persons(self) -> Sequence[PersonRow]:
@@ -161,12 +170,25 @@ class PeopleModel(QAbstractListModel):
         """Where this person stands; None for somebody who is in no row."""
         return next((row for row, person in enumerate(self._persons) if person.person_id == person_id), None)
 
-    def show_persons(self, persons: Sequence[PersonRow]) -> None:
-        ordered = in_order(persons)
+    def knows(self, person_id: str) -> bool:
+        """Whether this person can still be named."""
+        return person_id in self._known
+
+    def show_persons(self, persons: Sequence[PersonRow], *, known: frozenset[str], in_place: bool) -> None:
+        """``in_place``: every row stays where it is, those of people who are gone too; who is new comes last.
+        ``known`` are the ids of all who can be named.
+        """
+        self._known = known
+        ordered = self._in_place(persons) if in_place else in_order(persons)
         if [person.person_id for person in ordered] != [person.person_id for person in self._persons]:
             self._arrange(ordered)
         self._persons = ordered
         self.refresh_ages()
+
+    def _in_place(self, persons: Sequence[PersonRow]) -> list[PersonRow]:
+        newest = {person.person_id: person for person in persons}
+        stay = [newest.pop(row.person_id, replace(row, here=False)) for row in self._persons]
+        return stay + in_order(newest.values())
 
     def _arrange(self, ordered: Sequence[PersonRow]) -> None:
         """Take out, move and put in rows, so that the others stay the rows that they are."""
@@ -193,7 +215,7 @@ class PeopleModel(QAbstractListModel):
     def refresh_ages(self) -> None:
         """Ages grow by themselves; only rows that read otherwise than before are drawn again."""
         for row, person in enumerate(self._persons):
-            seen = words.person_name(person), person.here, self.since(person)
+            seen = words.person_name(person), person.here, self.since(person), self.knows(person.person_id)
             if seen != self._told[row]:
                 self._told[row] = seen
                 self.dataChanged.emit(self.index(row), self.index(row))
@@ -218,15 +240,20 @@ class PeopleModel(QAbstractListModel):
 
 
 class PeopleList(RowList):
-    """The rows, and the field for a name in place of the name that it changes."""
+    """The rows, and the field for a name in place of the name that it changes.
+
+    ``held`` while the mouse is over it or a name is typed: rows must not move then. ``let_go`` when they may again.
+    """
 
     named = Signal(str, str)  # person id, name
+    let_go = Signal()
 
     def __init__(self, theme: Theme, model: PeopleModel, *, can_name: bool) -> None:
         super().__init__(row_px=_ROW_PX)
         self._people = model
         self._can_name = can_name
         self._naming = ""  # the person whose name is being typed
+        self._under_mouse = False
         self._pressed = ""
         self.setAccessibleName("People in front of the robot")
         self.setModel(model)
@@ -234,7 +261,6 @@ class PeopleList(RowList):
         self.setMouseTracking(True)
         self._field = _NameField(self.viewport())
         self._field.setObjectName("person_name_field")
-        self._field.setPlaceholderText("Name, then Enter")
         self._field.setMaxLength(60)
         self._field.hide()
         self._field.returnPressed.connect(self._on_name_entered)
@@ -243,6 +269,26 @@ class PeopleList(RowList):
         self.verticalScrollBar().valueChanged.connect(self._place_field)
         for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved):
             changed.connect(self._place_field)
+
+    @property
+    def held(self) -> bool:
+        return self._under_mouse or bool(self._naming)
+
+    def viewportEvent(self, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
+            self._under_mouse = event.type() == QEvent.Type.Enter
+            self._maybe_let_go()
+        return super().viewportEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        # A hidden widget is not told that the mouse left.
+        self._under_mouse = False
+        self._close_field()
+        super().hideEvent(event)
+
+    def _maybe_let_go(self) -> None:
+        if not self.held:
+            self.let_go.emit()
 
     @property
     def naming(self) -> str:
@@ -256,9 +302,11 @@ class PeopleList(RowList):
     def name(self, person_id: str) -> None:
         """Open the field for this person's name."""
         row = self._people.row_of(person_id)
-        if row is None or not self._can_name:
+        if row is None or not self._can_name or not self._people.knows(person_id):
             return
         person = self._people.persons[row]
+        self._field.setReadOnly(False)
+        self._field.setPlaceholderText(_NAME_HINT)
         self.scrollTo(self._people.index(row))
         self._naming = person_id
         self._field.setAccessibleName(f"Name of {words.person_name(person)}")
@@ -279,23 +327,42 @@ class PeopleList(RowList):
         left = rect.left() + _SIDE_PX + avatar.SIZE_PX + _GAP_PX - 6
         self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
 
+    def look_whose_name_it_is(self) -> None:
+        """Letters for the name of somebody who is no more go nowhere: not to another row, nor to another field."""
+        if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
+            self._field.clear()
+            self._field.setReadOnly(True)
+            self._field.setPlaceholderText(_NOBODY_HINT)
+
+    def give_up_naming(self) -> None:
+        """Nothing is named."""
+        self._close_field()
+
     def _on_name_entered(self) -> None:
         name, person_id = " ".join(self._field.text().split()), self._naming
+        known = self._people.knows(person_id)
         self._close_field()
-        if name and person_id:
+        if name and known:
             self.named.emit(person_id, name)
 
     def _close_field(self) -> None:
+        if self._field.isHidden():
+            return
+        if self._field.hasFocus():
+            # Else Qt gives it to whatever comes next, which may be what the robot says, or driving.
+            self.setFocus(Qt.FocusReason.OtherFocusReason)
         self._naming = ""
-        if not self._field.isHidden():
-            self._field.hide()
+        self._field.hide()
+        self._maybe_let_go()
 
     def _button_at(self, event: QMouseEvent) -> str:
         """The person whose button the mouse is on."""
         at = event.position().toPoint()
         index = self.indexAt(at)
-        on = self._can_name and index.isValid() and _button_rect(self.visualRect(index)).contains(at)
-        return self._people.persons[index.row()].person_id if on else ""
+        if not (self._can_name and index.isValid() and _button_rect(self.visualRect(index)).contains(at)):
+            return ""
+        person_id = self._people.persons[index.row()].person_id
+        return person_id if self._people.knows(person_id) else ""
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton:
@@ -367,7 +434,7 @@ class PersonDelegate(QStyledItemDelegate):
             painter.setPen(theme.color(role))
             cut = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
             painter.drawText(box, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
-        if self._can_name and person.person_id != self._view.naming:
+        if self._can_name and person.person_id != self._view.naming and self._people.knows(person.person_id):
             hovered = bool(option.state & QStyle.StateFlag.State_MouseOver)
             self._paint_button(painter, _button_rect(rect), "Rename" if known else "Name", hovered=hovered)
         painter.restore()
