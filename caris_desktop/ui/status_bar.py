@@ -1,5 +1,7 @@
 """The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
 
+import html
+
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
@@ -16,6 +18,9 @@ HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX = 16, 20
 # What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
 _MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
+# What is cut short then. What is recorded is neither.
+_MAY_BE_CUT = ("link", "dropped", "perception", "refused", "battery", "disk")
+_LEAST_PX, _NAME_CHARACTERS = 90, 40
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
@@ -40,6 +45,7 @@ class StatusItem(QWidget):
         self._text, self._role, self._icon = "", "dim", ""
         self._tip = ""
         self._left_out = False
+        self._full_px = 0
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.hide()
         theme.changed.connect(self.update)
@@ -57,13 +63,31 @@ class StatusItem(QWidget):
         if (text, role, icon) != (self._text, self._role, self._icon):
             self._text, self._role, self._icon = text, role, icon
             metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
-            self.setFixedWidth(round(metrics.horizontalAdvance(text) + (20 if icon else 0) + 2))
+            self._full_px = round(metrics.horizontalAdvance(text) + (20 if icon else 0) + 2)
+            self.setFixedWidth(self._full_px)
             self.setVisible(bool(text) and not self._left_out)
             self.setAccessibleName(text)
             self.update()
         if tip != self._tip:
             self._tip = tip
-            self.setToolTip(tip)
+            self._show_tip()
+
+    @property
+    def full_px(self) -> int:
+        """How wide it is with its whole text."""
+        return self._full_px
+
+    def use_room(self, width_px: int) -> None:
+        """Be no wider than this; what is cut short is in the tip."""
+        width_px = min(self._full_px, width_px)
+        if width_px != self.minimumWidth():
+            self.setFixedWidth(width_px)
+            self._show_tip()
+            self.update()
+
+    def _show_tip(self) -> None:
+        lines = ([self._text] if self.minimumWidth() < self._full_px else []) + self._tip.splitlines()
+        self.setToolTip("<br>".join(html.escape(line) for line in lines))
 
     def leave_out(self, left_out: bool) -> None:
         """There is no room for it now."""
@@ -84,7 +108,10 @@ class StatusItem(QWidget):
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         painter.setPen(self._theme.color(self._role))
         rect = QRectF(left, 0, self.width() - left + 4, self.height())
-        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self._text)
+        text = self._text
+        if self.minimumWidth() < self._full_px:
+            text = painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, round(self.width() - left))
+        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), text)
 
 
 class StatusBar(QWidget):
@@ -148,11 +175,11 @@ class StatusBar(QWidget):
         role, word = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
             word = "not reached"
-        robot = link.robot or "Robot"
+        robot = words.shortened(link.robot, _NAME_CHARACTERS) or "Robot"
         facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         items["link"].say(
             f"{robot} {word}".strip(), role, icon=_LINK_ICONS[link.state],
-            tip=f"{facts}\nClick for the last minute.".strip(),
+            tip=f"{link.robot}\n{facts}\nClick for the last minute.".strip(),
         )  # fmt: skip
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None
@@ -199,16 +226,23 @@ class StatusBar(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """Leave out what is least missed, as far as the width does not do for all."""
+        """Leave out what is least missed, as far as the width does not do for all; then cut long words short."""
         told = {name: item for name, item in self.items.items() if item.text}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
-        widths += [item.minimumWidth() for item in told.values()]
+        widths += [item.full_px for item in told.values()]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
         for name in _MAY_GO:
             left_out = name in told and told[name].role == "dim" and missing_px > 0
             if left_out:
-                missing_px -= told[name].minimumWidth() + _GAP_PX
+                missing_px -= told[name].full_px + _GAP_PX
             self.items[name].leave_out(left_out)
+        for name in _MAY_BE_CUT:
+            item = self.items[name]
+            if item.isHidden():
+                continue
+            gives_px = min(max(0, missing_px), max(0, item.full_px - _LEAST_PX))
+            item.use_room(item.full_px - gives_px)
+            missing_px -= gives_px
 
     def _say_battery(self) -> None:
         stream = self._console.state.battery
@@ -245,8 +279,10 @@ class StatusBar(QWidget):
         scenario = self._console.scenario
         local = not scenario.permissions.assistant or scenario.assistant.model == "embedded"
         self.items["models"].say(
-            "local models only" if local else f"language model: {scenario.assistant.model}",
-            tip="Nothing that is said or asked leaves this computer." if local else "",
+            "local models only"
+            if local
+            else f"language model: {words.shortened(scenario.assistant.model, _NAME_CHARACTERS)}",
+            tip="Nothing that is said or asked leaves this computer." if local else scenario.assistant.model,
         )
 
     def show_replay(self) -> None:

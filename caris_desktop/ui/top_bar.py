@@ -1,8 +1,8 @@
 """The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
 
-from PySide6.QtCore import QPoint, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain.events import Marked, RecordingPaused
 from caris_desktop.live.intents import WizardIntents
@@ -11,11 +11,21 @@ from caris_desktop.live.status import DriveStatus, LiveRobotsStatus, MarksStatus
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
 
 HEIGHT_PX = 56
 ROOMY_PX = 1500
+_SIDE_PX, _GAP_PX = 8, 10
+_LEAST_PX = 900
+_PART_CHARACTERS, _TIP_CHARACTERS = 40, 1000
+_SCENARIO_PX, _STRETCH_PX = 110, 110
+_TRIAL_PX = (150, 70)
+# From which level on what gives way in a narrow window; the words of Find are the first.
+_FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
+_TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
 IN_SESSION = ("starting", "recording", "paused", "stopping")
 
 _RECORD_TIPS = {
@@ -24,15 +34,47 @@ _RECORD_TIPS = {
 }
 
 
-def trial_words(details: TrialDetails | None) -> str:
-    """P07 · condition B · trial 2 of 4 · practice."""
+def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
+    """P07 · condition B · trial 2 of 4 · practice; each part in ``at_most`` characters."""
     if details is None:
         return ""
-    parts = [details.participant]
-    parts.append(f"condition {details.condition}" if details.condition else "")
-    parts.append(f"trial {details.trial}" if details.trial else "")
-    parts.append(details.purpose)
+    participant, condition, trial, purpose = (
+        words.shortened(part, at_most)
+        for part in (details.participant, details.condition, details.trial, details.purpose)
+    )
+    parts = (participant, condition and f"condition {condition}", trial and f"trial {trial}", purpose)
     return " · ".join(part for part in parts if part)
+
+
+class TrialLabel(CutLabel):
+    """Who takes part: as wide as the words are while there is room, and cut short where there is none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
+
+    def show_details(self, details: TrialDetails | None) -> None:
+        shown, full = trial_words(details, at_most=_PART_CHARACTERS), trial_words(details, at_most=_TIP_CHARACTERS)
+        if full != self.accessibleName():
+            self.setText(shown)
+            self.setToolTip(wrapped_tip(full) if full else "")
+            self.setAccessibleName(full)
+
+    def sizeHint(self) -> QSize:
+        metrics = self.fontMetrics()
+        return QSize(metrics.horizontalAdvance(self.text()) + 2, metrics.height())
+
+    def minimumSizeHint(self) -> QSize:
+        full = self.sizeHint()
+        return QSize(min(full.width(), _TRIAL_PX[1]), full.height())
+
+
+def _find_words(level: int) -> str:
+    return "Find anything" if level == 0 else "Find" if level < _FIND_SHRINKS else ""
+
+
+def _error_words(level: int) -> str:
+    return "Wizard error" if level < _ERROR_SHRINKS else ""
 
 
 class TopBar(QWidget):
@@ -53,13 +95,11 @@ class TopBar(QWidget):
             theme, "", menu_arrow=True, look="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True
         )
         self.scenario_button.setObjectName("scenario_button")
-        self.scenario_button.setToolTip("Switch the scenario. The robot stays connected.")
         self.scenario_button.clicked.connect(self.scenario_menu_requested)
-        self._trial = QLabel()
+        self._trial = TrialLabel()
         self._trial.setObjectName("trial_label")
-        self._trial.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
         self._details: TrialDetails | None = None
-        self.record_button = ActionButton(theme, "Start recording", icon="record", may_shrink=True)
+        self.record_button = ActionButton(theme, "Start recording", icon="record")
         self.record_button.setObjectName("record_button")
         self.record_button.clicked.connect(self._on_record_clicked)
         self._record_menu = QMenu(self)
@@ -80,7 +120,7 @@ class TopBar(QWidget):
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
         self._in_replay = False
-        error = self._error = ActionButton(theme, "Wizard error")
+        error = self._error = ActionButton(theme, "Wizard error", icon="warning")
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
         error.setToolTip("Mark that something went wrong on the wizard's side, for the analysis")
@@ -98,8 +138,8 @@ class TopBar(QWidget):
         self.emergency.setToolTip("Stops the robot and keeps it stopped until you release it. Also Pause.")
         self.emergency.pressed.connect(self._on_emergency_pressed)
         row = QHBoxLayout(self)
-        row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(10)
+        row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
+        row.setSpacing(_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
         self._live_robots: LiveValue | None = None
         row.addWidget(self._replay_badge)
@@ -117,6 +157,7 @@ class TopBar(QWidget):
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.marks.changed.connect(self._on_marks_changed)
         actions.keys_changed.connect(self._show_stretch)
+        actions.keys_changed.connect(self._make_room)
         console.state.event_happened.connect(self._on_event)
         self._clock = QTimer(self, interval=500)
         self._clock.timeout.connect(self._refresh)
@@ -153,8 +194,12 @@ class TopBar(QWidget):
         )
 
     def show_scenario(self) -> None:
-        self.scenario_button.set_label(self._console.scenario.title)
-        self.scenario_button.setAccessibleName(f"Scenario: {self._console.scenario.title}")
+        title = words.shortened(self._console.scenario.title, _TIP_CHARACTERS)
+        self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS))
+        self.scenario_button.setAccessibleName(f"Scenario: {title}")
+        self.scenario_button.setToolTip(
+            wrapped_tip(title) + wrapped_tip("Switch the scenario. The robot stays connected.")
+        )
         self._refresh()
 
     def show_details(self, details: TrialDetails | None) -> None:
@@ -165,12 +210,45 @@ class TopBar(QWidget):
         super().resizeEvent(event)
         self._make_room()
 
+    def minimumSizeHint(self) -> QSize:
+        # What gives way must not make the window wider than its screen.
+        return QSize(_LEAST_PX, HEIGHT_PX)
+
     def _make_room(self) -> None:
-        """What gives way in a narrow window: first the words of Find, then who takes part, while a stretch goes on."""
-        roomy, stretch = self.width() >= ROOMY_PX, bool(self._console.state.marks.value.open)
-        self._find.set_label("Find anything" if roomy else "" if stretch else "Find")
-        self._find.setAccessibleName("Find anything")
-        self._trial.setVisible(bool(self._trial.text()) and (roomy or not stretch))
+        """Let as much give way as the width asks for. Recording, a stretch and the red button never do."""
+        level = 0 if self.width() >= ROOMY_PX else 1
+        while level < _ALL_GIVE_WAY and self._needed_px(level) > self.width():
+            level += 1
+        trial = self._trial.text() if level < _TRIAL_GOES else ""
+        for button, text, name, goes in (
+            (self._find, _find_words(level), "Find anything", _FIND_GOES),
+            (self.mark_button, self._mark_words(level), "Mark", _MARK_GOES),
+            (self._error, _error_words(level), "Wizard error", _ERROR_GOES),
+        ):
+            if button.text() != text:
+                button.set_label(text)
+                button.setAccessibleName(name)
+            button.setVisible(level < goes and (button is self._find or not self._in_replay))
+        self._trial.setVisible(bool(trial))
+        self.scenario_button.setVisible(level < _ALL_GIVE_WAY)
+
+    def _needed_px(self, level: int) -> int:
+        """How wide the bar has to be at least while so much gives way."""
+        always = (self._replay_badge, self.record_button, self.stretch_button, self.window_button, self.emergency)
+        widths = [part.sizeHint().width() for part in always if not part.isHidden()]
+        if level < _ALL_GIVE_WAY:
+            widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
+        if self._trial.text() and level < _TRIAL_GOES:
+            widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
+        if level < _FIND_GOES:
+            widths.append(self._find.width_with(_find_words(level)))
+        if not self._in_replay:
+            widths += [self.mark_button.width_with(self._mark_words(level))] if level < _MARK_GOES else []
+            widths += [self._error.width_with(_error_words(level))] if level < _ERROR_GOES else []
+        return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
+
+    def _mark_words(self, level: int) -> str:
+        return "" if level >= _MARK_SHRINKS else "Marked" if self._unmark.isActive() else "Mark"
 
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
@@ -201,8 +279,9 @@ class TopBar(QWidget):
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn":
-            self.mark_button.set_label("Marked", icon="check")
             self._unmark.start()
+            self.mark_button.set_label(self.mark_button.text(), icon="check")
+            self._make_room()
         elif isinstance(event, RecordingPaused):
             self._paused_ns = event.stamp_ns if event.paused else None
             self._refresh()
@@ -225,15 +304,18 @@ class TopBar(QWidget):
         if not status.open:
             return
         newest = status.open[-1]
+        metrics = self.stretch_button.fontMetrics()
+        label = metrics.elidedText(words.shortened(newest.label, 20), Qt.TextElideMode.ElideRight, _STRETCH_PX)
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
         lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
-        self.stretch_button.set_label(f"{words.shortened(newest.label, 20) or 'Stretch'}{others} · {lasts} · End")
+        self.stretch_button.set_label(f"{label or 'Stretch'}{others} · {lasts} · End")
         self.stretch_button.set_key(self._actions.key_text("stretch"))
         self.stretch_button.setToolTip("This stretch of the session is being marked. Click to end it.")
 
     def _on_mark_shown(self) -> None:
-        self.mark_button.set_label("Mark", icon="bookmark-simple")
+        self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")
+        self._make_room()
 
     def _on_recording_changed(self, _status: RecordingStatus) -> None:
         self._refresh()
@@ -267,8 +349,7 @@ class TopBar(QWidget):
             self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
         self.record_button.setToolTip(_RECORD_TIPS.get(status.state, ""))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
-        text = trial_words(self._details) if status.state in IN_SESSION else ""
-        self._trial.setText(text)
+        self._trial.show_details(self._details if status.state in IN_SESSION else None)
         self._make_room()
         self._actions.set_condition("recording", status.state == "recording")
 

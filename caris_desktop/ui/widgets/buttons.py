@@ -103,7 +103,11 @@ class ActionButton(QAbstractButton):
         binding.refresh()
 
     def sizeHint(self) -> QSize:
-        return QSize(round(self._content_width() + 2 * self._side_px() + 0.5), self._height_px)
+        return QSize(self.width_with(self.text()), self._height_px)
+
+    def width_with(self, text: str) -> int:
+        """How wide the button would be if it said this, with its icon and key as they are."""
+        return round(self._content_width(text) + 2 * self._side_px(text) + 0.5)
 
     def minimumSizeHint(self) -> QSize:
         # A long label may be cut short (with its full text in the tooltip), its key never.
@@ -112,22 +116,22 @@ class ActionButton(QAbstractButton):
             return full
         return QSize(min(full.width(), round(key_cap_width(self._theme, self._key)) + 72), full.height())
 
-    def _side_px(self) -> int:
-        if not self.text():
+    def _side_px(self, text: str) -> int:
+        if not text:
             return max(4, (self._height_px - _ICON_PX) // 2)
         return 10 if self._height_px < 36 else 16
 
     def _font_metrics(self) -> QFontMetricsF:
         return QFontMetricsF(self._theme.font(self._text_px, self._weight))
 
-    def _content_width(self) -> float:
-        width = self._font_metrics().horizontalAdvance(self.text())
+    def _content_width(self, text: str) -> float:
+        width = self._font_metrics().horizontalAdvance(text)
         spaces = -8
         for present, part in (
             (bool(self._icon_name) or self._dot is not None, float(_ICON_PX)),
             (bool(self._key), key_cap_width(self._theme, self._key)),
             (self._menu_arrow, 12.0),
-            (bool(self.text()), 0.0),
+            (bool(text), 0.0),
         ):
             if present:
                 width += part
@@ -176,8 +180,8 @@ class ActionButton(QAbstractButton):
 
     def _draw_content(self, painter: QPainter, ink: QColor, on: str) -> None:
         theme, center = self._theme, self.height() / 2
-        side = float(self._side_px())
-        left = max(side, (self.width() - self._content_width()) / 2)
+        side = float(self._side_px(self.text()))
+        left = max(side, (self.width() - self._content_width(self.text())) / 2)
         right_end = self.width() - side
         cap = key_cap_width(theme, self._key)
         if self._dot is not None:
