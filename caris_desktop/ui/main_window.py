@@ -87,6 +87,7 @@ LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 _FRAME = QSize(16, 48)  # what a window manager may put around a window
 _PANELS_AND_TIMELINE_PX = (600, 260)
+_TWICE = "choose it, then Enter twice"
 _THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
 
@@ -180,6 +181,7 @@ class MainWindow(QWidget):
         self._replay_title = ""
         self._timeline: TimelineView | None = None
         self._replay_panels: ReplayPanels | None = None
+        self._replay: ReplayControls | None = None
         self._geometry_key = "window/geometry"
         self._log: list[LogEntry] = []
         self._dialog: StartDialog | None = None
@@ -263,6 +265,7 @@ class MainWindow(QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
+        self._replay = replay
         self.actions_table.keep_only(("Safety", "Window", "Speaking"))
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay(replay.live_robots)
@@ -517,24 +520,27 @@ class MainWindow(QWidget):
         """Everything that can be done now."""
         table = self.actions_table
         says = ("say_phrase", "say_filler")
+        left_out: set[str] = set()
+        if self._replay is not None:
+            left_out = {"Speaking"} if self._replay.live_robots.value.robots else {"Speaking", "Safety"}
         entries = [
             Entry(spec.text, "Say" if spec.callback in says else "Do", spec.icon, table.key_text(spec.id),
                   self._runner(spec.id), acts=spec.callback in (*says, "look_ahead"))
             for spec in table.specs
-            # The places come below, all of them; a replay says nothing.
-            if spec.callback not in ("", "go_to_nth_place", *(says if self._in_replay else ())) and spec.id != "find"
-            and table.available(spec.id)
+            # The places come below, all of them; a replay says nothing, and stops what another console drives.
+            if spec.callback not in ("", "go_to_nth_place") and spec.id != "find" and table.available(spec.id)
+            and spec.group not in left_out
         ]  # fmt: skip
-        if self._in_replay:
+        if self._replay is not None:
             return entries + self._panel_entries() + self._theme_entries()
         scenario = self._console.scenario
         drive: DriveStatus = self._console.state.drive.value
         goal: GoalChanged | None = self._console.state.goal.value
         if drive.emergency_stop:
             release = Entry(
-                "Release emergency stop", "Do", "lock-open", "", self._console.clear_emergency_stop,
+                "Release emergency stop", _TWICE, "lock-open", "", self._console.clear_emergency_stop,
                 also="unlock free reset clear drive again", deliberate=True, first=True,
-                again="Press Enter again, and the robot can be driven again",
+                again="Press Enter again to release the emergency stop",
             )  # fmt: skip
             entries.insert(0, release)
         if goal is not None and goal.state in UNDER_WAY:
@@ -580,8 +586,8 @@ class MainWindow(QWidget):
             entries.append(Entry("Switch the obstacle guard on", "Do", "shield-check", "", self._switch_guard_on))
         elif drive.guard != "absent" and scenario.permissions.driving:
             entries.append(
-                Entry("Switch the obstacle guard off", "Do", "shield-slash", "", self._switch_guard_off,
-                      deliberate=True, again="Press Enter again, and nothing stops the robot before obstacles")
+                Entry("Switch the obstacle guard off", _TWICE, "shield-slash", "", self._switch_guard_off,
+                      deliberate=True, again="Press Enter again to switch the guard off")
             )  # fmt: skip
         entries.append(Entry("Connection in the last minute", "Window", "wifi-high", "", self._connection.open))
         if self._gamepads is not None and scenario.permissions.driving:
@@ -626,10 +632,6 @@ class MainWindow(QWidget):
 
     def _panel_closer(self, name: PanelName) -> Callable[[], None]:
         return lambda: self.close_panel(name)
-
-    @property
-    def _in_replay(self) -> bool:
-        return self._timeline is not None
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop != self._palette_latched and self._palette_overlay.isVisible():
@@ -1063,7 +1065,7 @@ class MainWindow(QWidget):
     # ---- closing
 
     def _what_closing_ends(self) -> list[str]:
-        if self._in_replay:
+        if self._replay is not None:
             return []  # it was recorded and driven long ago
         saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
         return [*(["The recording ends and is saved."] if saved else []), *self._motion_that_ends()]

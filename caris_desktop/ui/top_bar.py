@@ -20,8 +20,9 @@ HEIGHT_PX = 56
 ROOMY_PX = 1500
 _SIDE_PX, _GAP_PX = 8, 10
 _LEAST_PX = 900
-_PART_CHARACTERS, _TIP_CHARACTERS = 40, 1000
-_SCENARIO_PX, _STRETCH_PX = 110, 110
+# Of each name in a narrow and in a roomy window; the tip has the rest.
+_PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
+_SCENARIO_PX, _STRETCH_PX = 120, 110
 _TRIAL_PX = (150, 70)
 # From which level on what gives way in a narrow window; the words of Find are the first.
 _FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
@@ -53,9 +54,10 @@ class TrialLabel(CutLabel):
         super().__init__()
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
 
-    def show_details(self, details: TrialDetails | None) -> None:
-        shown, full = trial_words(details, at_most=_PART_CHARACTERS), trial_words(details, at_most=_TIP_CHARACTERS)
-        if full != self.accessibleName():
+    def show_details(self, details: TrialDetails | None, *, roomy: bool) -> None:
+        shown = trial_words(details, at_most=_PART_CHARACTERS[roomy])
+        full = trial_words(details, at_most=_TIP_CHARACTERS)
+        if (shown, full) != (self.text(), self.accessibleName()):
             self.setText(shown)
             self.setToolTip(wrapped_tip(full) if full else "")
             self.setAccessibleName(full)
@@ -195,7 +197,8 @@ class TopBar(QWidget):
 
     def show_scenario(self) -> None:
         title = words.shortened(self._console.scenario.title, _TIP_CHARACTERS)
-        self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS))
+        self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS[0]))
+        self.scenario_button.setMinimumWidth(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         self.scenario_button.setAccessibleName(f"Scenario: {title}")
         self.scenario_button.setToolTip(
             wrapped_tip(title) + wrapped_tip("Switch the scenario. The robot stays connected.")
@@ -349,7 +352,8 @@ class TopBar(QWidget):
             self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
         self.record_button.setToolTip(_RECORD_TIPS.get(status.state, ""))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
-        self._trial.show_details(self._details if status.state in IN_SESSION else None)
+        details = self._details if status.state in IN_SESSION else None
+        self._trial.show_details(details, roomy=self.width() >= ROOMY_PX)
         self._make_room()
         self._actions.set_condition("recording", status.state == "recording")
 

@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.domain.controls import CallService, RobotControl
-from caris_desktop.live.status import RecordingStatus
+from caris_desktop.live.status import LiveRobotsStatus, RecordingStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlays import CommandPalette, Entry, matching
 from tests.ui.conftest import find
@@ -161,7 +161,10 @@ def test_a_replay_finds_what_a_replay_can_do(window: MainWindow, console: FakeCo
     entries = window._entries()
     assert not [entry.text for entry in entries if entry.acts or entry.deliberate]
     shown = {entry.text for entry in entries}
-    assert {"Stop the robot", "Emergency stop", "Play or pause", "Map"} <= shown
+    assert {"Play or pause", "Map"} <= shown
+    assert not {"Stop the robot", "Emergency stop", "Silence"} & shown, "there is no robot"
+    replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
+    assert {"Stop the robot", "Emergency stop"} <= {entry.text for entry in window._entries()}
     assert not {text for text in shown if "record" in text or text.startswith(("Open scenario", "Save", "Connect to"))}
 
 
