@@ -253,8 +253,19 @@ class SessionLibrary(Protocol):
 
     def default_export_folder(self, sessions: Sequence[Path]) -> Path: ...
 
-    def start_export(self, sessions: Sequence[Path], formats: Sequence[str], out: Path, *, licence: str = "") -> None:
-        """Write each session in each of the formats (``recording.export.FORMATS``), in a process of its own."""
+    def start_export(
+        self,
+        sessions: Sequence[Path],
+        formats: Sequence[str],
+        out: Path,
+        *,
+        licence: str = "",
+        with_names: bool = False,
+    ) -> None:
+        """Write each session in each of the formats (``recording.export.FORMATS``), in a process of its own.
+
+        Pseudonyms stand for wizards, coders and the robot's address unless ``with_names``.
+        """
 
     def cancel_export(self) -> None:
         """What is finished stays, what is half written goes."""

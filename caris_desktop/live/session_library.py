@@ -192,12 +192,25 @@ class LiveSessionLibrary(QObject):
             folder, number = folder.with_name(f"{name}-{number}"), number + 1
         return folder
 
-    def start_export(self, sessions: Sequence[Path], formats: Sequence[str], out: Path, *, licence: str = "") -> None:
+    def start_export(
+        self,
+        sessions: Sequence[Path],
+        formats: Sequence[str],
+        out: Path,
+        *,
+        licence: str = "",
+        with_names: bool = False,
+    ) -> None:
         if self._exporter is not None:
             return
         self._out = out
         request = ExportRequest(
-            tuple(sessions), tuple(formats), out, licence=licence, folder_per_session=len(sessions) > 1
+            tuple(sessions),
+            tuple(formats),
+            out,
+            licence=licence,
+            folder_per_session=len(sessions) > 1,
+            with_names=with_names,
         )
         exporter = ChildProcess(
             ProcessBody("export", run_exports, (request,)),

@@ -37,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what to write (default: csv); all: every format",
     )
     parser.add_argument("--licence", default="", metavar="SPDX", help="licence of the data, such as CC-BY-4.0")
+    parser.add_argument(
+        "--with-names",
+        action="store_true",
+        help="who the wizards and coders were and where the robot is, in place of pseudonyms (W1, C1) and its profile",
+    )
     parser.add_argument("--verify", action="store_true", help="first compare the files with the session's checksums")
     parser.add_argument(
         "out", type=Path, help="folder to make; of a study, each session gets a folder in it. Nothing is overwritten"
@@ -52,7 +57,9 @@ def run(args: argparse.Namespace) -> int:
         return 1
     damaged = _verify(sessions) if args.verify else []
     one = sessions == (args.session,)
-    request = ExportRequest(sessions, args.to, args.out, args.licence, folder_per_session=not one)
+    request = ExportRequest(
+        sessions, args.to, args.out, args.licence, folder_per_session=not one, with_names=args.with_names
+    )
     written = 0
 
     def count(_folder: Path) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import psutil
 
+from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.recorder.disk_file import no_room
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -38,12 +39,15 @@ class ExportContext:
     """What a format gets to work with. ``progress`` takes 0..1, as often as one likes.
 
     ``licence`` is an SPDX identifier or an address, empty where none was chosen. ``warn`` takes a sentence on
-    something that had to be left out while the export as such succeeds.
+    something that had to be left out while the export as such succeeds. Pseudonyms stand for wizards, coders and the
+    robot's address unless ``with_names``: ``pseudonyms`` where several exports are to use the same, else the study's.
     """
 
     progress: Callable[[float], None] = _no_progress
     licence: str = ""
     warn: Callable[[str], None] = _log.warning
+    with_names: bool = False
+    pseudonyms: Pseudonyms | None = None
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
@@ -106,7 +110,7 @@ class ExportRequest:
     """Sessions to write in one or several formats.
 
     Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (of one session only);
-    of several formats, each has a folder of its name in there.
+    of several formats, each has a folder of its name in there. ``with_names``: see ExportContext.
     """
 
     sessions: tuple[Path, ...]
@@ -114,6 +118,7 @@ class ExportRequest:
     out: Path
     licence: str = ""
     folder_per_session: bool = True
+    with_names: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +194,7 @@ def export_all(
     sessions: list[Session] = []
     together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(request.sessions) > 1)
     apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
+    pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
@@ -196,7 +202,7 @@ def export_all(
 
         tell(0.0, folder.absolute().name)
         try:
-            session = _opened(folder)
+            session = _opened(folder, pseudonyms)
             sentences = dict.fromkeys((*session.notices, *session.losses))
             notices += [f"{folder.name}: {sentence}" for sentence in sentences]
             sessions.append(session)
@@ -287,9 +293,11 @@ def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | N
     """
     if fmt not in BY_FORMAT:
         raise ExportError(_unknown_format(fmt))
-    session = _opened(folder)
+    context = context or ExportContext()
+    pseudonyms = None if context.with_names else context.pseudonyms or pseudonyms_of([folder])
+    session = _opened(folder, pseudonyms)
     with _whole_folder(out, folder) as partial:
-        written = _write(fmt, session, partial, context or ExportContext())
+        written = _write(fmt, session, partial, context)
     return [out.absolute() / path.relative_to(partial) for path in written]
 
 
@@ -356,9 +364,10 @@ def _export_together(name: str, sessions: Sequence[Session], request: ExportRequ
     return target
 
 
-def _opened(folder: Path) -> Session:
+def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
     try:
-        return open_session(folder)
+        session = open_session(folder)
+        return session if pseudonyms is None else pseudonymised(session, pseudonyms)
     except SessionError as error:
         raise ExportError(str(error)) from error
 

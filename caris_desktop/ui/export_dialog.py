@@ -75,6 +75,9 @@ class ExportDialog(QWidget):
         self._other.setPlaceholderText("name or address of the licence")
         self._other.setMinimumHeight(36)
         self._other.setMaxLength(200)
+        self._names = CheckBox(theme, "Names of wizards and coders, and the robot’s address, in place of W1, C1 …")
+        self._names.setObjectName("export_with_names")
+        self._names.setToolTip("Only for those who may know who they were. What was said is exported as it was said.")
         self._bar = QProgressBar()
         self._bar.setObjectName("export_progress")
         self._bar.setTextVisible(False)
@@ -159,6 +162,7 @@ class ExportDialog(QWidget):
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
         layout.addLayout(licence)
+        layout.addWidget(self._names)
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
@@ -239,7 +243,9 @@ class ExportDialog(QWidget):
         # The focus leaves what is switched off now, or it would wander through the list.
         self._cancel.show()
         self._cancel.setFocus(Qt.FocusReason.OtherFocusReason)
-        self._library.start_export(self._sessions, self.formats, out, licence=self.licence)
+        self._library.start_export(
+            self._sessions, self.formats, out, licence=self.licence, with_names=self._names.isChecked()
+        )
 
     def _open_folder(self) -> None:
         status: ExportStatus = self._library.export.value
@@ -258,7 +264,7 @@ class ExportDialog(QWidget):
         status: ExportStatus = self._library.export.value
         running = status.state == "running"
         ended = status.state in ("done", "failed", "cancelled") and self._mine
-        for part in (*self._boxes.values(), self._folder, self._browse, self._licence, self._other):
+        for part in (*self._boxes.values(), self._folder, self._browse, self._licence, self._other, self._names):
             part.setEnabled(not running)
         self._other.setVisible(self._licence.currentData() is None)
         self._bar.setVisible(running)

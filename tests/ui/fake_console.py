@@ -344,8 +344,16 @@ class FakeLibrary:
     def default_export_folder(self, sessions: Sequence[Path]) -> Path:
         return Path("/exports") / (sessions[0].name if len(sessions) == 1 else "several")
 
-    def start_export(self, sessions: Sequence[Path], formats: Sequence[str], out: Path, *, licence: str = "") -> None:
-        self.calls.append(("start_export", (tuple(sessions), tuple(formats), out, licence)))
+    def start_export(
+        self,
+        sessions: Sequence[Path],
+        formats: Sequence[str],
+        out: Path,
+        *,
+        licence: str = "",
+        with_names: bool = False,
+    ) -> None:
+        self.calls.append(("start_export", (tuple(sessions), tuple(formats), out, licence, with_names)))
         self.export.set(ExportStatus("running", 0.0, f"{sessions[0].name}: {formats[0]}"))
 
     def cancel_export(self) -> None:

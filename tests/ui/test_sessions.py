@@ -408,7 +408,7 @@ def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     licence.setCurrentIndex(licence.findData("CC-BY-4.0"))
     click(qtbot, find(dialog, "export_start"))
     folders = (SESSIONS[0].folder, SESSIONS[1].folder)
-    assert library.named("start_export") == [(folders, ("csv", "eaf"), Path("/exports/several"), "CC-BY-4.0")]
+    assert library.named("start_export") == [(folders, ("csv", "eaf"), Path("/exports/several"), "CC-BY-4.0", False)]
     library.export.set(ExportStatus("running", 0.42, "s1: ELAN"))
     bar = find(dialog, "export_progress")
     assert isinstance(bar, QProgressBar)
@@ -434,6 +434,18 @@ def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialo
     assert find(dialog, "export_open").isVisible()
     library.export.set(ExportStatus("failed", 0.5, "", written[:1], "The disk is full."))
     assert find(dialog, "export_what").property("text") == "The disk is full. What was finished stays (1 export)."
+
+
+def test_names_leave_the_study_only_where_that_is_chosen(
+    qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary
+) -> None:
+    box = find(dialog, "export_with_names")
+    assert not box.property("checked")
+    assert "W1, C1" in box.property("text")
+    click(qtbot, box)
+    click(qtbot, find(dialog, "export_start"))
+    assert library.named("start_export")[0][4] is True
+    assert not box.isEnabled(), "not while it is being written"
 
 
 def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:

@@ -301,6 +301,33 @@ def next_annotation_id(document: AnnotationDocument, coder: str) -> str:
 # Whole documents
 
 
+def with_coders_called(document: AnnotationDocument, name_of: Callable[[str], str]) -> AnnotationDocument:
+    """The document with another name for each coder, in the ids too, which begin with it. ``name_of`` must give
+    different coders different names.
+    """
+
+    def renamed(identifier: str, coder: str) -> str:
+        before, after = f"{_id_part(coder)}-", f"{_id_part(name_of(coder))}-"
+        return after + identifier.removeprefix(before) if coder and identifier.startswith(before) else identifier
+
+    coders = {tier.tier_id: tier.coder for tier in document.tiers}
+    return replace(
+        document,
+        tiers=tuple(
+            replace(tier, coder=name_of(tier.coder), tier_id=renamed(tier.tier_id, tier.coder))
+            for tier in document.tiers
+        ),
+        annotations=tuple(
+            replace(
+                one,
+                tier_id=renamed(one.tier_id, coders[one.tier_id]),
+                annotation_id=renamed(one.annotation_id, coders[one.tier_id]),
+            )
+            for one in document.annotations
+        ),
+    )
+
+
 def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
     """All tiers one below the other. Ids that occur twice get a number; vocabularies of one name are united."""
     tiers: dict[str, Tier] = {}

@@ -64,6 +64,11 @@ def load_documents(
     return replace(merged, duration_ms=max(merged.duration_ms, duration_ms, _duration_ms(folder)))
 
 
+def load_coding(path: Path) -> AnnotationDocument:
+    """What one coder made, in the file ``path``. Raises AnnotationError."""
+    return _load(path)[0]
+
+
 def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
     """Write the tiers of ``coder`` into the session in ``folder``, whole or not at all; the file written.
 
@@ -77,7 +82,7 @@ def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
     check_document(mine)
     target = folder / _FOLDER
     path = _path_of(folder, coder)
-    text = json.dumps(_jsonable(mine, coder), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(coding_jsonable(mine, coder), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         target.mkdir(exist_ok=True)
         replace_file(path, text.encode(), durable=True)
@@ -124,7 +129,8 @@ def _path_of(folder: Path, coder: str) -> Path:
     )
 
 
-def _jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
+def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
+    """The content of a coder's file."""
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,

@@ -25,9 +25,9 @@ from caris_desktop.recording.annotation.editing import merge_documents, plain_te
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
 from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.session.frame_times import moments_words
+from caris_desktop.recording.names import coding_of
 from caris_desktop.recording.session.session_reader import Session
 
 FREE_TEXT = "free text"
@@ -68,7 +68,7 @@ class LinkedMedia:
 
 def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
-    coded = load_documents(session.folder, on_damaged=context.warn)
+    coded = coding_of(session, on_damaged=context.warn)
     record = session_tiers(session, lambda fraction: context.progress(0.3 * fraction))
     document = merge_documents(record, coded)
     media = list(_media(session, out, lambda fraction: context.progress(0.3 + 0.65 * fraction)))

@@ -24,11 +24,11 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, clock_text, duration_text
 from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.names import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.answers import answer_uses
 from caris_desktop.recording.session.marks import FinalMark
@@ -348,7 +348,7 @@ def mark_words(mark: FinalMark) -> str:
 
 def _coding(session: Session) -> AnnotationDocument:
     try:
-        return load_documents(session.folder, on_damaged=lambda what: _log.warning("left out of the report: %s", what))
+        return coding_of(session, on_damaged=lambda what: _log.warning("left out of the report: %s", what))
     except AnnotationError as error:
         _log.warning("left out of the report: %s", error)
         return AnnotationDocument()

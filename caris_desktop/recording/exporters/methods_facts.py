@@ -108,7 +108,8 @@ def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
                 continue
             utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
             # A copy of it is not a second one.
-            found.setdefault(session.identity, Practice(wizard_of(session), utc_ns, session.duration_s))
+            wizard = sessions[0].wizard_name(wizard_of(session))
+            found.setdefault(session.identity, Practice(wizard, utc_ns, session.duration_s))
     return list(found.values())
 
 

@@ -14,19 +14,24 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
 from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
+from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_blocks import read_index
+from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, read_block, read_index, scan
+from caris_desktop.recording.session.mcap_rewriting import copy_changed
 from caris_desktop.recording.session.session_reader import Session, SessionError
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
+_HEAD, _EVENTS = "session.json", "events.mcap"
 _BLOCK_BYTES = 1 << 20
 _MCAP, _MCAP_URL = "application/x-mcap", "https://mcap.dev/spec"
 _ENCODINGS: dict[str, str] = {
@@ -58,7 +63,10 @@ _DESCRIPTIONS = (
 )
 # What heads the session, and what it was before a repair.
 _HEADS = re.compile(r"session\.json|recovered/[^/]*session\.json[^/]*")
-_WITHOUT_WIZARD = "Who the wizard was is left out of this copy."
+_SCRUBBED = "In this copy pseudonyms stand for wizard and coders, and the robot's profile for its address."
+_CODINGS = "annotations/"
+_TEXTS = (".json", ".txt", ".csv", ".yaml", ".md")
+_MAX_TEXT_BYTES = 64 * 1024 * 1024
 _COPIED_AT_ONCE_BYTES = 1 << 24
 _LICENCE_PAGES = {
     "CC0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
@@ -95,7 +103,7 @@ class _Packed:
 
 
 def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` with copies, and what tells of them; who the wizard was stays out of it.
+    """Fill the folder ``out`` with copies, and what tells of them; of a session with pseudonyms, with those.
 
     Raises OSError; SessionError if the session holds names of people.
     """
@@ -103,7 +111,7 @@ def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[P
     _warn_of_paths(session, context.warn)
     folder = out / _folder_name(session)
     folder.mkdir()
-    packed = list(_packed_session(session, folder, context.progress))
+    packed = list(_packed_session(session, folder, context))
     packed += _packed_descriptions(session, out)
     graph = _graph(session, packed, licence_of(context.licence))
     metadata = out / "ro-crate-metadata.json"
@@ -178,7 +186,7 @@ def _texts(value: Any) -> Iterator[str]:
 # Files
 
 
-def _packed_session(session: Session, folder: Path, progress: Callable[[float], None]) -> Iterator[_Packed]:
+def _packed_session(session: Session, folder: Path, context: ExportContext) -> Iterator[_Packed]:
     names = session_files(session.folder)
     manifest = _manifest(session.folder / MANIFEST_NAME)
     names += [MANIFEST_NAME] if (session.folder / MANIFEST_NAME).is_file() else []
@@ -187,40 +195,51 @@ def _packed_session(session: Session, folder: Path, progress: Callable[[float], 
         for path in (session.folder / "annotations").glob("*.json")
         if path.is_file() and not path.is_symlink() and not path.name.startswith(".")
     )
+    if session.pseudonymised:
+        # What heads the session tells the sizes of the copies.
+        names.sort(key=lambda name: (name == MANIFEST_NAME, name == _HEAD, bool(_HEADS.fullmatch(name))))
     sizes = {name: (session.folder / name).stat().st_size for name in names}
     whole, done = max(1, sum(sizes.values())), 0
     told_anew: dict[str, tuple[str, str]] = {}
+    sizes_anew: dict[str, tuple[str, int]] = {}
 
     def copied(count: int) -> None:
         nonlocal done
         done += count
-        progress(min(1.0, done / whole))
+        context.progress(min(1.0, done / whole))
 
     for name in names:
         source, target = session.folder / name, folder / name
-        target.parent.mkdir(parents=True, exist_ok=True)
         description, original = _description(name), ""
-        if _HEADS.fullmatch(name):
-            content = source.read_bytes()
-            without = _without_wizard(content)
-            if without is None:
-                # What was cut off in the middle may name the wizard anywhere.
-                told_anew[name] = hashlib.sha256(content).hexdigest(), ""
-                continue
-            target.write_bytes(without)
-            if without != content:
-                original = hashlib.sha256(content).hexdigest()
-                description += f" {_WITHOUT_WIZARD}"
+        scrubbed = _scrubbed(session, name) if session.pseudonymised else None
+        if scrubbed is not None and scrubbed.left_out:
+            told_anew[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
+            context.warn(f"{name} is left out of the archive: {scrubbed.left_out}.")
+            continue
+        if scrubbed is not None and scrubbed.name != name:
+            target = folder / scrubbed.name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        content = None if scrubbed is None else scrubbed.content
+        if name == _HEAD and sizes_anew:
+            content = _with_sizes(content or source.read_bytes(), sizes_anew)
+        if content is not None:
+            target.write_bytes(content)
+            original = _sha256(source, lambda _: None)
+            description += f" {_SCRUBBED}"
+        elif session.pseudonymised and name == _EVENTS and _copy_scrubbed(session, source, target):
+            original = _sha256(source, lambda _: None)
+            description += f" {_SCRUBBED}"
         elif name == MANIFEST_NAME and told_anew:
             target.write_bytes(_manifest_told_anew(source.read_bytes(), told_anew))
-            description += " Of the head of the session it has the checksum of this copy."
+            description += " Of files that are not as they were recorded it has the checksums of these copies."
         else:
             _copy(source, target)
         sha256 = _sha256(target, copied)
         if original:
             told_anew[name] = original, sha256
+            sizes_anew[name] = scrubbed.name if scrubbed is not None else name, target.stat().st_size
         yield _Packed(
-            name=f"{folder.name}/{name}",
+            name=target.relative_to(folder.parent).as_posix(),
             size_bytes=target.stat().st_size,
             sha256=sha256,
             description=description,
@@ -254,16 +273,96 @@ def _sha256(path: Path, progress: Callable[[int], None]) -> str:
     return digest.hexdigest()
 
 
-def _without_wizard(content: bytes) -> bytes | None:
-    """A session's head that does not say who the wizard was; None where it cannot be read."""
+@dataclass(frozen=True, slots=True)
+class _Scrubbed:
+    """What a file is in an archive with pseudonyms: under which name, and with which content where that changes."""
+
+    name: str
+    content: bytes | None = None
+    left_out: str = ""
+
+
+def _scrubbed(session: Session, name: str) -> _Scrubbed:
+    path = session.folder / name
+    if name.startswith("recovered/") and ".mcap" in name:
+        return _Scrubbed(name, left_out="it is what a repair found, and may say where the robot is")
+    if not name.endswith(_TEXTS) and not _HEADS.fullmatch(name):
+        return _Scrubbed(name)
+    if path.stat().st_size > _MAX_TEXT_BYTES:
+        return _Scrubbed(name, left_out="it is too large to look for names in it")
+    content = path.read_bytes()
+    changed = session.scrub(content)
+    if _HEADS.fullmatch(name):
+        with_pseudonym = _with_pseudonym(changed, session.wizard_name)
+        if with_pseudonym is None:
+            return _Scrubbed(name, left_out="it is damaged, and may name the wizard anywhere")
+        changed = with_pseudonym
+    elif name.startswith(_CODINGS):
+        return _scrubbed_coding(session, name, changed)
+    return _Scrubbed(name, None if changed == content else changed)
+
+
+def _scrubbed_coding(session: Session, name: str, content: bytes) -> _Scrubbed:
+    try:
+        coding = json.loads(content)
+        coder = str(coding["coder"])
+        pseudonym = session.coder_name(coder)
+        renamed = with_coders_called(load_coding(session.folder / name), session.coder_name)
+    except (ValueError, KeyError, TypeError, RecursionError, AnnotationError):
+        return _Scrubbed(name, left_out="it is damaged, and may name a coder anywhere")
+    if pseudonym == coder:
+        return _Scrubbed(name)
+    text = json.dumps(coding_jsonable(renamed, pseudonym), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return _Scrubbed(f"{_CODINGS}{pseudonym}.json", session.scrub(text.encode()))
+
+
+def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
+    """The record without the addresses of robots; False, and nothing written, where it holds none."""
+    with source.open("rb") as file:
+        index = scan(file, thorough=False)
+        if not any(session.scrub(content) != content for content in _unfolded(file, index)):
+            return False
+        copy = DiskFile(target)
+        try:
+            copy_changed(file, index, copy, session.scrub)
+        finally:
+            copy.close()
+    return True
+
+
+def _unfolded(file: IO[bytes], index: BlockIndex) -> Iterator[bytes]:
+    for number in range(index.count):
+        try:
+            yield read_block(file, index, number)
+        except DamagedBlockError:
+            continue
+
+
+def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
+    """What heads the session with names and sizes of the copies; files that are left out are not in it."""
+    header = json.loads(head)
+    files = header.get("files")
+    if isinstance(files, list) and all(isinstance(file, dict) for file in files):
+        told = [
+            {**file, "name": name, "bytes": size}
+            for file in files
+            for name, size in [anew.get(str(file.get("name")), (file.get("name"), file.get("bytes")))]
+        ]
+        header["files"] = [file for file in told if file["name"]]
+    return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+
+
+def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes | None:
+    """A session's head with the wizard's pseudonym; None where it cannot be read."""
     try:
         header = json.loads(content)
     except (ValueError, RecursionError):
         return None
     trial = header.get("trial") if isinstance(header, dict) else None
-    if not isinstance(trial, dict) or "wizard" not in trial:
+    wizard = str(trial.get("wizard") or "") if isinstance(trial, dict) else ""
+    if not isinstance(trial, dict) or not wizard or wizard_name(wizard) == wizard:
         return content
-    del trial["wizard"]
+    trial["wizard"] = wizard_name(wizard)
     return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
@@ -535,8 +634,9 @@ def _about(session: Session, files: list[_Packed]) -> str:
         "Files that changed since the session was closed say so."
         if any(file.unlike_manifest for file in files)
         else "",
-        "Who the wizard was is left out of session.json; all else is as it was recorded."
-        if any(file.description.endswith(_WITHOUT_WIZARD) for file in files)
+        "Pseudonyms stand for the wizard and coders, and the robot's profile for its address; all else is as it was"
+        " recorded."
+        if session.pseudonymised
         else "",
         *session.repairs,
         *session.losses,

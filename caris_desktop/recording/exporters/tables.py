@@ -409,9 +409,9 @@ class _AnnotationRow:
 
 
 def _annotation_rows(session: Session, context: ExportContext) -> Iterator[_AnnotationRow]:
-    from caris_desktop.recording.annotation.store import load_documents
+    from caris_desktop.recording.names import coding_of
 
-    document = load_documents(session.folder, on_damaged=context.warn)
+    document = coding_of(session, on_damaged=context.warn)
     tiers = {tier.tier_id: tier for tier in document.tiers}
     for one in document.annotations:
         tier = tiers[one.tier_id]

@@ -49,10 +49,10 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
     Praat shows a TextGrid below a sound when both begin and end together. Raises OSError, SessionError.
     """
     from caris_desktop.recording.annotation.session_tiers import session_tiers
-    from caris_desktop.recording.annotation.store import load_documents
+    from caris_desktop.recording.names import coding_of
 
     record = session_tiers(session, lambda fraction: context.progress(0.8 * fraction))
-    coded = load_documents(session.folder, on_damaged=context.warn)
+    coded = coding_of(session, on_damaged=context.warn)
     names = _names(record, coded)
     tiers = _Tiers(
         tuple(

@@ -1,6 +1,7 @@
 """Writes a broken-off ``events.mcap`` anew: every whole block as it is, with the index and summary that it lacks."""
 
 import json
+import logging
 import struct
 import zlib
 from collections.abc import Callable
@@ -12,6 +13,10 @@ from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import MAGIC, BlockIndex, Channel, Message
+
+_log = logging.getLogger(__name__)
+_RECORD_HEAD_BYTES = 9
+_COMPRESSION_LEVEL = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +71,61 @@ def rewrite(
     if added is not None:
         _add(target, index, added, summary)
     _write_end(target, summary)
+
+
+def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change: Callable[[bytes], bytes]) -> None:
+    """Copy a record to the new file ``target``, the data of each message as ``change`` gives it.
+
+    ``index`` is that of :func:`mcap_blocks.scan`. Blocks that are damaged are left out. Raises OSError.
+    """
+    summary = _Summary()
+    target.write(MAGIC)
+    _write_beside(target, index, summary)
+    for number in range(index.count):
+        try:
+            record = mcap_blocks.read_record(source, index, number)
+            content = mcap_blocks.unfolded(record)
+        except mcap_blocks.DamagedBlockError as error:
+            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
+            continue
+        changed = _changed(content, change)
+        if changed != content:
+            content, record = changed, _folded(changed)
+        _write_block(target, index, content, record, summary)
+    _write_end(target, summary)
+
+
+def _changed(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    parts: list[bytes] = []
+    at = 0
+    for message in mcap_blocks.messages_of(content):
+        data = content[message.start : message.end]
+        new = change(data)
+        if new != data:
+            start = message.record_start
+            parts.append(content[at : start + 1])
+            parts.append(struct.pack("<Q", message.start - start - _RECORD_HEAD_BYTES + len(new)))
+            parts.append(content[start + _RECORD_HEAD_BYTES : message.start])
+            parts.append(new)
+            at = message.end
+    return b"".join([*parts, content[at:]])
+
+
+def _folded(content: bytes) -> bytes:
+    """A chunk of these records."""
+    import zstandard
+    from mcap.records import Chunk
+
+    times_ns = [message.log_ns for message in mcap_blocks.messages_of(content)]
+    chunk = Chunk(
+        compression="zstd",
+        data=zstandard.ZstdCompressor(level=_COMPRESSION_LEVEL).compress(content),
+        message_start_time=min(times_ns),
+        message_end_time=max(times_ns),
+        uncompressed_crc=zlib.crc32(content),
+        uncompressed_size=len(content),
+    )
+    return _bytes_of(chunk)
 
 
 def _write_beside(target: DiskFile, index: BlockIndex, summary: _Summary) -> None:

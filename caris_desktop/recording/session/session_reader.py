@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.schema import from_jsonable
@@ -19,9 +19,14 @@ from caris_desktop.recording.session.session_header import SessionError, read_he
 
 __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
+T = TypeVar("T")
 _EVENTS = "events.mcap"
 RECOVERED = "recovered"
 """The reason of an end that nobody chose: the record stops where something broke."""
+
+
+def _as_it_is(content: T) -> T:
+    return content
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,9 @@ class Session:
     nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
     for people, what opening it has repaired, or why it could not; ``losses`` what was recorded and is not there any
     more. ``unreadable_blocks`` fills while the session is read: for each damaged block how many values it held.
+
+    For others to see, ``recording.names`` gives pseudonyms: ``scrub`` is then what the JSON of each value passes
+    through, ``wizard_name`` and ``coder_name`` what a wizard and a coder are called.
     """
 
     folder: Path
@@ -43,6 +51,9 @@ class Session:
     notices: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
     unreadable_blocks: dict[int, int] = field(default_factory=dict, compare=False)
+    scrub: Callable[[bytes], bytes] = field(default=_as_it_is, compare=False)
+    wizard_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
+    coder_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
 
     @property
     def started_ns(self) -> int:
@@ -95,7 +106,11 @@ class Session:
         """As :meth:`values`, each with the moment it reached the console, on the session clock."""
         wanted = {BY_NAME[name].name for name in streams}
         anchor = self.clock.anchor
-        return _values(self.folder / _EVENTS, wanted, anchor.monotonic_ns - anchor.utc_ns, self.unreadable_blocks)
+        return _values(self, wanted, anchor.monotonic_ns - anchor.utc_ns)
+
+    @property
+    def pseudonymised(self) -> bool:
+        return self.scrub is not _as_it_is
 
 
 def open_session(folder: Path, *, repair: bool = True) -> Session:
@@ -161,9 +176,8 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
     return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
 
 
-def _values(
-    path: Path, wanted: set[str], session_from_utc_ns: int, unreadable: dict[int, int]
-) -> Iterator[tuple[int, StreamSpec, Any]]:
+def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+    path, unreadable, scrub = session.folder / _EVENTS, session.unreadable_blocks, session.scrub
     index = _index_of(path)
     try:
         file = path.open("rb")
@@ -190,6 +204,6 @@ def _values(
                 raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
             for message in mcap_blocks.messages_of(content):
                 topic = topics.get(message.channel)
-                found = None if topic is None else read(topic, content[message.start : message.end])
+                found = None if topic is None else read(topic, scrub(content[message.start : message.end]))
                 if found is not None:
                     yield message.log_ns + session_from_utc_ns, *found

@@ -15,6 +15,7 @@ from typing import Any
 from caris_desktop import __version__
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
+from caris_desktop.recording.names import pseudonyms_of
 from caris_desktop.recording.recorder.disk_file import replace_file
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.studies.measures import FIGURES
@@ -215,6 +216,7 @@ def _export(
     # After the sessions that are gone, and before anything else may end this.
     _save(out, known)
     exported, problems = 0, []
+    pseudonyms = pseudonyms_of(folders)
     for number, folder in enumerate(folders):
         target = tables / folder.name
         signature = content_signature(folder)
@@ -228,7 +230,7 @@ def _export(
         _remove(target)
         known.pop(folder.name, None)
         try:
-            export_session(folder, "parquet", target, ExportContext(progress=tell))
+            export_session(folder, "parquet", target, ExportContext(progress=tell, pseudonyms=pseudonyms))
         except ExportError as error:
             problems.append(f"{folder.name}: {error}")
         else:

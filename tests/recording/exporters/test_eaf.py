@@ -28,7 +28,7 @@ from caris_desktop.recording.annotation.model import (
 )
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.store import load_documents, save_coder
-from caris_desktop.recording.export import export_session
+from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.export_checks import check_what_elan_insists_on
@@ -170,7 +170,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         document = editing.add_tier(document, "Looks", coder, "Gaze")
         save_coder(folder, editing.add_annotation(document, document.tiers[0].tier_id, 500, 1500, "robot"), coder)
     out = folder.parent / "out"
-    export_session(folder, "eaf", out)
+    export_session(folder, "eaf", out, ExportContext(with_names=True))
     return folder, out
 
 
@@ -288,7 +288,7 @@ def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> N
 def test_a_long_tour_keeps_elans_rules(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
     values = [*tour(5, minutes=5.0), *said(900, 1.0, 1.0, 2.0, NASTY[0]), Marked(at(3.0), NASTY[1], mark_id="z")]
     folder = tell(tmp_path / "s", values, lasts_s=300.0)
-    export_session(folder, "eaf", tmp_path / "out")
+    export_session(folder, "eaf", tmp_path / "out", ExportContext(with_names=True))
     elan_schema.validate(str(tmp_path / "out" / "s.eaf"))
     assert read_eaf(tmp_path / "out" / "s.eaf") == session_tiers(open_session(folder))
 

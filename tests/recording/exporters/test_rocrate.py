@@ -113,6 +113,7 @@ def test_the_session_inside_is_the_session(made: MadeSession, out: Path) -> None
     inside = out / made.folder.name
     assert verify_manifest(inside) == ["speech.txt was changed after the session closed."]
     session = open_session(inside)
+    assert session.losses == ("speech.txt has 8 of 72 bytes.",)
     assert {**session.trial, "wizard": "Wilma Wizard"} == open_session(made.folder).trial
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
 
@@ -135,13 +136,50 @@ def test_who_the_wizard_was_is_nowhere_in_the_crate(made: MadeSession, out: Path
     original, copy = (
         json.loads((folder / "session.json").read_text()) for folder in (made.folder, out / made.folder.name)
     )
-    assert original["trial"].pop("wizard") == "Wilma Wizard"
+    assert (original["trial"].pop("wizard"), copy["trial"].pop("wizard")) == ("Wilma Wizard", "W1")
+    assert (original["robot"].pop("address"), copy["robot"].pop("address")) == ("ws://robot.local:9090", "temi")
+    told = {file["name"]: file["bytes"] for file in copy.pop("files")}
+    assert told == {
+        file["name"]: (out / made.folder.name / file["name"]).stat().st_size
+        for file in original.pop("files")
+        if file["name"] != "speech.txt"
+    } | {"speech.txt": 72}
     assert copy == original
     entities = described(ROCrate(out))
-    assert "left out" in entities["./"]["description"]
-    assert "left out" in next(
+    assert "Pseudonyms stand for" in entities["./"]["description"]
+    assert "pseudonyms stand for" in next(
         entity["description"] for entity in entities.values() if str(entity.get("name")).endswith("/session.json")
     )
+
+
+def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made: MadeSession, out: Path) -> None:
+    inside = out / made.folder.name
+    for path in out.rglob("*"):
+        if path.is_file():
+            assert b"robot.local" not in path.read_bytes(), path
+    pairs = zip(open_session(made.folder).arrivals(), open_session(inside).arrivals(), strict=True)
+    changed = []
+    for (arrived_ns, spec, value), (copied_ns, copied_spec, copied) in pairs:
+        assert (arrived_ns, spec) == (copied_ns, copied_spec)
+        before, after = json.dumps(to_jsonable(value)), json.dumps(to_jsonable(copied))
+        if before != after:
+            assert after == before.replace("ws://robot.local:9090", "temi")
+            changed.append(spec.name)
+    assert sorted(changed) == ["event/link_changed", "event/robot_chosen", "status"]
+    with (inside / "events.mcap").open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == sum(1 for _ in open_session(made.folder).values())
+
+
+def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: MadeSession, tmp_path: Path) -> None:
+    export_session(made.folder, "rocrate", tmp_path / "out", ExportContext(with_names=True))
+    for path in (tmp_path / "out" / made.folder.name).rglob("*"):
+        if path.is_file():
+            assert (
+                path.read_bytes() == (made.folder / path.relative_to(tmp_path / "out" / made.folder.name)).read_bytes()
+            )
 
 
 def test_what_headed_the_session_before_a_repair_names_nobody_either(made: MadeSession, tmp_path: Path) -> None:

@@ -123,4 +123,4 @@ def test_damaged_annotations_are_left_out_and_told(session: Path, tmp_path: Path
     assert len(finished.problems) == 2
     assert all("bert.json" in problem for problem in finished.problems)
     assert "Gaze" in tiers_of(tmp_path / "out" / "s" / "textgrid" / FILE_NAME)
-    assert "anna,Gaze,robot" in (tmp_path / "out" / "s" / "csv" / "annotations.csv").read_text(encoding="utf-8")
+    assert "C1,Gaze,robot" in (tmp_path / "out" / "s" / "csv" / "annotations.csv").read_text(encoding="utf-8")

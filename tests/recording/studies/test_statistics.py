@@ -110,7 +110,7 @@ def test_results_are_files_to_go_on_from(made: StudyStatistics) -> None:
     with (made.out / "codes.csv").open(encoding="utf-8", newline="") as file:
         (code,) = csv.DictReader(file)
     assert (code["coder"], code["tier"], code["value"], code["n"], code["lasted_s"]) == (
-        "Ann",
+        "C1",
         "Gaze",
         "away",
         "2",
