@@ -2,7 +2,6 @@
 
 import asyncio
 import importlib
-import ipaddress
 import json
 import logging
 import os
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 from urllib.parse import urlsplit
 
+from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.failure import ToldFailure
 
@@ -116,14 +116,16 @@ async def stream_chat(
     *,
     max_tokens: int,
     temperature: float,
+    seed: int | None = None,
     told_version: Callable[[str], None] | None = None,
     client: "httpx.AsyncClient | None" = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
 ) -> AsyncGenerator[str]:
     """Yield the answer piece by piece as the model writes it.
 
-    ``told_version`` is called with what the server tells of the model in the stream, when it does and differently from
-    before; Ollama tells nothing there, see `model_version`.
+    ``seed`` makes the same model answer the same question alike; it is sent only to servers of which
+    :func:`takes_seed` knows that they take it. ``told_version`` is called with what the server tells of the model in
+    the stream, when it does and differently from before; Ollama tells nothing there, see `model_version`.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
     stop generating. A given ``client`` is used and left open.
@@ -137,7 +139,7 @@ async def stream_chat(
 
     loop = asyncio.get_running_loop()
     api_key = await _api_key(endpoint)
-    url, body = _request(endpoint, messages, max_tokens=max_tokens, temperature=temperature)
+    url, body = _request(endpoint, messages, max_tokens=max_tokens, temperature=temperature, seed=seed)
     headers = {"Accept-Encoding": "identity"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
     limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
     parse = _parse_ollama if endpoint.provider == "ollama" else _parse_openai
@@ -259,7 +261,7 @@ async def _api_key(endpoint: ModelEndpoint) -> str | None:
                 key = await asyncio.to_thread(_key_from_keyring, name)
         except TimeoutError:
             _log.warning("the system keyring did not answer within %.0f s", _KEYRING_TIMEOUT_S)
-    if not key and urlsplit(endpoint.base_url).hostname == urlsplit(OPENAI_URL).hostname:
+    if not key and _is_openai(endpoint):
         raise LanguageModelError(
             "OpenAI answers only with a key, and there is none.",
             "The assistant cannot answer.",
@@ -288,27 +290,43 @@ def _key_from_keyring(name: str) -> str:
         return ""
 
 
+def takes_seed(endpoint: ModelEndpoint) -> bool:
+    """Whether the server takes a seed. Some that only copy OpenAI's API refuse a question with a field too many."""
+    return endpoint.provider != "openai" or is_loopback(endpoint.base_url) or _is_openai(endpoint)
+
+
+def server_of(endpoint: ModelEndpoint) -> str:
+    """The host that is asked, with its port; nothing that gives access to it."""
+    return urlsplit(endpoint.base_url).netloc.rpartition("@")[2]
+
+
+def _is_openai(endpoint: ModelEndpoint) -> bool:
+    return urlsplit(endpoint.base_url).hostname == urlsplit(OPENAI_URL).hostname
+
+
 def _request(
-    endpoint: ModelEndpoint, messages: Sequence[ChatMessage], *, max_tokens: int, temperature: float
+    endpoint: ModelEndpoint, messages: Sequence[ChatMessage], *, max_tokens: int, temperature: float, seed: int | None
 ) -> tuple[str, dict[str, Any]]:
+    seeded: dict[str, Any] = {"seed": seed} if seed is not None and takes_seed(endpoint) else {}
     written = [{"role": message.role, "content": message.content} for message in messages]
     if endpoint.provider == "ollama":
         return endpoint.base_url.rstrip("/") + "/api/chat", {
             "model": endpoint.model,
             "messages": written,
             "stream": True,
-            "options": {"num_predict": max_tokens, "temperature": temperature},
+            "options": {"num_predict": max_tokens, "temperature": temperature, **seeded},
         }
     base_url = endpoint.base_url.rstrip("/")
     parts = urlsplit(base_url)
     # OpenAI's newer models refuse the old name, the servers that copy its API often know no other.
-    limit_name = "max_completion_tokens" if parts.hostname == urlsplit(OPENAI_URL).hostname else "max_tokens"
+    limit_name = "max_completion_tokens" if _is_openai(endpoint) else "max_tokens"
     return base_url + ("" if parts.path else "/v1") + "/chat/completions", {
         "model": endpoint.model,
         "messages": written,
         "stream": True,
         limit_name: max_tokens,
         "temperature": temperature,
+        **seeded,
     }
 
 
@@ -574,22 +592,11 @@ def _bad_address(url: str, source: str) -> LanguageModelError:
     )
 
 
-def is_loopback(url: str) -> bool:
-    """Whether ``url`` names this machine."""
-    host = urlsplit(url).hostname or ""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 def _place(endpoint: ModelEndpoint) -> str:
     if endpoint.provider == "embedded":
         return "The embedded language model"
     name = "Ollama" if endpoint.provider == "ollama" else "The language model server"
-    return f"{name} at {urlsplit(endpoint.base_url).netloc.rpartition('@')[2]}"
+    return f"{name} at {server_of(endpoint)}"
 
 
 def _without(api_key: str | None, text: str) -> str:

@@ -1,5 +1,6 @@
 """Network addresses as they may be shown and recorded."""
 
+import ipaddress
 from urllib.parse import urlsplit
 
 
@@ -14,3 +15,14 @@ def without_credentials(address: str) -> str:
         return address if "@" not in address and "?" not in address else ""
     shown = f"[{host}]" if ":" in host else host
     return f"{parts.scheme}://{shown}{f':{port}' if port else ''}{parts.path}"
+
+
+def is_loopback(url: str) -> bool:
+    """Whether ``url`` names this machine."""
+    host = urlsplit(url).hostname or ""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

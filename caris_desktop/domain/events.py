@@ -243,7 +243,11 @@ class ChatMessage:
 
 @dataclass(frozen=True, slots=True)
 class LlmExchange:
-    """One finished exchange with a language model."""
+    """One finished exchange with a language model.
+
+    ``server`` is the host that was asked, with its port and without credentials; ``seed`` what its choice of words
+    began with, None where the server was not told one.
+    """
 
     stamp_ns: int
     exchange_id: str
@@ -257,6 +261,8 @@ class LlmExchange:
     parameters: dict[str, float | int | str]
     detail: str = ""
     model_version: str = ""
+    server: str = ""
+    seed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,13 @@ from typing import Literal
 
 from PySide6.QtCore import QObject, Signal
 
-from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint, model_version
+from caris_desktop.conversation.language_models import (
+    LanguageModelError,
+    ModelEndpoint,
+    model_version,
+    server_of,
+    takes_seed,
+)
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.ports import ValueSink
@@ -23,6 +29,7 @@ from caris_desktop.live.status import AssistantStatus
 
 _log = logging.getLogger(__name__)
 _SHOW_EVERY_NS = 30_000_000
+_SEEDS = 2**31  # what every server takes
 StreamChat = Callable[..., AsyncIterator[str]]
 AskVersion = Callable[[ModelEndpoint], Awaitable[str]]
 
@@ -36,6 +43,7 @@ class _Asked:
     max_tokens: int
     temperature: float
     asked_ns: int
+    seed: int | None
 
 
 @dataclass(slots=True)
@@ -118,6 +126,7 @@ class AssistantDirector(QObject):
             max_tokens,
             temperature,
             clock.now_ns(),
+            secrets.randbelow(_SEEDS) if takes_seed(self._endpoint) else None,
         )
         self._state.assistant.set(
             AssistantStatus(state="answering", model=self._shown_as, exchange_id=asked.exchange_id, question=question)
@@ -189,6 +198,7 @@ class AssistantDirector(QObject):
                 asked.messages,
                 max_tokens=asked.max_tokens,
                 temperature=asked.temperature,
+                seed=asked.seed,
                 told_version=take_version,
             ):
                 now_ns = clock.now_ns()
@@ -223,6 +233,8 @@ class AssistantDirector(QObject):
             parameters={"max_tokens": asked.max_tokens, "temperature": asked.temperature},
             detail=detail,
             model_version=heard.version or self._versions.get(asked.endpoint, ""),
+            server=server_of(asked.endpoint),
+            seed=asked.seed,
         )
 
     def _on_answer_grew(self, exchange_id: str, answer: str) -> None:

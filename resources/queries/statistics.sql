@@ -322,3 +322,18 @@ SELECT session, any_value(condition) AS condition, coder, tier, value, count(*) 
 FROM annotations
 GROUP BY session, coder, tier, value
 ORDER BY session, coder, tier, value;
+
+-- Which language models were asked in which session, and where they ran.
+CREATE VIEW models AS
+SELECT
+    session, any_value(condition) AS condition, provider, model, model_version,
+    CASE
+        WHEN provider = 'embedded' OR regexp_matches(server, '^(localhost|127\.[0-9.]+|\[::1\])(:[0-9]+)?$')
+            THEN 'this computer'
+        WHEN coalesce(server, '') = '' THEN 'not told'
+        ELSE server
+    END AS server,
+    count(*) AS asked, count(*) FILTER (outcome = 'answered') AS answered, count(seed) AS with_seed
+FROM event_llm_exchange
+GROUP BY ALL
+ORDER BY session, provider, model, model_version, server;

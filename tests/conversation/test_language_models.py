@@ -15,9 +15,12 @@ from caris_desktop.conversation.language_models import (
     LanguageModelError,
     ModelEndpoint,
     Provider,
+    _request,
     model_version,
     resolve_endpoint,
+    server_of,
     stream_chat,
+    takes_seed,
 )
 from caris_desktop.domain.events import ChatMessage
 
@@ -136,6 +139,29 @@ def test_openai_answer_arrives_piece_by_piece() -> None:
             "temperature": 0.5,
         }
     ]
+
+
+def test_a_seed_goes_to_servers_that_take_one() -> None:
+    async def body_of(provider: str) -> dict[str, object]:
+        lines = [ollama_line("Hi"), ollama_line("", done=True)]
+        answer = sends(LINES_HEAD, *lines) if provider == "ollama" else sends(SSE_HEAD, delta("Hi"), delta("", "stop"))
+        async with serving(answer) as served:
+            endpoint = ModelEndpoint(provider, served.url, "some-model")  # type: ignore[arg-type]
+            async for _ in stream_chat(endpoint, QUESTION, max_tokens=9, temperature=0.0, seed=77):
+                pass
+            return served.bodies[0]
+
+    assert asyncio.run(body_of("openai"))["seed"] == 77
+    options = asyncio.run(body_of("ollama"))["options"]
+    assert isinstance(options, dict)
+    assert options["seed"] == 77
+    # One that copies OpenAI's API may refuse what it does not know.
+    foreign = ModelEndpoint("openai", "https://models.example.org/v1", "m")
+    assert "seed" not in _request(foreign, QUESTION, max_tokens=9, temperature=0.0, seed=77)[1]
+    assert takes_seed(ModelEndpoint("openai", "https://api.openai.com/v1", "m"))
+    assert server_of(ModelEndpoint("openai", "https://me:key@models.example.org:8443/v1", "m")) == (
+        "models.example.org:8443"
+    )
 
 
 def test_ollama_answer_arrives_piece_by_piece() -> None:

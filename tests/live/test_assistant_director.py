@@ -28,6 +28,7 @@ class Desk:
         self.waits = False
         self.failure: LanguageModelError | None = None
         self.tells = ""
+        self.seeds: list[int | None] = []
         self.looks_up: Callable[[], str] = lambda: ""
         self.published: list[Any] = []
         self.closed = threading.Event()
@@ -46,8 +47,10 @@ class Desk:
         _messages: object,
         *,
         told_version: Callable[[str], None],
+        seed: int | None,
         **_limits: float,
     ) -> AsyncIterator[str]:
+        self.seeds.append(seed)
         try:
             if self.tells:
                 told_version(self.tells)
@@ -111,10 +114,22 @@ def test_an_exchange_is_recorded_with_all_that_led_to_it(desk: Desk, qtbot: QtBo
     assert (exchange.provider, exchange.model, exchange.model_version) == ("ollama", "Small", "small-2026 fp_1")
     assert exchange.messages == PROMPT
     assert exchange.parameters == {"max_tokens": 20, "temperature": 0.5}
+    assert (exchange.server, exchange.seed) == ("127.0.0.1:11434", desk.seeds[0])
     assert (exchange.answer, exchange.outcome) == ("Straight on.", "answered")
     assert exchange.first_token_ns is not None
     assert 0 < exchange.asked_ns <= exchange.first_token_ns <= exchange.stamp_ns
     assert (desk.shown.state, desk.shown.answer) == ("ready", "Straight on.")
+
+
+def test_each_question_has_a_seed_of_its_own_where_the_server_takes_one(desk: Desk, qtbot: QtBot) -> None:
+    seeds = [_answered(desk, qtbot).seed for _ in range(3)]
+    assert seeds == desk.seeds
+    assert len(set(seeds)) == 3
+    desk.director.use_endpoint(
+        ModelEndpoint("openai", "https://somebody:secret@models.example.org:8443/v1", "big"), shown_as="Big"
+    )
+    exchange = _answered(desk, qtbot)
+    assert (exchange.server, exchange.seed) == ("models.example.org:8443", None)
 
 
 def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up(desk: Desk, qtbot: QtBot) -> None:

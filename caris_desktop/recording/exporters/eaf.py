@@ -26,8 +26,8 @@ from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
 from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.names import coding_of
+from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
 
 FREE_TEXT = "free text"

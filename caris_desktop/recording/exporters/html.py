@@ -38,7 +38,9 @@ from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.studies.completeness import counted, what_is_missing
 from caris_desktop.recording.studies.measures import (
     RESPONSE_LIMIT_S,
+    THIS_COMPUTER,
     Measures,
+    ModelUse,
     Reply,
     SessionFacts,
     Spread,
@@ -594,7 +596,7 @@ def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
     return {
         "models": [
             {
-                "name": model_name(model.provider, model.model, model.version),
+                "name": model_name(model),
                 "asked": model.asked,
                 "answered": model.answered,
                 "said": model.said,
@@ -622,10 +624,12 @@ def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
     }
 
 
-def model_name(provider: str, model: str, version: str) -> str:
-    """``smollm2-135m, q8_0 (embedded)``."""
-    named = ", ".join(part for part in (model, version) if part) or "not told"
-    return f"{named} ({provider})" if provider else named
+def model_name(model: ModelUse) -> str:
+    """``smollm2-135m, q8_0 (embedded, on this computer)``, ``gpt-4o (openai, at api.openai.com)``."""
+    named = ", ".join(part for part in (model.model, model.version) if part) or "not told"
+    where = f"on {model.place}" if model.place == THIS_COMPUTER else f"at {model.place}"
+    kind = ", ".join(part for part in (model.provider, where if model.place else "server not told") if part)
+    return f"{named} ({kind})"
 
 
 def _median_text(values_s: Sequence[float]) -> str:

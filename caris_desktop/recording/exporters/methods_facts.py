@@ -187,14 +187,15 @@ class StudyFacts:
 
 
 def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
-    groups: dict[tuple[str, str, str], list[ModelUse]] = {}
+    groups: dict[tuple[str, str, str, str], list[ModelUse]] = {}
     for model in models:
-        groups.setdefault((model.provider, model.model, model.version), []).append(model)
+        groups.setdefault((model.provider, model.model, model.version, model.place), []).append(model)
     return [
         ModelUse(
             provider=provider,
             model=name,
             version=version,
+            place=place,
             asked=sum(one.asked for one in group),
             answered=sum(one.answered for one in group),
             cancelled=sum(one.cancelled for one in group),
@@ -206,5 +207,5 @@ def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
             first_token_s=tuple(seconds for one in group for seconds in one.first_token_s),
             answer_s=tuple(seconds for one in group for seconds in one.answer_s),
         )
-        for (provider, name, version), group in groups.items()
+        for (provider, name, version, place), group in groups.items()
     ]

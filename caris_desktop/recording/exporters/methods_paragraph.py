@@ -19,7 +19,7 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
-from caris_desktop.recording.studies.measures import ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.measures import ModelUse, Spread, model_asked, per_10_min
 
 
 def paragraph(study: StudyFacts) -> str:
@@ -118,12 +118,12 @@ def _movement_sentence(study: StudyFacts) -> str:
 
 
 def _model_sentence(study: StudyFacts, model: ModelUse) -> str:
-    name = model_name(model.provider, model.model, model.version)
+    name = model_name(model)
     settings = distinct(
         json.dumps(exchange.parameters, sort_keys=True)
         for one in study.known
         for exchange in one.exchanges
-        if (exchange.provider, exchange.model, exchange.model_version) == (model.provider, model.model, model.version)
+        if model_asked(exchange) == (model.provider, model.model, model.version, model.place)
     )
     shown = f"; {'; '.join(map(settings_words, settings))}" if settings and settings != ["{}"] else ""
     inside = name[:-1] + f"{shown})" if name.endswith(")") else f"{name}{f' ({shown[2:]})' if shown else ''}"

@@ -44,7 +44,7 @@ from caris_desktop.recording.exporters.methods_words import (
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.completeness import stream_words
-from caris_desktop.recording.studies.measures import Measures, ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.measures import THIS_COMPUTER, Measures, ModelUse, Spread, per_10_min
 from caris_desktop.recording.studies.study_index import copies_among
 
 # A robot's clock that is further off was never set, or is that of a simulation.
@@ -360,17 +360,21 @@ class _Answers:
                 SheetItem(
                     "Which model, which version?",
                     " ".join(
-                        f"{model_name(model.provider, model.model, model.version)}: asked {times_word(model.asked)}"
+                        f"{model_name(model)}: asked {times_word(model.asked)}"
                         f"{'' if model.version else '; its version is not in the record'}."
                         for model in self._of.models
                     ),
                     sources,
-                    "Where the model ran, and to whom the questions were sent."
-                    if any(model.provider != "embedded" for model in self._of.models)
+                    "Who runs the server, and what becomes of the questions there."
+                    if any(model.place != THIS_COMPUTER for model in self._of.models)
                     else "",
                 ),
                 SheetItem("When?", f"{days}.", ("session.json",)),
-                SheetItem("With which parameters?", f"{'; '.join(map(settings_words, settings))}.", sources),
+                SheetItem(
+                    "With which parameters?",
+                    f"{'; '.join(map(settings_words, settings))}. {_seeds(exchanges)}",
+                    sources,
+                ),
                 SheetItem(
                     "With which prompts?",
                     f"{prompts} Every prompt is in the record as it was sent.",
@@ -577,7 +581,7 @@ class _Answers:
         return f"{text} {listed}." if listed else text
 
     def _acceptance(self, model: ModelUse) -> str:
-        name = f"{model_name(model.provider, model.model, model.version)}: " if len(self._of.models) > 1 else ""
+        name = f"{model_name(model)}: " if len(self._of.models) > 1 else ""
         text = f"{name}{number_of(model.answered, 'answer')} to {number_of(model.asked, 'question')}"
         text = text[0].upper() + text[1:]
         if model.accepted_fraction is not None:
@@ -594,7 +598,7 @@ class _Answers:
         texts = []
         for model in self._of.models:
             first, whole = Spread.of(model.first_token_s), Spread.of(model.answer_s)
-            name = f"{model_name(model.provider, model.model, model.version)}: " if len(self._of.models) > 1 else ""
+            name = f"{model_name(model)}: " if len(self._of.models) > 1 else ""
             if first is not None:
                 texts.append(f"{name}To the first word: {spread_words(first)}.")
             if whole is not None:
@@ -633,6 +637,14 @@ class _Answers:
             )
             for number, (text, count) in enumerate(prompts.items(), start=1)
         ]
+
+
+def _seeds(exchanges: Sequence[LlmExchange]) -> str:
+    seeded = sum(exchange.seed is not None for exchange in exchanges)
+    if not seeded:
+        return "No seed was sent."
+    which = "Each question" if seeded == len(exchanges) else f"{seeded} of the {len(exchanges)} questions"
+    return f"{which} had a seed of its own, which is in the record."
 
 
 def events_named(*kinds: type[Any]) -> tuple[str, ...]:

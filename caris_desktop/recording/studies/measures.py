@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
@@ -218,11 +219,15 @@ class Talk:
 
 @dataclass(frozen=True, slots=True)
 class ModelUse:
-    """The exchanges with one language model, and what the wizard did with its answers."""
+    """The exchanges with one language model, and what the wizard did with its answers.
+
+    ``place`` is the host of its server, or this computer; empty where the record does not tell.
+    """
 
     provider: str
     model: str
     version: str
+    place: str
     asked: int
     answered: int
     cancelled: int
@@ -432,16 +437,28 @@ def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
     }
 
 
+THIS_COMPUTER = "this computer"
+
+
+def model_asked(exchange: LlmExchange) -> tuple[str, str, str, str]:
+    """Provider, model, version, and where it runs: this computer, or a server's host; empty where that is not told."""
+    try:
+        here = exchange.provider == "embedded" or is_loopback(f"//{exchange.server}")
+    except ValueError:
+        here = False
+    return exchange.provider, exchange.model, exchange.model_version, THIS_COMPUTER if here else exchange.server
+
+
 def model_use(
     exchanges: Sequence[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
 ) -> tuple[ModelUse, ...]:
     """The exchanges of each model and version, in the order in which they were first asked."""
     became = answer_uses(exchanges, uses, utterances)
-    groups: dict[tuple[str, str, str], list[LlmExchange]] = {}
+    groups: dict[tuple[str, str, str, str], list[LlmExchange]] = {}
     for exchange in exchanges:
-        groups.setdefault((exchange.provider, exchange.model, exchange.model_version), []).append(exchange)
+        groups.setdefault(model_asked(exchange), []).append(exchange)
     table = []
-    for (provider, model, version), group in groups.items():
+    for (provider, model, version, place), group in groups.items():
         outcomes = Counter(exchange.outcome for exchange in group)
         answered = [exchange for exchange in group if exchange.outcome == "answered"]
         made = Counter(became[exchange.exchange_id] for exchange in answered)
@@ -451,6 +468,7 @@ def model_use(
                 provider=provider,
                 model=model,
                 version=version,
+                place=place,
                 asked=len(group),
                 answered=outcomes["answered"],
                 cancelled=outcomes["cancelled"],

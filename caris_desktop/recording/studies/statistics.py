@@ -45,7 +45,10 @@ _TABLES: dict[str, dict[str, str]] = {
     },
     "pose": {"stamp_ns": "BIGINT", "pose_in_map_x_m": "DOUBLE", "pose_in_map_y_m": "DOUBLE"},
     "event_recording_paused": {"stamp_ns": "BIGINT", "paused": "BOOLEAN"},
-    "event_llm_exchange": {"stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR"},
+    "event_llm_exchange": {
+        "stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR", "provider": "VARCHAR",
+        "model": "VARCHAR", "model_version": "VARCHAR", "server": "VARCHAR", "seed": "BIGINT",
+    },
     "answers": {"exchange_id": "VARCHAR", "outcome": "VARCHAR", "use": "VARCHAR"},
     "event_command_sent": {
         "stamp_ns": "BIGINT", "source": "VARCHAR", "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
@@ -280,6 +283,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             rows = _rows(database, "SELECT * FROM summary")
             labels = _rows(database, "SELECT * FROM labels")
             codes = _rows(database, "SELECT * FROM codes")
+            models = _rows(database, "SELECT * FROM models")
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
@@ -305,6 +309,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
     _write_csv(out / "measures.csv", measures)
     _write_csv(out / "labels.csv", labels)
     _write_csv(out / "codes.csv", codes)
+    _write_csv(out / "models.csv", models)
     _write_csv(
         out / "summary.csv",
         [

@@ -30,11 +30,12 @@ from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import save_coder
-from caris_desktop.recording.export import ExportContext, export_session
+from caris_desktop.recording.export import ExportContext, ExportRequest, export_all, export_session
 from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.measures import measure_session
+from caris_desktop.recording.studies.statistics import study_statistics
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour
 
 _VOID = {"meta", "img", "br", "hr", "input", "link"}
@@ -115,7 +116,7 @@ def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None
         "12 video frames are missing: the video encoder could not keep up.",
         "Wants to touch it & <try>.",
         "The robot does not answer. Driving has stopped.",
-        "smollm2-135m, q8_0 (embedded)",
+        "smollm2-135m, q8_0 (embedded, on this computer)",
         "Gaze",
         "emergency stop",
     ):
@@ -263,8 +264,8 @@ def test_the_paragraph_for_one_of_each(tmp_path: Path) -> None:
         " participant (1 min 00 s recorded). [Participants: age, gender, recruitment.] [Training of the wizard.]"
         " The robot made one utterance (100% typed by the wizard). The median time from the end of a participant's"
         " utterance to the robot's next words was 1.00 s (n = 1). The robot was driven by hand for 2.0 s."
-        " The language model smollm2-135m, q8_0 (embedded; max_tokens 48, temperature 0.3) was asked once to propose"
-        " what the robot could say; its answer was used as it was by the wizard."
+        " The language model smollm2-135m, q8_0 (embedded, on this computer; max_tokens 48, temperature 0.3) was asked"
+        " once to propose what the robot could say; its answer was used as it was by the wizard."
         " The wizard marked one error of their own (slip: 1; 10.0 per 10 minutes)."
     )
 
@@ -331,7 +332,7 @@ def test_the_paragraph_for_many(tmp_path: Path) -> None:
     )  # fmt: skip
     assert "in one session (1 min 00 s recorded)" in text
     assert "was asked 14 times" in text
-    assert "(embedded; temperature 0.9; max_tokens 48, temperature 0.3)" in text
+    assert "(embedded, on this computer; temperature 0.9; max_tokens 48, temperature 0.3)" in text
     assert "of its 14 answers, the wizard used three (21%, one of them edited)." in text
     assert "marked three errors of their own (late: 2, slip: 1; 30.0 per 10 minutes)" in text
 
@@ -365,3 +366,31 @@ def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> No
     assert "One of the two wizards had practised with the program for 15 min 00 s before the first session." in text
     page = Page(out / "methods.html")
     page.check_self_contained()
+
+
+def test_the_place_of_a_language_model_is_its_server(tmp_path: Path) -> None:
+    folder = tell(
+        tmp_path / "s",
+        [
+            exchange(1, 1.0, 2.0, "Yes.", provider="ollama", server="127.0.0.1:11434", seed=7),
+            exchange(2, 3.0, 4.0, "No.", provider="openai", server="gpu.example.org:8000"),
+            exchange(3, 5.0, 6.0, "Hm.", provider="openai", model="old"),
+        ],
+        lasts_s=9,
+    )
+    out = tmp_path / "out"
+    assert export_all(ExportRequest((folder,), ("html", "methods"), out, folder_per_session=False)).problems == ()
+    for name in ("html/report.html", "methods/methods.md", "methods/methods.html"):
+        text = (out / name).read_text(encoding="utf-8").replace("\\", "")
+        for words in ("(ollama, on this computer", "(openai, at gpu.example.org:8000", "(openai, server not told"):
+            assert words in text, (name, words)
+        assert "(openai)" not in text
+    assert "1 of the 3 questions had a seed of its own" in (out / "methods" / "methods.md").read_text(encoding="utf-8")
+    made = study_statistics(tmp_path, tmp_path / "statistics")
+    with (made.out / "models.csv").open(encoding="utf-8", newline="") as file:
+        rows = [(row["provider"], row["server"], row["asked"], row["with_seed"]) for row in csv.DictReader(file)]
+    assert rows == [
+        ("ollama", "this computer", "1", "1"),
+        ("openai", "not told", "1", "0"),
+        ("openai", "gpu.example.org:8000", "1", "0"),
+    ]
