@@ -26,6 +26,7 @@ from caris_desktop.recording.export import (
     remove_partial_exports,
     run_exports,
 )
+from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.studies import sessions_command, statistics_command
 from tests.recording.minute import everything, make_session
@@ -399,7 +400,8 @@ def test_damaged_values_are_no_silent_part_of_an_export(
 ) -> None:
     path = study / "sessions" / "one" / "events.mcap"
     content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 0xFF
+    index = mcap_blocks.read_index(path)
+    content[int(index.offsets[index.count // 2]) + 100] ^= 0xFF
     path.write_bytes(content)
     assert run(path.parent, "--to", "csv", tmp_path / "out") == 1
     assert "of events.mcap cannot be read:" in capsys.readouterr().err
