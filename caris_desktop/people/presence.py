@@ -1,7 +1,9 @@
 """Who is here: turns tracks into people, by pure logic on injected time."""
 
+import itertools
 import logging
 import re
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -14,6 +16,9 @@ log = logging.getLogger(__name__)
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
 MAX_NAME_LENGTH = 80
+# Of how many looks the longest pause counts, and how many pauses of that length without somebody are a leaving.
+_LOOKS, _LOOKS_MISSED = 5, 2.5
+_MOST_PATIENCE_NS = 6_000_000_000
 
 
 def unnamed_label(number: int) -> str:
@@ -59,8 +64,8 @@ class Presence:
     """Who is in front of the cameras. For one thread.
 
     A track becomes a person once it was seen in ``confirm_frames`` frames, and leaves after ``leave_after_s`` without
-    being seen. A track number that returns is the same person again, until :meth:`restart_tracks`. Each camera has
-    tracks of its own.
+    being seen, or later where its camera is looked at rarely: who was not looked for is not gone. A track number that
+    returns is the same person again, until :meth:`restart_tracks`. Each camera has tracks of its own.
 
     Without a ``register`` names last for this object only. A register that fails never costs a person: the failure
     is reported once as a Problem, and names are kept here.
@@ -79,6 +84,7 @@ class Presence:
         self._candidates: dict[_Track, _Candidate] = {}
         self._id_of_track: dict[_Track, str] = {}
         self._rows: dict[str, PersonRow] = {}
+        self._looks_ns: dict[str, deque[int]] = {}
         self._problem_reported = False
 
     def update(self, people: People) -> tuple[People, list[Event]]:
@@ -87,6 +93,7 @@ class Presence:
         Returns the same frame with ``person_id`` filled in for everybody who is confirmed, and what happened.
         """
         now_ns = people.stamp_ns
+        self._looks_ns.setdefault(people.camera, deque(maxlen=_LOOKS)).append(now_ns)
         events: list[Event] = []
         for box in people.boxes:
             events += self._see((people.camera, box.track), now_ns)
@@ -101,10 +108,17 @@ class Presence:
         self._candidates = {
             track: candidate
             for track, candidate in self._candidates.items()
-            if now_ns - candidate.last_seen_ns <= self._leave_after_ns
+            if now_ns - candidate.last_seen_ns <= self._patience_ns(track[0])
         }
-        overdue = [row for row in self._rows.values() if row.here and now_ns - row.last_seen_ns > self._leave_after_ns]
+        overdue = [
+            row for row in self._rows.values() if row.here and now_ns - row.last_seen_ns > self._patience_ns(row.camera)
+        ]
         return [event for row in overdue for event in self._leave(row, now_ns)]
+
+    def _patience_ns(self, camera: str) -> int:
+        looks_ns = self._looks_ns.get(camera, ())
+        apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
+        return max(self._leave_after_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_PATIENCE_NS))
 
     def rename(self, person_id: str, name: str, *, now_ns: int) -> list[Event]:
         """Give a person a name, or take it away with an empty one. The event does not carry it."""

@@ -36,6 +36,7 @@ from caris_desktop.ros.raw_image import decode_image
 # It hardly ever changes, and rosbridge wants a throttle for what comes with every picture.
 LENS_EVERY_MS = 2000
 _ADVISE_AFTER_NS = 5_000_000_000
+_HEAVY_MB_PER_S = 1.0
 
 logger = logging.getLogger(__name__)
 
@@ -182,12 +183,14 @@ class MediaLink:
         if camera.name in self._advised or at_ns - began_ns < _ADVISE_AFTER_NS:
             return
         self._advised.add(camera.name)
+        mb_per_s = total / (at_ns - began_ns) * 1e3
+        if mb_per_s < _HEAVY_MB_PER_S:
+            return
         self._put(
             Problem(
                 clock.now_ns(),
                 "info",
-                f"The camera {camera.name} sends its pictures uncompressed, about "
-                f"{total / (at_ns - began_ns) * 1e3:.0f} MB a second.",
+                f"The camera {camera.name} sends its pictures uncompressed, about {mb_per_s:.0f} MB a second.",
                 "Over a wireless link the picture may stutter, and everything else be late with it.",
                 f"Compress them on the robot: {republish_advice(camera.topic)}.",
             )

@@ -94,6 +94,23 @@ def test_people_leave_also_when_no_frames_arrive() -> None:
     assert presence.tick(last_seen_ns + 9_000_000_000) == []
 
 
+def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
+    """A camera that a busy computer looks at every 1.7 s."""
+    presence = Presence()
+    events: list[Event] = []
+    for index in range(10):
+        now_ns = index * 1_700_000_000
+        events += presence.update(_seen(now_ns, 1))[1]
+        events += presence.tick(now_ns + 1_650_000_000)
+    # Until it is known how rarely it is looked at, somebody may be given up too early.
+    assert [type(event) for event in events].count(PersonLeft) <= 1
+    assert presence.persons()
+    last_ns = 9 * 1_700_000_000
+    assert presence.tick(last_ns + 4_000_000_000) == []
+    (event,) = presence.tick(last_ns + 4_500_000_000)
+    assert isinstance(event, PersonLeft)
+
+
 def test_a_track_that_returns_is_the_same_person_at_once(register: PeopleRegister) -> None:
     presence = Presence(register)
     _watch(presence, [[7]] * 3 + [[]] * 20)

@@ -220,11 +220,14 @@ RAW = RobotProfile("test", "Test", cameras=(CameraTopic("front", "/camera/image_
 
 def test_raw_pictures_arrive_and_torn_ones_are_one_problem(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.robot.media_link._ADVISE_AFTER_NS", 100_000_000)
+    monkeypatch.setattr("caris_desktop.robot.media_link._HEAVY_MB_PER_S", 0.0)
 
     async def test(bench: LoopBench) -> None:
         kept = Kept()
         bench.link._frames = kept
-        [subscribed] = [each for each in bench.bridge.lines if each.get("op") == "subscribe"]
+        [subscribed] = await bench.until(
+            lambda: [each for each in bench.bridge.lines if each.get("op") == "subscribe"], "the subscription"
+        )
         assert subscribed["type"] == "sensor_msgs/Image"
         image = np.zeros((48, 64, 3), np.uint8)
         image[:, :, 0] = 200  # red, as rgb8

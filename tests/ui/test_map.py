@@ -500,7 +500,7 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
     tell_odometry(console, 5.0, at_ns=now_ns)
     tell_odometry(console, 5.0, at_ns=clock.now_ns())
     panel._refresh()
-    assert ("No map frame: drawn by odometry, which drifts", "hint") in view.chips
+    assert ("No map: drawn by odometry", "hint") in view.chips
     image = view.grab().toImage()
     hit = view.to_view(7.1, 1.0).toPoint()
     near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]

@@ -601,7 +601,7 @@ class MapPanel(Panel):
             if stream.freshness in ("stale", "lost")
         ]
         if self._by_odometry:
-            chips.append(("No map frame: drawn by odometry, which drifts", "hint"))
+            chips.append(("No map: drawn by odometry", "hint"))
         if state.mapping.value.busy:
             chips.append((_BUSY.get(state.mapping.value.busy, "The robot works on its map…"), "hint"))
         if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
