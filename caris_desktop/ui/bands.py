@@ -77,7 +77,9 @@ class GuardBand(Band):
     def __init__(self, theme: Theme, console: WizardIntents) -> None:
         super().__init__(theme, "guard_band", role="amber")
         self.say("Obstacle guard is off. Nothing slows or stops the robot before obstacles.")
-        on = ActionButton(theme, "Switch the guard on", icon="shield-check", height_px=_BUTTON_PX)
+        on = ActionButton(theme, "Switch on", icon="shield-check", height_px=_BUTTON_PX)
+        on.setAccessibleName("Switch the guard on")
+        on.setToolTip("Switch the guard on")
         on.setObjectName("guard_on")
         on.clicked.connect(lambda: console.set_guard(on=True))
         self.row.addWidget(on)

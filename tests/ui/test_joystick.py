@@ -154,6 +154,8 @@ def test_the_guard_is_on_show_and_can_be_switched(window: MainWindow, console: F
     assert button.text() == "Guard"
     qtbot.mouseClick(button, LEFT)
     assert console.calls == [], "one click is a slip"
+    assert reason.property("text") == "Blocked · obstacle 0.1 m away", "what the guard does comes first"
+    console.state.drive.set(dataclasses.replace(drive, guard="clear"))
     assert reason.property("text") == "Hold Guard for a second to switch it off."
     qtbot.mousePress(button, LEFT)
     QTest.keyClick(button, Qt.Key.Key_Escape)
@@ -179,3 +181,6 @@ def test_the_guard_is_labelled_also_where_the_panel_is_low(window: MainWindow, c
     button = find(window, "guard_button")
     assert button.property("text") == "Guard off"
     assert button.width() >= button.sizeHint().width()
+    steps = find(window, "speed_steps")
+    assert not steps.geometry().intersects(button.geometry())
+    assert steps.parentWidget().rect().contains(button.geometry())  # type: ignore[union-attr]

@@ -288,10 +288,10 @@ class DrivePanel(Panel):
             return drive.reason, "amber"
         if self.hold.must_let_go and not self.hold.held:
             return "Let go and press again to drive.", "amber"
-        if self._guard_hint.isActive() and drive.guard != "overridden":
-            return "Hold Guard for a second to switch it off.", "amber"
         if guard:
             return guard, "amber"
+        if self._guard_hint.isActive() and drive.guard != "overridden":
+            return "Hold Guard for a second to switch it off.", "amber"
         if drive.cap_reason:
             return f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
         if self.hold.held or self.hold.wish.moving:
@@ -308,7 +308,9 @@ class DrivePanel(Panel):
         self._guard.setVisible(drive.guard != "absent")
         self._guard.wants_hold = drive.guard != "overridden"
         if drive.guard == "overridden":
-            self._guard.set_label("Guard off", icon="shield-slash", look="amber")
+            # Beside the arrows there is room for the words only.
+            beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
+            self._guard.set_label("Guard off", icon="" if beside else "shield-slash", look="amber")
             self._guard.setAccessibleName("Guard is off")
             self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
         else:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer
-from PySide6.QtGui import QImage, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetrics, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import tokens
@@ -55,7 +55,7 @@ class PhotoThumbnail(QWidget):
 
     def _place(self) -> None:
         picture_px = self._image.height() if self._image is not None else 0
-        metrics = self.fontMetrics()
+        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
         width = max(_PICTURE_PX, metrics.horizontalAdvance(self._line) + 30) + 2 * _EDGE_PX
         height = picture_px + _LINE_PX + _EDGE_PX + (_EDGE_PX if not picture_px else 0)
         self.setGeometry(self._over.width() - width - 12, self._over.height() - height - 12, width, height)
