@@ -177,9 +177,12 @@ class StatusBar(QWidget):
             word = "not reached"
         robot = words.shortened(link.robot, _NAME_CHARACTERS) or "Robot"
         facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
+        icon, whose = _LINK_ICONS[link.state], f"{robot} {word}".strip()
+        if not state.present.live:
+            # Another robot may be driven now, beside this replay.
+            role, icon, whose = "dim" if role == "green" else role, "clock-counter-clockwise", f"{whose} · recorded"
         items["link"].say(
-            f"{robot} {word}".strip(), role, icon=_LINK_ICONS[link.state],
-            tip=f"{link.robot}\n{facts}\nClick for the last minute.".strip(),
+            whose, role, icon=icon, tip=f"{link.robot}\n{facts}\nClick for the last minute.".strip()
         )  # fmt: skip
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None

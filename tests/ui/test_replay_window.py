@@ -180,6 +180,9 @@ def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
         text for text in said if re.search(r"\b(live|connecting|wait\w*|yet|as soon as|getting ready)\b", text, re.I)
     ]
     assert found == []
+    link = past.status_bar.items["link"]
+    assert link.text.endswith(" · recorded"), "another robot may be driven now"
+    assert link.role != "green"
     video.view.show_freshness("fresh")
     video.state.frame.freshness = "fresh"
     video._refresh()
