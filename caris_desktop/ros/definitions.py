@@ -49,7 +49,7 @@ def plain_name(type_: str) -> str:
 @lru_cache(maxsize=1)
 def shipped_definitions() -> dict[str, tuple[FieldType, ...]]:
     """Those that this program knows by itself, by plain name: a service's request, an action's goal as ``...Goal``."""
-    return {name: parse_fields(text) for name, text in _TEXTS.items()}
+    return {name: parse_fields(text) for name, text in DEFINITION_TEXTS.items()}
 
 
 def shipped_definition(type_: str) -> Definition | None:
@@ -92,7 +92,7 @@ def parse_fields(text: str) -> tuple[FieldType, ...]:
     return tuple(fields)
 
 
-_TEXTS = {
+DEFINITION_TEXTS = {
     "std_msgs/Empty": "",
     "std_msgs/Bool": "bool data",
     "std_msgs/Byte": "byte data",

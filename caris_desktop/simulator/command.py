@@ -161,7 +161,9 @@ async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSet
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
     robot = Robot(args.seed, body=dress.body, populated=not args.empty)
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
-    server = BridgeServer(secret=settings.secret, now_s=clock.now_s, log=settings.log, obeyed_log=settings.obeyed_log)
+    server = BridgeServer(
+        dress.dialect, secret=settings.secret, now_s=clock.now_s, log=settings.log, obeyed_log=settings.obeyed_log
+    )
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)
     topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps)

@@ -1,11 +1,16 @@
 """What waits to be sent to one client: bounded, and the newest value wins, so that a slow client blocks nobody."""
 
 import asyncio
+import base64
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
+
+import cv2
+import numpy as np
 
 from caris_desktop.ros import rosbridge
 
@@ -17,17 +22,19 @@ MAX_ANSWERS = 2000
 class Published:
     """One message of a topic, encoded at most once in each format, however many clients take it.
 
-    ``sequence`` counts the messages of its topic from 1.
+    ``sequence`` counts the messages of its topic from 1. Without ``in_cbor`` rosbridge cannot write it as CBOR.
     """
 
-    __slots__ = ("_cbor", "_json", "message", "sequence", "topic")
+    __slots__ = ("_cbor", "_json", "_png", "in_cbor", "message", "sequence", "topic")
 
-    def __init__(self, topic: str, message: dict[str, Any], *, sequence: int = 0) -> None:
+    def __init__(self, topic: str, message: dict[str, Any], *, sequence: int = 0, in_cbor: bool = True) -> None:
         self.topic = topic
         self.message = message
         self.sequence = sequence
+        self.in_cbor = in_cbor
         self._json: str | None = None
         self._cbor: bytes | None = None
+        self._png: str | None = None
 
     @property
     def json(self) -> str:
@@ -40,6 +47,12 @@ class Published:
         if self._cbor is None:
             self._cbor = rosbridge.encode_cbor({"op": "publish", "topic": self.topic, "msg": self.message})
         return self._cbor
+
+    @property
+    def png(self) -> str:
+        if self._png is None:
+            self._png = rosbridge.encode_json({"op": "png", "data": png_of(self.json)})
+        return self._png
 
     def size_bytes(self, piece: str | bytes) -> int:
         """The size of the whole message in the format of ``piece``, without what fragments add."""
@@ -61,8 +74,7 @@ class Subscription:
 
     throttle_s: float = 0.0
     queue_length: int = 0
-    cbor: bool = False
-    fragment_size: int | None = None
+    compression: str = "none"
 
 
 @dataclass(slots=True)
@@ -82,24 +94,25 @@ class _Stream:
         return min(wish.queue_length for wish in self.subscriptions.values())
 
     @property
-    def cbor(self) -> bool:
-        return any(wish.cbor for wish in self.subscriptions.values())
-
-    @property
-    def fragment_size(self) -> int | None:
-        sizes = [wish.fragment_size for wish in self.subscriptions.values() if wish.fragment_size is not None]
-        return min(sizes) if sizes else None
+    def compression(self) -> str:
+        wishes = {wish.compression for wish in self.subscriptions.values()}
+        return next((strongest for strongest in ("cbor-raw", "cbor", "png") if strongest in wishes), "none")
 
 
 class Outbox:
-    """Everything on its way to one client. ``clock`` is the event loop's time."""
+    """Everything on its way to one client. ``clock`` is the event loop's time.
 
-    def __init__(self, clock: Callable[[], float]) -> None:
+    ``fragment_size`` cuts whatever is longer into pieces, as rosbridge does once any operation has named it. Called
+    ``unwritable`` is told the topic of each message that cannot be written as its subscriber wants it.
+    """
+
+    def __init__(self, clock: Callable[[], float], *, unwritable: Callable[[str], None] = lambda _: None) -> None:
+        self.fragment_size: int | None = None
         self._clock = clock
+        self._unwritable = unwritable
         self._answers: deque[str | bytes] = deque()
         self._streams: dict[str, _Stream] = {}
         self._order = itertools.count()
-        self._fragment_ids = itertools.count()
         self._filled = asyncio.Event()
         self.dropped = 0
 
@@ -145,7 +158,8 @@ class Outbox:
         """Queue an operation that must not be lost. False when the client has not taken thousands of them."""
         if len(self._answers) >= MAX_ANSWERS:
             return False
-        self._answers.append(rosbridge.encode_json(operation))
+        text = rosbridge.encode_json(operation)
+        self._answers.extend(self._cut(text, str(operation["id"]) if "id" in operation else 0))
         self._filled.set()
         return True
 
@@ -172,6 +186,14 @@ class Outbox:
         """What to send next and what of, or how long until a throttle lets something through."""
         if self._answers:
             return [self._answers.popleft()], None, None
+        while True:
+            pieces, published, wait_s = self._take_published()
+            if pieces or published is None:
+                return pieces, published, wait_s
+            self._unwritable(published.topic)
+
+    def _take_published(self) -> tuple[list[str | bytes], Published | None, float | None]:
+        """As above; without pieces where the message cannot be written."""
         now_s, wait_s = self._clock(), None
         first: _Stream | None = None
         for stream in self._streams.values():
@@ -190,13 +212,35 @@ class Outbox:
         return self._encoded(first, published), published, None
 
     def _encoded(self, stream: _Stream, published: Published) -> list[str | bytes]:
-        if stream.cbor:
-            return [published.cbor]
-        size = stream.fragment_size
-        if size is None or len(published.json) <= size:
-            return [published.json]
-        message_id = f"{published.topic}:{next(self._fragment_ids)}"
-        return [
-            rosbridge.encode_json(piece)
-            for piece in rosbridge.fragments_of(published.json, message_id=message_id, size=size)
-        ]
+        match stream.compression:
+            case "cbor":
+                # rosbridge fails to cut what is not text, too.
+                whole = published.in_cbor and not self._is_long(published.cbor)
+                return [published.cbor] if whole else []
+            case "cbor-raw":
+                return []
+            case "png":
+                return self._cut(published.png, 0)
+        return self._cut(published.json, 0)
+
+    def _is_long(self, content: str | bytes) -> bool:
+        return self.fragment_size is not None and len(content) > self.fragment_size
+
+    def _cut(self, text: str, message_id: str | int) -> list[str | bytes]:
+        """The messages of topics all have the number 0, as rosbridge numbers them."""
+        if self.fragment_size is None or not self._is_long(text):
+            return [text]
+        pieces = rosbridge.fragments_of(text, message_id=message_id, size=self.fragment_size)
+        return [rosbridge.encode_json(piece) for piece in pieces]
+
+
+def png_of(text: str) -> str:
+    """``text`` as rosbridge packs it for ``compression: png``: the bytes of a picture, padded with line ends."""
+    content = text.encode()
+    width_px = max(1, math.isqrt(len(content) // 3))
+    height_px = math.ceil(len(content) / 3 / width_px)
+    padded = np.frombuffer(content.ljust(width_px * height_px * 3, b"\n"), np.uint8)
+    worked, encoded = cv2.imencode(".png", padded.reshape(height_px, width_px, 3)[..., ::-1])
+    if not worked:
+        raise ValueError("a text could not be packed as a picture")
+    return base64.b64encode(encoded.tobytes()).decode()

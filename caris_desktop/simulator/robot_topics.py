@@ -386,6 +386,7 @@ class RobotTopics:
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
             "panel": self._gadgets.state if self._gadgets is not None else {},
             "orders": self._orders.taken,
+            "refusals": list(self._wiring.server.refusals),
         }
 
 

@@ -7,9 +7,7 @@ from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_t
 from caris_desktop.ros.fields import text
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.robot_clock import RobotClock
-from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service
-
-NODE = "/simulated_robot"
+from caris_desktop.simulator.server import BRIDGE_NODE, ROBOT_NODE, BridgeServer, CallFailed, Message, Service
 
 
 def offer_rosapi(
@@ -29,7 +27,8 @@ def offer_rosapi(
 
     def topics(_: Message) -> Message:
         names = sorted(server.topics)
-        return {"topics": names, "types": [server.topics[name].type for name in names], "typedefs_full_text": []}
+        told = {"topics": names, "types": [server.topics[name].type for name in names]}
+        return told if dialect is Dialect.ROS1 else {**told, "typedefs_full_text": []}
 
     def topic_type(arguments: Message) -> Message:
         topic = server.topics.get(name_in(arguments, "topic"))
@@ -56,31 +55,37 @@ def offer_rosapi(
         return {"services": [name for name, type_ in sorted(all_services().items()) if same_type(type_, wanted)]}
 
     def service_node(arguments: Message) -> Message:
-        return {"node": NODE if name_in(arguments, "service") in server.services else ""}
+        wanted = name_in(arguments, "service")
+        offered = any(wanted in client.services for client in server.clients)
+        return {"node": ROBOT_NODE if wanted in server.services else BRIDGE_NODE if offered else ""}
 
     def nodes(_: Message) -> Message:
-        return {"nodes": [NODE, *sorted(client.name for client in server.clients)]}
+        return {"nodes": [BRIDGE_NODE, ROBOT_NODE]}
 
     def node_details(arguments: Message) -> Message:
         node = name_in(arguments, "node")
-        client = next((client for client in server.clients if client.name == node), None)
+        of_clients = sorted(name for client in server.clients for name in client.services)
         return {
-            "subscribing": sorted(client.outbox.topics) if client else [],
-            "publishing": sorted(name for name, topic in server.topics.items() if node in topic.publishers),
-            "services": sorted(client.services) if client else sorted(server.services) if node == NODE else [],
+            "subscribing": [name for name in sorted(server.topics) if node in listeners(name)],
+            "publishing": [name for name in sorted(server.topics) if node in speakers(name)],
+            "services": sorted(server.services) if node == ROBOT_NODE else of_clients if node == BRIDGE_NODE else [],
         }
 
+    def speakers(name: str) -> list[str]:
+        """All clients are one node to ROS: the bridge."""
+        topic = server.topics.get(name)
+        return sorted({node if node == ROBOT_NODE else BRIDGE_NODE for node in topic.publishers}) if topic else []
+
+    def listeners(name: str) -> list[str]:
+        topic = server.topics.get(name)
+        robot_listens = topic is not None and topic.on_message is not None
+        return [BRIDGE_NODE] * server.has_subscribers(name) + [ROBOT_NODE] * robot_listens
+
     def publishers(arguments: Message) -> Message:
-        topic = server.topics.get(name_in(arguments, "topic"))
-        return {"publishers": sorted(topic.publishers) if topic else []}
+        return {"publishers": speakers(name_in(arguments, "topic"))}
 
     def subscribers(arguments: Message) -> Message:
-        wanted = name_in(arguments, "topic")
-        listeners = {client.name for client in server.clients if client.outbox.takes(wanted)}
-        topic = server.topics.get(wanted)
-        if topic is not None and topic.on_message is not None:
-            listeners.add(NODE)
-        return {"subscribers": sorted(listeners)}
+        return {"subscribers": listeners(name_in(arguments, "topic"))}
 
     def get_time(_: Message) -> Message:
         return {"time": encode_time(dialect, robot_clock.now_ns())}
@@ -102,19 +107,23 @@ def offer_rosapi(
         return {"type": goal.type.removesuffix("Goal") if goal and goal.type.endswith("ActionGoal") else ""}
 
     def message_details(arguments: Message) -> Message:
-        return {"typedefs": typedefs.message_typedefs(dialect, name_in(arguments, "type"))}
+        return {"typedefs": typedefs.message_typedefs(dialect, installed(arguments))}
 
     def service_details(part: int) -> Callable[[Message], Message]:
-        return lambda arguments: {"typedefs": typedefs.service_typedefs(dialect, name_in(arguments, "type"), part)}
+        return lambda arguments: {"typedefs": typedefs.service_typedefs(dialect, installed(arguments), part)}
+
+    def installed(arguments: Message) -> str:
+        kind = name_in(arguments, "type")
+        if not typedefs.is_known(dialect, kind):
+            raise CallFailed(f"Unable to load the manifest for package {kind.partition('/')[0]}")
+        return kind
 
     def get_ros_version(_: Message) -> Message:
         return {"version": dialect.value, "distro": "noetic" if dialect is Dialect.ROS1 else "jazzy"}
 
     def get_param(arguments: Message) -> Message:
         name = name_in(arguments, "name")
-        if name not in server.params:
-            raise CallFailed(f"there is no parameter '{name}'")
-        return {"value": json.dumps(server.params[name]())}
+        return {"value": json.dumps(server.params[name]() if name in server.params else None)}
 
     def has_param(arguments: Message) -> Message:
         return {"exists": name_in(arguments, "name") in server.params}
@@ -132,8 +141,6 @@ def offer_rosapi(
     offer("subscribers", "Subscribers", subscribers)
     offer("get_time", "GetTime", get_time)
     offer("action_servers", "GetActionServers", action_servers)
-    offer("action_type", "ActionType", action_type)
-    offer("get_ros_version", "GetROSVersion", get_ros_version)
     offer("get_param", "GetParam", get_param)
     offer("get_param_names", "GetParamNames", lambda _: {"names": sorted(server.params)})
     offer("has_param", "HasParam", has_param)
@@ -141,6 +148,8 @@ def offer_rosapi(
     offer("service_request_details", "ServiceRequestDetails", service_details(0))
     offer("service_response_details", "ServiceResponseDetails", service_details(1))
     if dialect is Dialect.ROS2:
+        offer("action_type", "ActionType", action_type)
+        offer("get_ros_version", "GetROSVersion", get_ros_version)
         offer("action_goal_details", "ActionGoalDetails", service_details(0))
         offer("action_result_details", "ActionResultDetails", service_details(1))
         offer("action_feedback_details", "ActionFeedbackDetails", service_details(2))

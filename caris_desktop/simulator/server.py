@@ -8,6 +8,7 @@ import os
 import socket
 import ssl
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -18,10 +19,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from caris_desktop.ros.dialect import same_type
-from caris_desktop.ros.fields import MessageError, count, message_of, number, text, text_or_empty
+from caris_desktop.ros.dialect import Dialect, same_type
+from caris_desktop.ros.fields import MessageError, count, message_of, text
 from caris_desktop.ros.fields import field as field_of
-from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json
+from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_json
+from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.outbox import Outbox, Published, Subscription
 from caris_desktop.simulator.security import introduces_itself
 from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
@@ -30,6 +32,8 @@ from caris_desktop.simulator.wire import Wire
 logger = logging.getLogger(__name__)
 
 Message = dict[str, Any]
+ROBOT_NODE = "/simulated_robot"
+BRIDGE_NODE = "/rosbridge_websocket"
 MAX_INCOMING_BYTES = 4 * 1024 * 1024
 _SEND_BUFFER_BYTES = 256 * 1024
 _MAX_NAME_CHARS = 500
@@ -37,6 +41,8 @@ _MAX_SUBSCRIPTIONS = 500
 _MAX_CLIENTS = 64
 _DROP_AFTER_S = 0.05
 _CLIENT_SERVICE_LIMIT_S = 10.0
+_UNREGISTER_AFTER_S = 10.0
+_REFUSALS_KEPT = 100
 
 
 class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not a fault of the program
@@ -47,7 +53,8 @@ class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not 
 class Topic:
     """A topic that somebody publishes or subscribes. ``latched``: late subscribers get the last message.
 
-    ``other_types`` are accepted besides its own.
+    ``other_types`` are accepted besides its own. The robot's own topics stay, with the robot as ``publishers`` or as
+    the one who listens; others last as long as any client has to do with them.
     """
 
     type: str
@@ -57,6 +64,7 @@ class Topic:
     publishers: set[str] = field(default_factory=set)
     on_message: Callable[[Message], None] | None = None
     other_types: tuple[str, ...] = ()
+    robots_own: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +87,13 @@ class Action:
 class Client:
     """One connected client."""
 
-    def __init__(self, number_: int, connection: ServerConnection, clock: Callable[[], float]) -> None:
+    def __init__(self, number_: int, connection: ServerConnection, outbox: Outbox) -> None:
         self.name = f"/rosbridge_client_{number_}"
         self.connection = connection
-        self.outbox = Outbox(clock)
+        self.outbox = outbox
         self.fragments = FragmentAssembler(max_bytes=MAX_INCOMING_BYTES)
         self.services: dict[str, str] = {}
+        self.advertised: set[str] = set()
         self.admitted = False
 
     def abort(self) -> None:
@@ -111,8 +120,13 @@ class _Connection(ServerConnection):
 class BridgeServer:
     """The server. Everything runs in the event loop that :meth:`start` is called in.
 
+    What rosbridge refuses without a word is refused here without a word: ``refusals`` has the newest, for whoever
+    wants to know why nothing happens, as the log of a real one has.
+
     Parameters
     ----------
+    dialect
+        Which ROS it serves: some operations and limits are of one of them only.
     secret
         Clients that do not introduce themselves with it, as rosauth demands, are sent away.
     now_s
@@ -125,12 +139,15 @@ class BridgeServer:
 
     def __init__(
         self,
+        dialect: Dialect = Dialect.ROS1,
         *,
         secret: str | None = None,
         now_s: Callable[[], float] = time.time,
         log: SentLog | None = None,
         obeyed_log: ObeyedLog | None = None,
     ) -> None:
+        self.dialect = dialect
+        self.refusals: deque[str] = deque(maxlen=_REFUSALS_KEPT)
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, Service] = {}
         self.actions: dict[str, Action] = {}
@@ -146,6 +163,7 @@ class BridgeServer:
         self._numbers = itertools.count(1)
         self._forwarded: dict[str, tuple[Client, str | None, str]] = {}
         self._closing: set[asyncio.Task[None]] = set()
+        self._unwritable: set[str] = set()
         self._server: Server | None = None
 
     async def start(self, host: str, port: int, *, tls: ssl.SSLContext | None = None) -> int:
@@ -195,15 +213,19 @@ class BridgeServer:
         """Publish a message of the robot's own, or relay one of a client."""
         topic = self.topics[name]
         topic.sequence += 1
-        published = Published(name, message, sequence=topic.sequence)
+        published = self._published(name, message)
         if topic.latched:
             topic.last = published
         self._later(lambda: self._deliver(published))
 
     def keep(self, name: str, message: Message) -> None:
         """Give late subscribers of a latched topic this message, without publishing it to the present ones."""
+        self.topics[name].last = self._published(name, message)
+
+    def _published(self, name: str, message: Message) -> Published:
         topic = self.topics[name]
-        topic.last = Published(name, message, sequence=topic.sequence)
+        in_cbor = typedefs.cbor_refusal(self.dialect, topic.type, message) is None
+        return Published(name, message, sequence=topic.sequence, in_cbor=in_cbor)
 
     def send_raw(self, contents: Iterable[str | bytes]) -> None:
         """Send every client what is no proper message of the protocol."""
@@ -245,7 +267,8 @@ class BridgeServer:
         if raw is not None:
             # the system's own buffer would hold seconds of old pictures for a slow client
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        client = Client(next(self._numbers), connection, asyncio.get_running_loop().time)
+        outbox = Outbox(asyncio.get_running_loop().time, unwritable=self._note_unwritable)
+        client = Client(next(self._numbers), connection, outbox)
         if self._obeyed_log is not None:
             self._obeyed_log.connected(client.name)
         client.admitted = self._secret is None
@@ -266,8 +289,11 @@ class BridgeServer:
             logger.info("%s: %s", client.name, closed)
         finally:
             self.clients.discard(client)
-            for topic in self.topics.values():
-                topic.publishers.discard(client.name)
+            for name in client.outbox.topics:
+                self._forget_unused(name)
+            for name, topic in self.topics.items():
+                if client.name in topic.publishers:
+                    self._retire(client, name)
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await sender
@@ -294,13 +320,18 @@ class BridgeServer:
                 return
             self._handle(client, operation)
         except (ProtocolError, MessageError) as error:
-            logger.warning("%s: %s", client.name, error)
+            self._note_refusal(f"{client.name}: {error}")
             if not client.admitted:
                 self._send_away(client)
-                return
-            status = {"op": "status", "level": "error", "msg": str(error)}
-            request_id = operation.get("id")
-            self._answer(client, status, request_id if isinstance(request_id, str) else None)
+
+    def _note_refusal(self, refusal: str) -> None:
+        logger.warning("%s", refusal)
+        self.refusals.append(refusal)
+
+    def _note_unwritable(self, name: str) -> None:
+        if name not in self._unwritable:
+            self._unwritable.add(name)
+            self._note_refusal(f"Exception calling subscribe callback: {name} cannot be written as it is asked for")
 
     def _admit_by_secret(self, client: Client, operation: Message) -> None:
         if (
@@ -321,13 +352,11 @@ class BridgeServer:
 
     @staticmethod
     def _decode_bytes(content: bytes) -> Message:
-        # some clients send their JSON in binary frames
-        if content[:1] == b"{":
-            try:
-                return decode_json(content.decode("utf-8"))
-            except UnicodeDecodeError as error:
-                raise ProtocolError(f"the message is not valid UTF-8: {error}") from error
-        return decode_cbor(content)
+        # some clients send their JSON in binary frames; CBOR goes one way only
+        try:
+            return decode_json(content.decode("utf-8"))
+        except UnicodeDecodeError as error:
+            raise ProtocolError(f"the message is not valid UTF-8: {error}") from error
 
     def _handle(self, client: Client, operation: Message) -> None:
         handlers: dict[str, Callable[[Client, Message], None]] = {
@@ -340,44 +369,79 @@ class BridgeServer:
             "advertise_service": self._advertise_service,
             "unadvertise_service": self._unadvertise_service,
             "service_response": self._service_response,
-            "send_action_goal": self._send_action_goal,
-            "cancel_action_goal": self._cancel_action_goal,
             "fragment": self._fragment,
-            "set_level": _ignore,
-            "status": _ignore,
-            "auth": _ignore,
         }
+        if self.dialect is Dialect.ROS2:
+            handlers["send_action_goal"] = self._send_action_goal
+            handlers["cancel_action_goal"] = self._cancel_action_goal
         name = operation["op"]
         if name not in handlers:
-            raise ProtocolError(f"unknown operation '{name[:100]}'")
+            raise ProtocolError(f"Unknown operation: {name[:100]}. Allowed operations: {list(handlers)}")
+        if "fragment_size" in operation:
+            # whatever operation it comes with, it is for everything that this client is sent
+            size = operation["fragment_size"]
+            client.outbox.fragment_size = max(1, size) if isinstance(size, int) else None
         handlers[name](client, operation)
 
-    def _topic(self, name: str, type_: str) -> Topic:
+    def _topic(self, name: str, type_: str | None) -> Topic:
         """The topic, which comes to be with its first use; like rosbridge, another type than its own is refused."""
-        topic = self.topics.setdefault(name, Topic(type_))
-        topic.type = topic.type or type_
-        if type_ and not same_type(topic.type, type_) and type_ not in topic.other_types:
+        topic = self.topics.get(name)
+        if type_ is None and topic is None:
+            raise ProtocolError(f"Cannot infer topic type for topic {name} as it is not yet advertised")
+        if type_ is not None and not typedefs.is_known(self.dialect, type_):
+            known = topic is not None and (same_type(topic.type, type_) or type_ in topic.other_types)
+            if not known:
+                raise ProtocolError(f"Unable to load the manifest for package {type_.partition('/')[0]}")
+        if topic is None:
+            topic = self.topics[name] = Topic(type_ or "", robots_own=False)
+        if type_ is not None and not same_type(topic.type, type_) and type_ not in topic.other_types:
             raise ProtocolError(
                 f"Tried to register topic {name} with type {type_} but it is already established with type {topic.type}"
             )
         return topic
 
+    def _retire(self, client: Client, name: str) -> None:
+        """A client publishes here no more; rosbridge keeps its publisher for a while."""
+
+        def forget() -> None:
+            topic = self.topics.get(name)
+            if topic is not None and client.name in topic.publishers and name not in client.advertised:
+                topic.publishers.discard(client.name)
+                self._forget_unused(name)
+
+        client.advertised.discard(name)
+        asyncio.get_running_loop().call_later(_UNREGISTER_AFTER_S, forget)
+
+    def _forget_unused(self, name: str) -> None:
+        topic = self.topics.get(name)
+        if topic is None or topic.robots_own or topic.publishers or self.has_subscribers(name):
+            return
+        del self.topics[name]
+
     def _advertise(self, client: Client, operation: Message) -> None:
         name = _name(operation, "topic")
-        topic = self._topic(name, text_or_empty(operation, "type", "advertise"))
+        topic = self._topic(name, text(operation, "type", "advertise"))
+        # who advertises first decides whether it is latched; later ones are only warned
+        topic.latched = topic.latched or (operation.get("latch") is True and not topic.publishers)
         topic.publishers.add(client.name)
-        topic.latched = topic.latched or operation.get("latch") is True
+        client.advertised.add(name)
 
     def _unadvertise(self, client: Client, operation: Message) -> None:
-        topic = self.topics.get(_name(operation, "topic"))
-        if topic is not None:
-            topic.publishers.discard(client.name)
+        name = _name(operation, "topic")
+        if name in client.advertised:
+            self._retire(client, name)
 
     def _publish(self, client: Client, operation: Message) -> None:
         name = _name(operation, "topic")
-        message = message_of(operation.get("msg", {}), "msg")
-        topic = self._topic(name, text_or_empty(operation, "type", "publish"))
+        topic = self._topic(name, None)
         topic.publishers.add(client.name)
+        client.advertised.add(name)
+        message = message_of(operation.get("msg", {}), "msg")
+        if not topic.other_types and typedefs.is_known(self.dialect, topic.type):
+            problem = typedefs.misfit(self.dialect, topic.type, message)
+            if problem is not None:
+                raise MessageError(f"{name}: {problem}")
+            message = typedefs.filled(self.dialect, topic.type, message)
         if topic.on_message is not None:
             topic.on_message(message)
             if self._obeyed_log is not None:
@@ -389,52 +453,67 @@ class BridgeServer:
         what = "subscribe"
         if not client.outbox.takes(name) and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
             raise ProtocolError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
-        throttle_ms = number(operation, "throttle_rate", what) if operation.get("throttle_rate") is not None else 0.0
-        fragment_size = None
-        if operation.get("fragment_size") is not None:
-            fragment_size = max(200, count(operation, "fragment_size", what, most=2**31))
+        for key in ("throttle_rate", "fragment_size", "queue_length"):
+            # a whole number, or nothing at all: neither 200.0 nor null
+            if key in operation and not isinstance(operation[key], int):
+                raise ProtocolError(
+                    f"Expected field {key} to be one of (<class 'int'>,). Invalid value: {operation[key]}"
+                )
+        compression = text(operation, "compression", what) if "compression" in operation else "none"
         subscription = Subscription(
-            throttle_s=max(0.0, throttle_ms / 1000.0),
-            queue_length=(
-                count(operation, "queue_length", what, most=1_000_000)
-                if operation.get("queue_length") is not None
-                else 0
-            ),
-            cbor=operation.get("compression") in ("cbor", "cbor-raw"),
-            fragment_size=fragment_size,
+            throttle_s=max(0.0, operation.get("throttle_rate", 0) / 1000.0),
+            queue_length=count(operation, "queue_length", what, most=1_000_000) if "queue_length" in operation else 0,
+            compression=compression,
         )
-        topic = self._topic(name, text_or_empty(operation, "type", what))
-        client.outbox.subscribe(name, text_or_empty(operation, "id", what), subscription)
+        type_ = text(operation, "type", what) if "type" in operation else None
+        topic = self._topic(
+            name, topic.type if compression == "cbor-raw" and (topic := self.topics.get(name)) else type_
+        )
+        client.outbox.subscribe(name, str(operation.get("id")), subscription)
         if topic.latched and topic.last is not None:
             last = topic.last
             self._later(lambda: client.outbox.put(last))
 
     def _unsubscribe(self, client: Client, operation: Message) -> None:
-        key = operation.get("id")
-        client.outbox.unsubscribe(_name(operation, "topic"), key if isinstance(key, str) else None)
+        name, key = _name(operation, "topic"), operation.get("id")
+        client.outbox.unsubscribe(name, None if key is None else str(key))
+        self._forget_unused(name)
 
     def _call_service(self, client: Client, operation: Message) -> None:
         name = _name(operation, "service")
         request_id = _id(operation)
         response: Message = {"op": "service_response", "service": name}
         arguments = operation.get("args", {})
-        if isinstance(arguments, list) and not arguments:
-            arguments = {}
         provider = next((other for other in self.clients if name in other.services), None)
         if name not in self.services and provider is not None:
             self._forward(client, provider, name, arguments, request_id)
             return
+        values: Any
+        succeeded = False
         try:
-            values: Any = self._service(name).call(message_of(arguments, "args"))
+            values = self._call(name, arguments)
             succeeded = True
-        except (CallFailed, MessageError) as error:
-            values, succeeded = str(error), False
+        except MessageError as error:
+            values = str(error)
+        except CallFailed as error:
+            values = str(error)
+            if self.dialect is Dialect.ROS1:
+                values = f"service [{name}] responded with an error: b'error processing request: {error}'"
         self._answer(client, {**response, "values": values, "result": succeeded}, request_id)
 
-    def _service(self, name: str) -> Service:
-        if name not in self.services:
-            raise CallFailed(f"Service {name} does not exist")
-        return self.services[name]
+    def _call(self, name: str, arguments: Any) -> Message:
+        """Raises MessageError for what rosbridge itself refuses, and CallFailed as the service does."""
+        service = self.services.get(name)
+        if service is None:
+            raise MessageError(f"Service {name} does not exist")
+        if isinstance(arguments, list):
+            # in the order of the fields
+            arguments = dict(zip(typedefs.field_names(self.dialect, service.type), arguments, strict=False))
+        arguments = arguments if isinstance(arguments, dict) else {}
+        problem = typedefs.misfit(self.dialect, service.type, arguments)
+        if problem is not None:
+            raise MessageError(problem)
+        return service.call(arguments)
 
     def _forward(self, caller: Client, provider: Client, name: str, arguments: Any, request_id: str | None) -> None:
         forwarded_id = f"forwarded:{name}:{next(self._numbers)}"
@@ -449,7 +528,10 @@ class BridgeServer:
         asyncio.get_running_loop().call_later(_CLIENT_SERVICE_LIMIT_S, give_up)
 
     def _advertise_service(self, client: Client, operation: Message) -> None:
-        client.services[_name(operation, "service")] = text_or_empty(operation, "type", "advertise_service")
+        name, type_ = _name(operation, "service"), text(operation, "type", "advertise_service")
+        if not typedefs.is_known(self.dialect, type_):
+            raise ProtocolError(f"Unable to load the manifest for package {type_.partition('/')[0]}")
+        client.services[name] = type_
 
     def _unadvertise_service(self, client: Client, operation: Message) -> None:
         client.services.pop(_name(operation, "service"), None)
@@ -493,15 +575,14 @@ class BridgeServer:
         action.cancel(_id(operation) or "")
 
     def _fragment(self, client: Client, operation: Message) -> None:
+        if not isinstance(operation.get("total"), int):
+            # it counts to the total, which it never is then
+            raise ProtocolError("error while trying to append a fragment: its total is not a whole number")
         whole = client.fragments.add(operation)
         if whole is not None:
             if whole["op"] == "fragment":
                 raise ProtocolError("a fragment must not hold fragments")
             self._handle(client, whole)
-
-
-def _ignore(_: Client, __: Message) -> None:
-    """Operations that a real server takes without any effect that a client could see."""
 
 
 def _name(operation: Message, kind: str) -> str:

@@ -5,12 +5,13 @@ ROS 1 and ROS 2 have both.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from caris_desktop.ros.definitions import DEFINITION_TEXTS
 from caris_desktop.ros.dialect import Dialect
 
 _PRIMITIVES = frozenset(("bool", "byte", "char", "string", "float32", "float64", "time", "duration")) | {
@@ -19,52 +20,7 @@ _PRIMITIVES = frozenset(("bool", "byte", "char", "string", "float32", "float64",
 _LINE = re.compile(r"(?P<type>[A-Za-z][\w/]*)(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>\w+)(?:\s*=\s*(?P<value>.*))?")
 
 _BOTH = {
-    "std_msgs/Bool": "bool data",
-    "std_msgs/String": "string data",
-    "std_msgs/Float32": "float32 data",
-    "std_msgs/Empty": "",
-    "std_msgs/ColorRGBA": "float32 r; float32 g; float32 b; float32 a",
-    "geometry_msgs/Vector3": "float64 x; float64 y; float64 z",
-    "geometry_msgs/Point": "float64 x; float64 y; float64 z",
-    "geometry_msgs/Quaternion": "float64 x; float64 y; float64 z; float64 w",
-    "geometry_msgs/Pose": "geometry_msgs/Point position; geometry_msgs/Quaternion orientation",
-    "geometry_msgs/Pose2D": "float64 x; float64 y; float64 theta",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header; geometry_msgs/Pose pose",
-    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose; float64[36] covariance",
-    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header; geometry_msgs/PoseWithCovariance pose",
-    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular",
-    "geometry_msgs/TwistStamped": "std_msgs/Header header; geometry_msgs/Twist twist",
-    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist; float64[36] covariance",
-    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation",
-    "geometry_msgs/TransformStamped": (
-        "std_msgs/Header header; string child_frame_id; geometry_msgs/Transform transform"
-    ),
-    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "nav_msgs/Path": "std_msgs/Header header; geometry_msgs/PoseStamped[] poses",
-    "nav_msgs/Odometry": (
-        "std_msgs/Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose; "
-        "geometry_msgs/TwistWithCovariance twist"
-    ),
-    "nav_msgs/OccupancyGrid": "std_msgs/Header header; nav_msgs/MapMetaData info; int8[] data",
-    "map_msgs/OccupancyGridUpdate": (
-        "std_msgs/Header header; int32 x; int32 y; uint32 width; uint32 height; int8[] data"
-    ),
-    "sensor_msgs/LaserScan": (
-        "std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; "
-        "float32 time_increment; float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; "
-        "float32[] intensities"
-    ),
-    "sensor_msgs/CompressedImage": "std_msgs/Header header; string format; uint8[] data",
-    "sensor_msgs/RegionOfInterest": ("uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify"),
-    "sensor_msgs/JointState": (
-        "std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort"
-    ),
-    "trajectory_msgs/JointTrajectory": (
-        "std_msgs/Header header; string[] joint_names; trajectory_msgs/JointTrajectoryPoint[] points"
-    ),
-    "naoqi_bridge_msgs/JointAnglesWithSpeed": (
-        "std_msgs/Header header; string[] joint_names; float32[] joint_angles; float32 speed; uint8 relative"
-    ),
+    **DEFINITION_TEXTS,
     "dynamic_reconfigure/BoolParameter": "string name; bool value",
     "dynamic_reconfigure/IntParameter": "string name; int32 value",
     "dynamic_reconfigure/StrParameter": "string name; string value",
@@ -115,30 +71,11 @@ _BOTH = {
 }
 
 _ROS1 = {
-    "std_msgs/Header": "uint32 seq; time stamp; string frame_id",
-    "rosgraph_msgs/Clock": "time clock",
-    "nav_msgs/MapMetaData": (
-        "time map_load_time; float32 resolution; uint32 width; uint32 height; geometry_msgs/Pose origin"
-    ),
-    "sensor_msgs/CameraInfo": (
-        "std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; "
-        "float64[9] R; float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi"
-    ),
-    "sensor_msgs/BatteryState": (
-        "std_msgs/Header header; float32 voltage; float32 current; float32 charge; float32 capacity; "
-        "float32 design_capacity; float32 percentage; uint8 power_supply_status; uint8 power_supply_health; "
-        "uint8 power_supply_technology; bool present; float32[] cell_voltage; string location; string serial_number"
-    ),
-    "trajectory_msgs/JointTrajectoryPoint": (
-        "float64[] positions; float64[] velocities; float64[] accelerations; float64[] effort; duration time_from_start"
-    ),
-    "actionlib_msgs/GoalID": "time stamp; string id",
     "actionlib_msgs/GoalStatus": (
         "uint8 PENDING=0; uint8 ACTIVE=1; uint8 PREEMPTED=2; uint8 SUCCEEDED=3; uint8 ABORTED=4; uint8 REJECTED=5; "
         "uint8 PREEMPTING=6; uint8 RECALLING=7; uint8 RECALLED=8; uint8 LOST=9; actionlib_msgs/GoalID goal_id; "
         "uint8 status; string text"
     ),
-    "actionlib_msgs/GoalStatusArray": "std_msgs/Header header; actionlib_msgs/GoalStatus[] status_list",
     "move_base_msgs/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
     "move_base_msgs/MoveBaseFeedback": "geometry_msgs/PoseStamped base_position",
     "move_base_msgs/MoveBaseResult": "",
@@ -146,18 +83,12 @@ _ROS1 = {
         "string section; string key; string lang_id; pal_interaction_msgs/I18nArgument[] arguments"
     ),
     "pal_interaction_msgs/I18nArgument": "string section; string key; string expanded",
-    "pal_interaction_msgs/TtsText": "string text; string lang_id",
     "pal_interaction_msgs/TtsMark": "string type; string name",
-    "pal_interaction_msgs/TtsGoal": (
-        "pal_interaction_msgs/I18nText text; pal_interaction_msgs/TtsText rawtext; string speakerName; "
-        "float64 wait_before_speaking"
-    ),
     "pal_interaction_msgs/TtsFeedback": (
         "uint16 TTS_EVENT_INITIALIZED_ENGINE=1; uint16 event_type; time timestamp; string text_said; string next_word; "
         "string viseme_id; pal_interaction_msgs/TtsMark marks"
     ),
     "pal_interaction_msgs/TtsResult": "string text; string msg",
-    "play_motion_msgs/PlayMotionGoal": "string motion_name; bool skip_planning; int32 priority",
     "play_motion_msgs/PlayMotionFeedback": "",
     "play_motion_msgs/PlayMotionResult": "int32 error_code; string error_string",
     "naoqi_bridge_msgs/BodyPoseWithSpeedGoal": "string posture_name; float32 speed",
@@ -188,12 +119,12 @@ _ROS2 = {
         "builtin_interfaces/Time map_load_time; float32 resolution; uint32 width; uint32 height; "
         "geometry_msgs/Pose origin"
     ),
-    "sensor_msgs/CameraInfo": _ROS1["sensor_msgs/CameraInfo"]
+    "sensor_msgs/CameraInfo": DEFINITION_TEXTS["sensor_msgs/CameraInfo"]
     .replace("[] D", "[] d")
     .replace("[9] K", "[9] k")
     .replace("[9] R", "[9] r")
     .replace("[12] P", "[12] p"),
-    "sensor_msgs/BatteryState": _ROS1["sensor_msgs/BatteryState"].replace(
+    "sensor_msgs/BatteryState": DEFINITION_TEXTS["sensor_msgs/BatteryState"].replace(
         "float32 current", "float32 temperature; float32 current"
     ),
     "trajectory_msgs/JointTrajectoryPoint": (
@@ -240,6 +171,61 @@ def misfit(dialect: Dialect, type_: str, message: Any, *, part: int = 0) -> str 
     definition = _definition(dialect, _plain(type_))
     parts = definition.split("---") if definition is not None else []
     return _misfit(dialect, _plain(type_), parts[part], message, "") if part < len(parts) else None
+
+
+def cbor_refusal(dialect: Dialect, type_: str, message: dict[str, Any]) -> str | None:
+    """Why rosbridge cannot write ``message`` as CBOR, as it fails itself; None where it can.
+
+    Its encoder knows lists of numbers by names such as ``float64[]``. What has another name is taken for a message or a
+    list of messages: a list of fixed length, in ROS 1 also one of texts and times with anything in it.
+    """
+    definition = _definition(dialect, _plain(type_))
+    for entry in _fields(definition or ""):
+        if entry.value is not None:
+            continue
+        values = message.get(entry.name)
+        if entry.length < 0:
+            items: Sequence[Any] = [values if isinstance(values, dict) else {}]
+        else:
+            items = values if isinstance(values, (list, tuple)) else []
+        if entry.type not in _PRIMITIVES:
+            found = (cbor_refusal(dialect, entry.type, item) for item in items if isinstance(item, dict))
+            problem = next((refusal for refusal in found if refusal is not None), None)
+            if problem is not None:
+                return problem
+        elif entry.length > 0 or (entry.length == 0 and len(items) > 0 and _is_no_list_of_cbor(dialect, entry.type)):
+            return f"{type_}: {entry.name} is a {entry.type}[{entry.length or ''}], and an item of it has no __slots__"
+    return None
+
+
+def _is_no_list_of_cbor(dialect: Dialect, type_: str) -> bool:
+    return dialect is Dialect.ROS1 and type_ in ("string", "time", "duration")
+
+
+def is_known(dialect: Dialect, type_: str) -> bool:
+    """Whether the robot has this type installed."""
+    return _definition(dialect, _plain(type_)) is not None
+
+
+def field_names(dialect: Dialect, type_: str, *, part: int = 0) -> list[str]:
+    """The names of the fields in their order; empty where the type is not known."""
+    parts = (_definition(dialect, _plain(type_)) or "").split("---")
+    return [entry.name for entry in _fields(parts[part]) if entry.value is None] if part < len(parts) else []
+
+
+def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
+    """``message`` as ROS passes it on: with zeros in the fields that were left out."""
+    whole = blank(dialect, type_)
+    for name, value in message.items():
+        inside = whole.get(name)
+        entry = next((one for one in _fields(_definition(dialect, _plain(type_)) or "") if one.name == name), None)
+        nested = isinstance(inside, dict) and isinstance(value, dict) and entry is not None
+        whole[name] = (
+            filled(dialect, entry.type, value)
+            if nested and entry is not None and entry.type not in _PRIMITIVES
+            else value
+        )
+    return whole
 
 
 def blank(dialect: Dialect, type_: str, *, part: int = 0) -> dict[str, Any]:
@@ -294,8 +280,8 @@ def _misfit_of_one(dialect: Dialect, type_: str, value: Any, where: str) -> str 
     elif type_ == "string":
         fits = isinstance(value, str)
     elif type_.startswith("float"):
-        # JSON has no infinity: rosbridge takes null for it
-        fits = value is None or (isinstance(value, (int, float, np.number)) and not isinstance(value, bool))
+        # rosbridge writes infinity as null, and takes no null back
+        fits = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     elif type_ in _PRIMITIVES:
         fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     else:

@@ -5,13 +5,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.fields import MessageError
-from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
-from caris_desktop.simulator.server import BridgeServer, CallFailed, Message, Service, Topic
+from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Service, Topic
 
 _WRONG_FRAME = "nowhere"
 
@@ -40,7 +38,7 @@ class Wiring:
     def publishes(self, name: str, package: str, kind: str, *, latched: bool = False) -> str:
         """Offer a topic that the robot publishes, and return its name on the wire."""
         absolute = self.dress.absolute(name)
-        self.server.topics[absolute] = Topic(type_name(self.dialect, package, kind), latched)
+        self.server.topics[absolute] = Topic(type_name(self.dialect, package, kind), latched, publishers={ROBOT_NODE})
         return absolute
 
     def obeys(
@@ -54,26 +52,11 @@ class Wiring:
     ) -> None:
         """Offer a topic that the robot listens to. What its type does not allow is refused as rosbridge does it."""
         type_ = type_name(self.dialect, package, kind)
-
-        def checked(message: Message) -> None:
-            problem = typedefs.misfit(self.dialect, type_, message) if not other_types else None
-            if problem is not None:
-                raise MessageError(f"{name}: {problem}")
-            on_message(message)
-
-        self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=checked, other_types=other_types)
+        self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=on_message, other_types=other_types)
 
     def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
         """Offer a service. What its type does not allow is refused as rosbridge does it."""
-        type_ = service_type_name(self.dialect, package, kind)
-
-        def checked(arguments: Message) -> Message:
-            problem = typedefs.misfit(self.dialect, type_, arguments)
-            if problem is not None:
-                raise CallFailed(problem)
-            return call(arguments)
-
-        self.server.services[self.dress.absolute(name)] = Service(type_, checked)
+        self.server.services[self.dress.absolute(name)] = Service(service_type_name(self.dialect, package, kind), call)
 
     def wanted(self, name: str) -> bool:
         """Whether anybody takes this topic, by its name on the wire."""

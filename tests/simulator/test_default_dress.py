@@ -164,7 +164,7 @@ def test_the_head_turns_and_the_picture_with_it(robot: SimulatedRobot, client: R
     assert np.abs(picture() - straight).mean() < 3
     message = {"joint_names": ["arm_1_joint"], "points": [{"positions": [0.0]}]}
     client.publish("/head_controller/command", message)
-    client.wait_for_operation(lambda operation: operation["op"] == "status", "there is no such joint")
+    wait_for(lambda: "arm_1_joint" in str(client.call("/simulator/state")["refusals"]), "there is no such joint")
 
 
 def test_a_pose_graph_is_saved_loaded_and_mapping_really_pauses(
@@ -254,7 +254,6 @@ def test_rosapi_tells_the_fields_of_every_type_that_is_offered(robot: SimulatedR
     assert client.call("/rosapi/service_request_details", type=kind)["typedefs"][0]["fieldnames"] == ["data"]
     response = client.call("/rosapi/service_response_details", type=kind)["typedefs"][0]
     assert response["fieldnames"] == ["success", "message"]
-    assert client.call("/rosapi/message_details", type="no_msgs/Such")["typedefs"] == []
     servers = client.call("/rosapi/action_servers")["action_servers"]
     assert servers == (["/move_base"] if robot.ros == 1 else ["/navigate_to_pose"])
 
@@ -262,8 +261,8 @@ def test_rosapi_tells_the_fields_of_every_type_that_is_offered(robot: SimulatedR
 @only_once
 def test_a_topic_of_another_type_is_refused(client: RosbridgeClient) -> None:
     client.send(op="advertise", topic="/cmd_vel", type="std_msgs/String")
-    status = client.wait_for_operation(lambda operation: operation["op"] == "status", "a status")
-    assert "already established with type" in status["msg"]
+    assert "already established with type" in client.call("/simulator/state")["refusals"][-1]
+    assert client.call("/rosapi/topic_type", topic="/cmd_vel")["type"] == "geometry_msgs/Twist"
 
 
 @only_once
