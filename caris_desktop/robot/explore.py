@@ -26,6 +26,7 @@ from caris_desktop.robot.preflight import (
     republish_advice,
     services_of,
     take_inventory,
+    what_rosapi_said,
 )
 from caris_desktop.robot.profile import (
     RobotProfile,
@@ -57,11 +58,6 @@ _OF_INTEREST = (
     "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/Image", "sensor_msgs/BatteryState",
     "nav_msgs/Odometry", "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
 )  # fmt: skip
-_NO_ROSAPI = (
-    "The robot does not tell what it has: rosapi does not answer.",
-    "No mapping can be proposed.",
-    "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by hand.",
-)
 
 StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
 
@@ -164,7 +160,7 @@ async def explore_robot(
                 offer = await _with_what_is_heard(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
-            raise ExploreError(*_NO_ROSAPI) from error
+            raise _no_rosapi(error) from error
     return Exploration(address, offer, propose(offer, namespace=namespace), _resemblances(offer))
 
 
@@ -229,7 +225,7 @@ async def check_streams(
                 inventory = await take_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
-            raise ExploreError(*_NO_ROSAPI) from error
+            raise _no_rosapi(error) from error
         if inventory.dialect not in (None, Dialect(profile.ros)):
             what = f"The robot runs ROS {3 - profile.ros}, but the profile says ROS {profile.ros}."
             raise ExploreError(what, "Nothing of it can be listened to.", f"Write 'ros: {3 - profile.ros}' instead.")
@@ -284,6 +280,15 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
         yield ros
     finally:
         await ros.aclose(_GOODBYE_S)
+
+
+def _no_rosapi(error: Exception) -> ExploreError:
+    return ExploreError(
+        f"The robot does not tell what it has: {what_rosapi_said(error)}",
+        "No mapping can be proposed.",
+        "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by "
+        "hand.",
+    )
 
 
 async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:

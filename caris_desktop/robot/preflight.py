@@ -14,10 +14,7 @@ from caris_desktop.ros.dialect import Dialect, same_type, type_name
 _GOODBYE_S = 0.3
 _LEAST_PICTURES_HZ = 3.0
 _CONTROL = "Control "
-NO_ROSAPI = (
-    "The robot does not tell which topics it has (rosapi does not answer). "
-    "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
-)
+_SAID_AT_MOST = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +83,14 @@ async def take_inventory(ros: SafeRos) -> RobotInventory:
         frozenset(_absolute(name) for name in _texts(services.get("services"))),
         actions,
     )
+
+
+def what_rosapi_said(error: Exception) -> str:
+    """A sentence: that it did not answer, or its own words."""
+    said = error.said.strip() if isinstance(error, ServiceCallError) else ""
+    if not said:
+        return "rosapi does not answer."
+    return f"rosbridge says “{said if len(said) <= _SAID_AT_MOST else said[:_SAID_AT_MOST] + '…'}”."
 
 
 async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
@@ -317,9 +322,12 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
             if what:
                 return [f"{what} {advice}".strip()]
             return missing_from(profile, await take_inventory(ros))
-    except (TimeoutError, ServiceCallError):
+    except (TimeoutError, ServiceCallError) as error:
         if probe.outcome.done():
-            return [NO_ROSAPI]
+            return [
+                f"The robot does not tell which topics it has: {what_rosapi_said(error)} "
+                "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
+            ]
         return [f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s."]
     finally:
         await ros.aclose(_GOODBYE_S)

@@ -63,6 +63,7 @@ _STANDING = {"subscribe", "advertise", "advertise_service"}
 _ENDING = {"unsubscribe": "subscribe", "unadvertise": "advertise", "unadvertise_service": "advertise_service"}
 _HEAD_BYTES = 400
 _TAIL_BYTES = 400
+_LONGEST_REASON = 500
 _JSON_PUBLISH = re.compile(rb'"op"\s*:\s*"publish"')
 _JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
 _JSON_ANSWER = re.compile(rb'"op"\s*:\s*"service_response"')
@@ -116,7 +117,17 @@ class LinkObserver(Protocol):
 
 
 class ServiceCallError(Exception):
-    """A service call failed, timed out, or the link was lost under it."""
+    """A service call failed, timed out, or the link was lost under it. ``said`` is what the robot answered."""
+
+    def __init__(self, text: str, said: str = "") -> None:
+        super().__init__(text)
+        self.said = said
+
+
+class NoAnswer(str):
+    """Why a call has failed without the robot having answered."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +256,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
 
     def _time_out(self, request_id: str, waited_s: float) -> None:
         _, errback = self._pending_service_requests.pop(request_id, (None, None))
-        self.factory.run_safely(errback, f"no answer within {waited_s:g} s")
+        self.factory.run_safely(errback, NoAnswer(f"no answer within {waited_s:g} s"))
 
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
@@ -285,6 +296,11 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         levels = {"error": logging.ERROR, "warning": logging.WARNING}
         level = levels.get(str(message.get("level")), logging.INFO)
         logger.log(level, "rosbridge says: %.500s", message.get("msg"))
+        if level == logging.ERROR:
+            # Some servers answer a call that they cannot carry out in this way only.
+            request_id = str(message.get("id"))
+            _, errback = self._pending_service_requests.pop(request_id, (None, None))
+            self.factory.run_safely(errback, str(message.get("msg"))[:_LONGEST_REASON])
 
     def _handle_fragment(self, message: Operation) -> None:
         whole = self._fragments.add(message)
@@ -704,7 +720,7 @@ class SafeFactory:
             self.refuse(f"a message of more than {self.sizes.frame_bytes / 2**20:.0f} MB, which ended the connection")
         self._left_open = [wire for wire in (*self._left_open, proto.wire) if wire.left_open]
         self._established.clear()
-        proto.fail_everything("the link to the robot was lost")
+        proto.fail_everything(NoAnswer("the link to the robot was lost"))
         self.emit("close", proto)
         self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
@@ -813,7 +829,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         protocol = self.factory.protocol
         if protocol is None:
             self.factory.dropped += 1
-            self.factory.run_safely(errback, "the robot is not connected")
+            self.factory.run_safely(errback, NoAnswer("the robot is not connected"))
         else:
             protocol.send_ros_service_request(message, callback, errback, timeout_s)
 
@@ -856,7 +872,10 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
             if not answer.done():
                 logger.debug("%s (%s) failed: %s", service, service_type, reason)
                 large = isinstance(reason, LargeAnswer)
-                error = AnswerTooLargeError(service, reason) if large else ServiceCallError(f"{service}: {reason}")
+                said = "" if isinstance(reason, NoAnswer) else str(reason)
+                error = (
+                    AnswerTooLargeError(service, reason) if large else ServiceCallError(f"{service}: {reason}", said)
+                )
                 answer.set_exception(error)
 
         operation: Operation = {

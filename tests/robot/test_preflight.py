@@ -1,10 +1,18 @@
 """What a profile names, compared with what a robot has."""
 
+import asyncio
+import json
 from dataclasses import replace
+from typing import Any
 
-from caris_desktop.robot.preflight import RobotInventory, missing_from, named_in, services_of
-from caris_desktop.robot.profile import CameraTopic, load_profile, parse_profile, shipped_profiles
+import pytest
+
+from caris_desktop.robot.explore import ExploreError, explore_robot
+from caris_desktop.robot.preflight import LinkProbe, RobotInventory, check, missing_from, named_in, services_of
+from caris_desktop.robot.profile import CameraTopic, RobotProfile, load_profile, parse_profile, shipped_profiles
+from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
+from tests.robot.loop_bench import Bridge
 
 TIAGO = load_profile("tiago")
 TOPICS = {named.topic: named.types[0] for named in named_in(TIAGO)} | {
@@ -108,3 +116,55 @@ def test_every_name_of_every_shipped_profile_is_looked_for() -> None:
     profile = parse_profile(text, file_name="x", name="x")
     assert [named.topic for named in named_in(profile)] == ["/a", "/e", "/f", "/g", "/b"]
     assert [service for _field, _label, service in services_of(profile)] == ["/c", "/d"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        ("Service /rosapi/topics does not exist", "rosbridge says “Service /rosapi/topics does not exist”."),
+        ("x" * 5000, "rosbridge says “" + "x" * 300 + "…”."),
+        (None, "rosapi does not answer."),
+    ],
+)
+def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
+    async def ask(bridge: Bridge) -> tuple[list[str], str]:
+        await bridge.open()
+        bridge.answers = {"/rosapi/topics": lambda _: answer, "/rosapi/services": {"services": []}}
+        address = f"ws://127.0.0.1:{bridge.port}"
+        try:
+            checked = await check(RobotProfile("test", "Test"), address, 1.0)
+            with pytest.raises(ExploreError) as raised:
+                await explore_robot(address, timeout_s=1.0)
+        finally:
+            await bridge.close()
+        return checked, raised.value.what
+
+    [line], what = asyncio.run(ask(Bridge()))
+    assert line.startswith(f"The robot does not tell which topics it has: {told}")
+    assert what == f"The robot does not tell what it has: {told}"
+
+
+def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: pytest.LogCaptureFixture) -> None:
+    async def ask(bridge: Bridge) -> str:
+        async def react(operation: dict[str, Any]) -> None:
+            if operation["op"] == "call_service":
+                words = "the type is not installed"
+                await bridge.send(json.dumps({"op": "status", "level": "error", "id": operation["id"], "msg": words}))
+
+        bridge.on_operation = react
+        bridge.answers["/rosapi/topics"] = lambda _: None
+        await bridge.open()
+        probe = LinkProbe()
+        ros = SafeRos(f"ws://127.0.0.1:{bridge.port}", probe, service_timeout_s=20.0)
+        ros.connect()
+        try:
+            assert await probe.outcome == ("", "")
+            with pytest.raises(ServiceCallError) as raised:
+                await ros.ask("/rosapi/topics", "rosapi/Topics")
+        finally:
+            await ros.aclose(0.3)
+            await bridge.close()
+        return raised.value.said
+
+    assert asyncio.run(ask(Bridge())) == "the type is not installed"
+    assert "rosbridge says: the type is not installed" in caplog.text
