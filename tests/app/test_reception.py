@@ -1,0 +1,80 @@
+"""A robot that tells each thing once: whatever the order and the stalls, the console has all of it in the end."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app import composition
+from caris_desktop.live.console import Console
+from caris_desktop.live.state import LiveState
+from tests.support import once_told_robot
+
+pytestmark = pytest.mark.alone
+
+WAIT_MS = 60_000
+
+
+@contextlib.contextmanager
+def running(*command: str) -> Iterator["subprocess.Popen[str]"]:
+    process = subprocess.Popen([sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.kill()
+        process.communicate()
+
+
+def lacking(state: LiveState, lenses_before: int) -> list[str]:
+    there = {
+        "map": state.map.value is not None,
+        "odometry": state.odometry.value is not None,
+        "pose": state.pose.value is not None,
+        "lens": state.stream("lens").arrivals > lenses_before,
+        "link": state.link.value.state == "connected",
+    }
+    return [name for name, is_there in there.items() if not is_there]
+
+
+@pytest.mark.parametrize("times", [2, pytest.param(50, marks=pytest.mark.long)])
+def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall(
+    qtbot: QtBot, tmp_path: Path, times: int
+) -> None:
+    profile = tmp_path / "once.yaml"
+    profile.write_text(once_told_robot.PROFILE)
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
+    with contextlib.ExitStack() as stack:
+        robot = stack.enter_context(running("-m", "tests.support.once_told_robot"))
+        address = (robot.stdout.readline() if robot.stdout else "").removeprefix(once_told_robot.READY).strip()
+        for _ in range(2 if times > 2 else 0):
+            stack.enter_context(running("-c", "while True: pass"))
+        console = Console(replace(parts, inference=None), scenario)
+        stack.callback(console.shutdown)
+        state = console.state
+        troubles: list[str] = []
+        state.link.changed.connect(lambda link: troubles.append(link.state))
+        for number in range(times):
+            lenses = state.stream("lens").arrivals
+            console.connect_robot(composition.robot_connection(str(profile), address=address, own_camera=False))
+            assert "map" in lacking(state, lenses), "another connection begins with nothing"
+
+            def complete(number: int = number, lenses: int = lenses) -> None:
+                assert lacking(state, lenses) == [], f"connection {number}"
+
+            qtbot.waitUntil(complete, timeout=WAIT_MS)
+            # A stall that is trouble, and under load perhaps a loss: neither may cost anything for good.
+            robot.send_signal(signal.SIGSTOP)
+            troubles.clear()
+            qtbot.waitUntil(lambda: "trouble" in troubles or "lost" in troubles, timeout=WAIT_MS)
+            robot.send_signal(signal.SIGCONT)
+            qtbot.waitUntil(complete, timeout=WAIT_MS)
+            qtbot.wait(100)
+            complete()

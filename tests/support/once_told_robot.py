@@ -1,0 +1,71 @@
+"""A robot that tells everything once: its map, its camera's lens, its odometry, its place. All of it is latched.
+
+``python -m tests.support.once_told_robot`` prints where it listens, and ends with its standard input.
+"""
+
+import asyncio
+import sys
+
+import numpy as np
+
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import OccupancyGrid, Odometry
+from caris_desktop.ros import messages
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.simulator import encoding
+from caris_desktop.simulator.rosapi import offer_rosapi
+from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Topic
+
+READY = "Once-telling robot ready at "
+STAMP_NS = 7_000_000_000
+PROFILE = """\
+version: 1
+ros: 1
+velocity: {topic: /cmd_vel}
+odometry: {topic: /odom, latched: true}
+pose: {topic: /amcl_pose, latched: true}
+tf_static: {topic: /tf_static}
+map: {topic: /map}
+cameras: [{name: front, topic: /image/compressed, info: /camera_info}]
+"""
+
+
+def told() -> dict[str, tuple[str, Message]]:
+    ros, here = Dialect.ROS1, Pose2D(1.0, 2.0, 0.5)
+    grid = OccupancyGrid(0, None, 0.05, Pose2D(-1.0, -2.0, 0.0), np.zeros((200, 300), np.int8))
+    odometry = Odometry(0, None, here, Twist2D())
+    return {
+        "/map": ("nav_msgs/OccupancyGrid", messages.encode_occupancy_grid(ros, grid, stamp_ns=STAMP_NS)),
+        "/odom": ("nav_msgs/Odometry", messages.encode_odometry(ros, odometry, stamp_ns=STAMP_NS)),
+        "/amcl_pose": (
+            "geometry_msgs/PoseWithCovarianceStamped",
+            messages.encode_pose_with_covariance_stamped(ros, here, stamp_ns=STAMP_NS),
+        ),
+        "/tf_static": (
+            "tf2_msgs/TFMessage",
+            encoding.transforms(ros, [encoding.Placement("base_link", "laser", here)], stamp_ns=STAMP_NS),
+        ),
+        "/camera_info": (
+            "sensor_msgs/CameraInfo",
+            encoding.camera_info(
+                ros, width_px=640, height_px=480, focal_px=500.0, stamp_ns=STAMP_NS, frame_id="camera"
+            ),
+        ),
+    }
+
+
+async def serve() -> None:
+    server = BridgeServer(Dialect.ROS1)
+    offer_rosapi(server, Dialect.ROS1)
+    for name, (kind, message) in told().items():
+        server.topics[name] = Topic(kind, latched=True, publishers={ROBOT_NODE})
+        server.publish(name, message)
+    port = await server.start("127.0.0.1", 0)
+    sys.stdout.write(f"{READY}ws://127.0.0.1:{port}\n")
+    sys.stdout.flush()
+    await asyncio.to_thread(sys.stdin.read)
+    await server.stop()
+
+
+if __name__ == "__main__":
+    asyncio.run(serve())
