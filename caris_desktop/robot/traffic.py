@@ -52,6 +52,10 @@ class TrafficMeter:
             self._counts[topic].encoding = "cbor" if binary else "json"
             self._counts[topic].stamp_ns = stamp_of(message)
 
+    def encoding_of(self, topic: str) -> Literal["", "cbor", "json"]:
+        """That of the newest message of a topic."""
+        return self._counts[topic].encoding if topic in self._counts else ""
+
     def refused(self, topic: str | None) -> None:
         """One message could not be used; ``topic`` None where it told none."""
         self._refused += 1

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
@@ -17,20 +17,27 @@ LONGEST_PAUSE_S = 60.0
 _ENCODINGS = {"cbor": "the compact form (CBOR)", "none": "plain text (JSON)"}
 
 
+# What the server had sent before it read that another encoding is wanted.
+_STILL_UNDER_WAY_S = 1.0
+
+
 class _Listener:
-    """One subscription, and whether anything came on it in this connection."""
+    """One subscription, and whether anything came on it in this connection.
+
+    ``encoding`` is how it is asked for: as is usual for its type; in the other way, to see whether that helps; back in
+    the usual one, to see whether it was that which helped; or settled on the other.
+    """
 
     def __init__(self, topic: SafeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]) -> None:
         self.topic = topic
         self.heard = False
         self.asked_anew = 0
-        self.encoding_tried = ""
+        self.encoding: Literal["usual", "other", "back", "settled"] = "usual"
         self._take = take
         self._heard = heard
 
     def hear(self, message: Any) -> None:
         if not self.heard:
-            self.heard = True
             self._heard(self)
         self._take(message)
 
@@ -39,7 +46,8 @@ class WatchedTopics:
     """Asks anew for topics that are silent although the robot has somebody who publishes them.
 
     Two things can be wrong. rosbridge says nothing of a message that it cannot write in the encoding that was asked
-    for: the other one is tried, and ``tell`` gets a Problem where that helped. And rosbridge of ROS 2 takes its quality
+    for: the other one is tried. Where something comes then, the first is tried once more, for the robot may only have
+    been slow, and ``tell`` gets a Problem when it was not. And rosbridge of ROS 2 takes its quality
     of service from the publishers that it knows when a subscription is made: made too early it is volatile, and a
     message that was published once, before that, never comes.
 
@@ -53,7 +61,7 @@ class WatchedTopics:
         self._tell = tell
         # Several may listen to a topic of one name, each with a subscription of its own.
         self._known: list[_Listener] = []
-        self._told: set[str] = set()
+        self._back_since_s: dict[str, float] = {}
         self._watch: asyncio.Task[None] | None = None
 
     def subscribe(self, topic: SafeTopic, take: Callable[[Any], None]) -> None:
@@ -80,6 +88,12 @@ class WatchedTopics:
         if self._watch is not None:
             self._watch.cancel()
             self._watch = None
+        for listener in self._known:
+            # What was not decided is asked again in the next connection.
+            if listener.encoding == "other":
+                self._subscribe_anew(listener, other_encoding=True)
+            if listener.encoding != "settled":
+                listener.encoding = "usual"
 
     def _begin(self) -> None:
         if self._known and (self._watch is None or self._watch.done()):
@@ -107,29 +121,56 @@ class WatchedTopics:
         return bool(answer.get("publishers"))
 
     def _ask_anew(self, listener: _Listener) -> None:
-        name = listener.topic.name
+        if listener.encoding == "back":
+            return  # that is decided soon
         # In ROS 2 the quality of service is the likelier reason: it comes first.
         other = self._dialect is Dialect.ROS1 or listener.asked_anew % 2 == 1
         listener.asked_anew += 1
+        if other and listener.encoding != "settled":
+            listener.encoding = "other" if listener.encoding == "usual" else "usual"
+            self._subscribe_anew(listener, other_encoding=True)
+        else:
+            self._subscribe_anew(listener, other_encoding=False)
+
+    def _subscribe_anew(self, listener: _Listener, *, other_encoding: bool) -> str:
+        name = listener.topic.name
         # To ROS 2 the quality of service is new only with a new subscription; ROS 1 changes one without a gap.
         encoding = self._ros.factory.subscribe_anew(
-            name, other_encoding=other, leave_first=self._dialect is Dialect.ROS2
+            name, other_encoding=other_encoding, leave_first=self._dialect is Dialect.ROS2
         )
-        listener.encoding_tried = encoding if other else ""
-        logger.info("Nothing came on %s; subscribing anew, encoding %s", name, encoding)
+        logger.info("Subscribing anew to %s, encoding %s", name, encoding)
+        return str(encoding)
 
     def _on_heard(self, listener: _Listener) -> None:
-        name, encoding = listener.topic.name, listener.encoding_tried
-        if encoding not in _ENCODINGS or name in self._told:
+        loop = asyncio.get_running_loop()
+        if listener.encoding == "other":
+            listener.encoding = "back"
+            self._back_since_s[listener.topic.name] = loop.time()
+            self._subscribe_anew(listener, other_encoding=True)
+            loop.call_later(FIRST_LOOK_S, self._settle, listener)
+        elif listener.encoding == "back":
+            usual = "cbor" if listener.topic.compression == "cbor" else "json"
+            waited_s = loop.time() - self._back_since_s[listener.topic.name]
+            if self._ros.factory.traffic.encoding_of(listener.topic.name) == usual or waited_s > _STILL_UNDER_WAY_S:
+                listener.encoding, listener.heard = "usual", True
+        else:
+            listener.heard = True
+
+    def _settle(self, listener: _Listener) -> None:
+        if listener.encoding != "back" or listener not in self._known:
             return
-        self._told.add(name)
+        listener.encoding, listener.heard = "settled", True
+        encoding = self._subscribe_anew(listener, other_encoding=True)
+        if encoding not in _ENCODINGS:
+            return
+        name = listener.topic.name
         [before] = _ENCODINGS.keys() - {encoding}
         self._tell(
             Problem(
                 now_ns(),
                 "info",
                 f"The robot sent nothing on {name} in {_ENCODINGS[before]}; in {_ENCODINGS[encoding]} it does.",
-                "It is received now. What it tells was missing until this moment.",
+                "It is received now. What it told before is missing.",
                 "There is nothing to do; the log of rosbridge on the robot may tell why.",
             )
         )
