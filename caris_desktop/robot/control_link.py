@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import Coroutine
 from typing import Any
 
@@ -15,7 +16,7 @@ from caris_desktop.domain.events import (
     Problem,
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
-from caris_desktop.domain.sensing import LaserScan, RobotPose
+from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
@@ -45,6 +46,10 @@ logger = logging.getLogger(__name__)
 
 # A rosbridge that has just been started reaches the base a moment after it has taken the first zeros.
 ZERO_AGAIN_S = (1.0, 2.0)
+# On a busy computer that takes longer; then the odometry tells that it still moves.
+ZERO_WHILE_MOVING_S = tuple(float(second) for second in range(3, 11))
+_STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
+_ODOMETRY_COUNTS_S = 1.0
 OLDEST_DRIVE_S = 0.25
 """No older command moves the robot, even if the console went on holding the lease."""
 GUARD_WATCHED_EVERY_S = 0.25
@@ -71,6 +76,7 @@ class ControlLink:
         # The last velocity on this connection.
         self._told = ZERO_TWIST
         self._zeros_again: list[asyncio.TimerHandle] = []
+        self._odometry: Odometry | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
         self._connected = False
@@ -131,7 +137,7 @@ class ControlLink:
             self._watched,
             put=self._put,
             scan_taken=self._scan_taken,
-            odometry_taken=self._guard.take_odometry,
+            odometry_taken=self._odometry_taken,
             pose_taken=self._pose_taken,
         )
 
@@ -327,6 +333,8 @@ class ControlLink:
             self._stop_what_moves()
             for delay_s in ZERO_AGAIN_S:
                 self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_again))
+            for delay_s in ZERO_WHILE_MOVING_S:
+                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while_moving))
 
     def _stop_what_moves(self) -> None:
         """Zero, unless the robot is known to have read one after our last velocity.
@@ -340,6 +348,13 @@ class ControlLink:
     def _say_zero_again(self) -> None:
         if not self._lease.held and not self._navigator.under_way:
             self._send_twist(ZERO_TWIST, "lease")
+
+    def _say_zero_while_moving(self) -> None:
+        last = self._odometry
+        if last is not None and now_ns() - last.stamp_ns < _ODOMETRY_COUNTS_S * 1e9:
+            speed_mps = math.hypot(last.twist.forward_mps, last.twist.left_mps)
+            if speed_mps > _STANDS_BELOW_MPS or abs(last.twist.turn_radps) > _STANDS_BELOW_RADPS:
+                self._say_zero_again()
 
     def _send_zero_first(self) -> None:
         if self._connected:
@@ -489,6 +504,10 @@ class ControlLink:
         self._guard.take_scan(scan)
         self._lease.reconsider(self._loop.time())
         self._move()
+
+    def _odometry_taken(self, odometry: Odometry) -> None:
+        self._odometry = odometry
+        self._guard.take_odometry(odometry)
 
     def _pose_taken(self, pose: RobotPose) -> None:
         self._navigator.robot_moved(pose.pose_in_map)

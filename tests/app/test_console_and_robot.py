@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from caris_desktop.robot.control_link import ZERO_AGAIN_S
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
@@ -86,6 +87,9 @@ def test_a_stopped_console_stops_the_robot(robot: SimulatedRobot, console: Conso
 
 
 def test_each_twist_that_the_robot_gets_is_one_recorded_event(robot: SimulatedRobot, console: ConsoleProcess) -> None:
+    # A new connection begins with zeros, the last of them a while later.
+    connected_ns = next(report["at_ns"] for report in console.history if report["link"] == "connected")
+    wait_for(lambda: time.monotonic_ns() - connected_ns > (ZERO_AGAIN_S[-1] + 0.5) * S, "silence on the wire")
     listener = TwistListener(robot.address)
     console.say("record")
     console.wait_until_shown(recording="recording")

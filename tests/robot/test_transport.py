@@ -2,10 +2,12 @@
 
 import asyncio
 import json
+import signal
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import cbor2
+import psutil
 import pytest
 import roslibpy
 
@@ -56,6 +58,14 @@ def running_bridge() -> Iterator[BridgeDouble]:
 def bridge(running_bridge: BridgeDouble) -> BridgeDouble:
     running_bridge.lines.clear()
     return running_bridge
+
+
+@pytest.fixture
+def own_bridge() -> Iterator[BridgeDouble]:
+    """For tests that stop it."""
+    double = BridgeDouble()
+    yield double
+    double.kill()
 
 
 async def until(observe: Callable[[], Any], what: str, timeout_s: float = 10.0) -> Any:
@@ -281,3 +291,40 @@ def test_a_preflight_of_a_robot_that_is_not_there_says_what_to_do() -> None:
     [sentence] = check_robot(load_profile("simulated"), "ws://127.0.0.1:9")
     assert "no rosbridge listens at ws://127.0.0.1:9" in sentence
     assert "Start rosbridge" in sentence
+
+
+def test_a_peer_that_is_given_up_may_obey_what_it_has_taken_before_it_learns_of_our_end(
+    own_bridge: BridgeDouble,
+) -> None:
+    timings = Timings(trouble_after_s=0.2, dead_after_s=0.4, unanswered_trouble_after_s=0.2, first_retry_s=0.1)
+
+    async def use(ros: SafeRos, observer: Observer) -> None:
+        velocity = SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
+        velocity.advertise()
+        await until(lambda: own_bridge.operations("advertise"), "advertised")
+        own_bridge.signal(signal.SIGSTOP)
+        for number in range(5):
+            assert velocity.publish({"n": number})
+        await until(lambda: "lost" in observer.told, "given up")
+        # Whoever leaves now is forgotten with all that was not obeyed yet.
+        assert len(_established(own_bridge.port)) >= 1
+        own_bridge.signal(signal.SIGCONT)
+        await until(lambda: len(own_bridge.operations("publish")) == 5, "every word of before is obeyed")
+        await until(lambda: observer.told[-1] == "connected", "connected again")
+        ended = [line["at"] for line in own_bridge.lines if line.get("event") == "disconnected"]
+        await until(
+            lambda: [line for line in own_bridge.lines if line.get("event") == "disconnected"], "the old one ends"
+        )
+        assert ended == [], "not before it had time to obey"
+        await until(lambda: len(_established(own_bridge.port)) == 1, "one connection is left")
+
+    connected(own_bridge, use, timings=timings)
+
+
+def _established(port: int) -> list[Any]:
+    """This process's connections to a port of this machine."""
+    return [
+        connection
+        for connection in psutil.Process().net_connections("tcp")
+        if connection.raddr and connection.raddr.port == port and connection.status == psutil.CONN_ESTABLISHED
+    ]
