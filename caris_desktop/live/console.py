@@ -347,6 +347,7 @@ class Console(QObject):
             self._mailbox.put(value)
 
     def _on_woken(self) -> None:
+        self._drive.renew_before_work()
         if self._pace.may_begin():
             self._drain_mailbox()
         else:

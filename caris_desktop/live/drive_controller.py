@@ -27,6 +27,7 @@ RENEW_EVERY_MS = 50
 LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
 SPEED_STEPS = (0.3, 0.6, 1.0)
+_WORTH_RENEWING_NS = 15_000_000
 _AGE_SHOWN_EVERY_MS = 500
 # A link in trouble is still the same connection.
 _STANDS = ("connected", "trouble")
@@ -240,6 +241,14 @@ class DriveController(QObject):
     def _resend(self) -> None:
         if self._held and self._target() != self._sent_target and self._lease_is_alive():
             self._send_target()
+
+    def renew_before_work(self) -> None:
+        """The event loop has come round, and what follows may take a while: renew now and not when the timer is let in.
+
+        Painting goes before timers; without this a renewal came up to a timer's period and a whole pass after the last.
+        """
+        if self._renewal.isActive() and clock.now_ns() - self._renewed_ns >= _WORTH_RENEWING_NS:
+            self._renew()
 
     def _renew(self) -> None:
         if not self._lease_is_alive():

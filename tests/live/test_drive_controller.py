@@ -160,6 +160,29 @@ def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
     assert state.drive.value.target_forward_mps == 0
 
 
+def test_the_lease_is_renewed_before_work_that_may_take_a_while(
+    controller: DriveController, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = clock.now_ns()
+
+    def at(ms: int) -> None:
+        monkeypatch.setattr(clock, "now_ns", lambda: now_ns + ms * 1_000_000)
+
+    at(0)
+    controller.renew_before_work()
+    assert robot.of(RenewLease) == [], "nothing is held"
+    controller.drive(forward=1, left=0, turn=0, source="keyboard")
+    controller.renew_before_work()
+    assert robot.of(RenewLease) == [], "it was taken just now"
+    at(30)  # less than the timer's period
+    controller.renew_before_work()
+    assert len(robot.of(RenewLease)) == 1
+    at(230)
+    controller.renew_before_work()
+    assert len(robot.of(RenewLease)) == 1, "after a stall it is gone, whoever comes first"
+    assert len(robot.of(Release)) == 1
+
+
 def test_after_a_stall_only_a_new_key_press_drives(
     controller: DriveController, state: LiveState, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
