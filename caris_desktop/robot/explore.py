@@ -23,7 +23,6 @@ from caris_desktop.robot.preflight import (
     map_services_of,
     named_in,
     picture_advice,
-    republish_advice,
     services_of,
     take_inventory,
     what_rosapi_said,
@@ -43,7 +42,7 @@ from caris_desktop.ros import joint_messages, messages, navigation_messages
 from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import Dialect, decode_time, same_type
 from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.raw_image import decode_image
+from caris_desktop.ros.raw_image import decode_image, republish_advice
 
 logger = logging.getLogger(__name__)
 

@@ -20,7 +20,6 @@ from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
 from caris_desktop.robot.outbox import Outbox
-from caris_desktop.robot.preflight import republish_advice
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.traffic import TrafficMeter
@@ -31,7 +30,7 @@ from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.messages import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
-from caris_desktop.ros.raw_image import decode_image
+from caris_desktop.ros.raw_image import decode_image, republish_advice
 
 # It hardly ever changes, and rosbridge wants a throttle for what comes with every picture.
 LENS_EVERY_MS = 2000

@@ -10,6 +10,7 @@ from caris_desktop.domain.controls import CallService, PublishMessage, SendActio
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
+from caris_desktop.ros.raw_image import republish_advice
 
 _GOODBYE_S = 0.3
 _LEAST_PICTURES_HZ = 3.0
@@ -149,14 +150,6 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     if nodes and not any(inventory.has_service(service) for service in nodes):
         sentences.append(f"Maps: the robot has none of {', '.join(nodes)}.")
     return sentences
-
-
-def republish_advice(raw_topic: str) -> str:
-    """What to start on the robot so that its pictures are compressed."""
-    return (
-        f"run 'image_transport republish raw compressed' for {raw_topic} on it, or install the plugin for compressed "
-        f"pictures there, and name {raw_topic}/compressed in the profile"
-    )
 
 
 def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from caris_desktop.robot.preflight import republish_advice
 from caris_desktop.robot.profile import (
     CameraTopic,
     EmergencyStopInterface,
@@ -24,6 +23,7 @@ from caris_desktop.robot.profile import (
     VelocityTopic,
 )
 from caris_desktop.ros.dialect import Dialect, same_type
+from caris_desktop.ros.raw_image import republish_advice
 
 MOST_CAMERAS = 4
 _RAW_THROTTLE_MS = 100

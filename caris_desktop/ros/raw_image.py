@@ -81,6 +81,14 @@ def depth_as_grey(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
     return (np.clip(share, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
+def republish_advice(raw_topic: str) -> str:
+    """What to start on the robot so that its pictures are compressed."""
+    return (
+        f"run 'image_transport republish raw compressed' for {raw_topic} on it, or install the plugin for compressed "
+        f"pictures there, and name {raw_topic}/compressed in the profile"
+    )
+
+
 def _layout_of(encoding: str) -> _Layout:
     name = _OF_OPENCV.get(encoding, encoding)
     if name in _DEPTHS:

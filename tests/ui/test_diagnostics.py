@@ -68,6 +68,17 @@ def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPan
     assert panel.fact == ("1 stale", "amber")
 
 
+def test_pictures_that_are_not_compressed_come_with_what_to_do(
+    qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole
+) -> None:
+    raw = TopicTraffic("/camera/image_raw", "sensor_msgs/msg/Image", 15.0, 13.8e6, 0.05, 9.0, 0)
+    measure(console, raw, TopicTraffic("/depth", "sensor_msgs/msg/Image", 1.0, 40e3, 0.05, 9.0, 0), link="media")
+    click(qtbot, find(panel.window(), "diagnostics_copy"))
+    [advice] = [line for line in QGuiApplication.clipboard().text().split("\n") if "republish" in line]
+    assert advice.startswith("/camera/image_raw is not compressed, 13.8 MB/s")
+    assert advice in panel._summary.toolTip()
+
+
 def test_a_link_that_measures_nothing_any_more_says_so() -> None:
     assert state_words(topic("/scan", 10.0), usual_hz=10.0, link_silent_s=5.0) == "link silent"
 

@@ -19,6 +19,8 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolic
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.live.status import LinkStatus
+from caris_desktop.ros.dialect import same_type
+from caris_desktop.ros.raw_image import republish_advice
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
@@ -41,6 +43,7 @@ _LINK_WORDS = {"control": "control", "media": "media"}
 _ROOM_FOR_TOTALS_PX = 230
 _SECONDS_TO_BE_USUAL = 3
 _OLD_MEASUREMENT_S = 3.0
+_HEAVY_BYTES_PER_S = 1e6
 _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
 
@@ -100,6 +103,16 @@ def link_words(measured: TrafficMeasured) -> str:
         f"{name} link: {_ENCODINGS[measured.encoding]}, {len(measured.topics)} topics, {messages:.0f} messages/s, "
         f"{bandwidth(total)}, {measured.refused} refused"
     )
+
+
+def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
+    """What to do about pictures that come uncompressed: they delay everything else on a wireless link."""
+    return [
+        f"{topic.topic} is not compressed, {bandwidth(topic.bytes_per_s)}: {republish_advice(topic.topic)}"
+        for measured in traffic.values()
+        for topic in measured.topics
+        if same_type(topic.type, "sensor_msgs/Image") and topic.bytes_per_s >= _HEAVY_BYTES_PER_S
+    ]
 
 
 class TrafficModel(QAbstractTableModel):
@@ -239,6 +252,7 @@ def report(
         f"{link.robot or 'Robot'} at {link.address or 'no address'}: {link.state} {link.detail}".rstrip(),
         f"round trip {round_trip}, {clock_words(link, anchor)}",
         *(link_words(measured) for measured in traffic.values()),
+        *raw_picture_words(traffic),
         "",
         "\t".join(_COLUMNS),
         *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
@@ -352,6 +366,7 @@ class DiagnosticsPanel(Panel):
         if not connected:
             lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
         lines += [link_words(measured) for measured in traffic.values()]
+        lines += raw_picture_words(traffic)
         self._summary.setToolTip("\n".join(lines))
         # A low dock has room for rows or for the totals of each link, and the rows say more.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))

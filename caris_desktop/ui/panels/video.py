@@ -168,7 +168,8 @@ class VideoPanel(Panel):
         self.show_title(words.camera_title(self.state.camera.value) or self.title)
         self._cameras.clear()
         for name in names:
-            self._cameras.addItem(words.camera_title(name), name)
+            # The title says that it is a camera.
+            self._cameras.addItem(words.camera_title(name).removesuffix(" camera"), name)
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
 
