@@ -27,6 +27,8 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
     stderr = logging.StreamHandler(sys.stderr)
     stderr.setLevel(logging.INFO if verbose else logging.WARNING)
     handlers: list[logging.Handler] = [stderr] if terminal else []
+    # A log whose disk is full is no reason to fill the terminal.
+    logging.raiseExceptions = terminal
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and path.stat().st_size > _MAX_BYTES:

@@ -83,11 +83,8 @@ def local_time(started_utc: str) -> str:
 
 def state_words(entry: SessionEntry) -> str:
     """Whether the session is whole and counts, and what went wrong in it."""
-    parts = [
-        "Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else "Complete",
-    ]
-    if entry.copy_of:
-        parts.insert(0, "Copy")
+    whole = "Copy" if entry.copy_of else "Complete"
+    parts = ["Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else whole]
     if entry.purpose:
         parts.insert(0, entry.purpose.capitalize())
     if entry.problems:

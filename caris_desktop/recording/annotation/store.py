@@ -172,7 +172,8 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
     try:
         data = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise AnnotationError(f"{path} is damaged: {error}. {advice}") from error
+        _log.warning("%s: %s", path, error)
+        raise AnnotationError(f"{path} is damaged: it is not whole, or was changed by hand. {advice}") from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if isinstance(version, int) and version > FORMAT_VERSION:
         raise AnnotationError(
@@ -182,7 +183,7 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
     if problem is not None:
         _log.warning("%s: %s", path, problem)
         where = "/".join(str(step) for step in problem.absolute_path) or "the file as a whole"
-        raise AnnotationError(f"{path} is damaged: {where}: {problem.message[:200]}. {advice}")
+        raise AnnotationError(f"{path} is damaged: {where} is not as it must be; the log has the details. {advice}")
     document = _document(data)
     try:
         check_document(document)

@@ -9,7 +9,7 @@ from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.store import save_coder
-from caris_desktop.recording.export import export_session
+from caris_desktop.recording.export import ExportContext, export_session
 from tests.recording.told_session import tell
 
 ROWS = [("anna", "Gaze", 1000, 2500, "robot"), ("anna", "Gaze", 2500, 61_234, "away")]
@@ -82,7 +82,7 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
     document = editing.add_annotation(document, notes, 17, 18, 'He said "no";\nthen, <went>')
     folder = tell(tmp_path / "s", [], lasts_s=60.0)
     save_coder(folder, document, "anna")
-    export_session(folder, "csv", tmp_path / "out")
+    export_session(folder, "csv", tmp_path / "out", ExportContext(with_names=True))
     again = read_csv(tmp_path / "out" / "annotations.csv", coder="somebody")
     assert [(tier.name, tier.coder, tier.vocabulary) for tier in again.tiers] == [
         ("Looks", "anna", "Gaze"),
