@@ -14,7 +14,7 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
 from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
 from caris_desktop.recording.session.frame_times import moments_words, read_frame_times
-from caris_desktop.recording.session.media_repair import content_of
+from caris_desktop.recording.session.media_repair import content_of, index_lines
 from caris_desktop.recording.session.session_clock import SessionClock
 from tests.recording.driving import picture
 from tests.recording.recorder.test_recorder_process import video_times_s
@@ -118,6 +118,30 @@ def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path:
     times = read_frame_times(path.with_suffix(".frames.csv"))
     assert (times.shown_ns - SECOND).tolist() == [ms * 1_000_000 for ms in (80, 100, 200, 300, 400)]
     assert (times.delay_ms, times.worst_uncertainty_ms) == (70.0, 1.4)
+
+
+def test_a_lost_index_is_made_anew_with_the_moments_of_the_record(tmp_path: Path) -> None:
+    path = tmp_path / "video-front.mp4"
+    video = VideoFile(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+    refs = []
+    for number in range(6):
+        taken_ns = SECOND + number * 100_000_000
+        came_ns = taken_ns + 40_000_000 + number % 3 * 50_000_000
+        refs.append(FrameRef(came_ns, 5, "front", "r", 0, number, 64, 48, taken_ns, 1_000_000))
+        video.write(picture(number, width_px=64, height_px=48), refs[-1])
+    video.close()
+    index = path.with_suffix(".frames.csv")
+    whole = index.read_bytes()
+    content = content_of(path)
+    assert content is not None
+    for kept in (0, 1, 3):
+        index.write_bytes(b"".join(whole.splitlines(keepends=True)[: kept + 1]))
+        lines = index_lines(path, content, refs, CLOCK)
+        assert lines is not None
+        index.write_bytes(lines)
+        times = read_frame_times(index)
+        assert times.taken_ns.tolist() == [ref.taken_ns for ref in refs]
+        assert times.stamps_ns.tolist() == [ref.stamp_ns for ref in refs]
 
 
 def test_an_index_of_before_tells_when_frames_came(tmp_path: Path) -> None:
