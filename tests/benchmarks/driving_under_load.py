@@ -42,7 +42,10 @@ class Burners:
     """Programs of somebody else that never rest."""
 
     def __init__(self, count: int) -> None:
-        self._running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+        # Of another session, as what is started elsewhere is: Linux shares its cores among sessions first.
+        self._running = [
+            subprocess.Popen([sys.executable, "-c", "while True: pass"], start_new_session=True) for _ in range(count)
+        ]
 
     def end(self) -> None:
         for process in self._running:
