@@ -3,10 +3,20 @@
 import gc
 import itertools
 import os
+import shutil
+import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
+    no_unexpected_words,
+    nothing_of_the_file_stays,
+    nothing_stays,
+    remember_failure,
+    use_private_folder,
+)
 
 # Without a screen of its own a test run uses Qt's offscreen platform; tests that need a window manager start a
 # virtual screen themselves.
@@ -20,17 +30,27 @@ _tests = itertools.count(1)
 gc.disable()
 
 
+def pytest_collection_finish() -> None:
+    """What is there before the first test stays, and need not be looked through each time."""
+    gc.freeze()
+
+
 def pytest_runtest_teardown() -> None:
     if next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
         gc.collect()
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """What a test logged may hold half a character; reports travel between processes as UTF-8, or end the run."""
     report = yield
+    remember_failure(item, report)
     report.sections = [(name, text.encode("utf-8", "replace").decode("utf-8")) for name, text in report.sections]
     return report
+
+
+def pytest_configure() -> None:
+    use_private_folder()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -46,9 +66,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture(autouse=True)
-def own_settings(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own_settings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """No test reads or writes the settings, data or documents of whoever runs it."""
-    home = tmp_path_factory.mktemp("home")
+    # With a short path, as sockets need.
+    home = Path(tempfile.mkdtemp(prefix="home-"))
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_DOCUMENTS_DIR"):
         monkeypatch.setenv(name, str(home / name.lower()))
     yield home
+    shutil.rmtree(home)

@@ -288,6 +288,7 @@ class Console(QObject):
             self._recording.shutdown,
         )
         self._frames.close()
+        self._state.close()
 
     def _end_helpers(self) -> None:  # any thread
         for child in self._children.values():
@@ -315,7 +316,7 @@ class Console(QObject):
 
     def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
         """Tell the wizard, and the record."""
-        _log.warning("%s %s %s", what, meaning, advice)
+        _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until))
 
     def send(self, command: RobotCommand) -> bool:

@@ -144,6 +144,7 @@ class ReplayConsole(QObject):
         self._player.close()
         self._thumbnails.close()
         self._asyncio.stop()
+        self._state.close()
 
     # What the window reads
 

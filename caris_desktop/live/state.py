@@ -202,6 +202,10 @@ class LiveState(QObject):
         self._aging.timeout.connect(self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)
 
+    def close(self) -> None:
+        """Nothing ages any more; everything stays readable."""
+        self._aging.stop()
+
     def stream(self, name: str) -> LiveStream:
         """The stream of this name in the stream table."""
         return self._streams[name]

@@ -3,11 +3,12 @@
 import argparse
 import sys
 
-from caris_desktop.simulator.command import add_arguments, run
-
 
 def main() -> int:
     """Parse the arguments and run the robot."""
+    # Late: the process of the camera imports this module too, and needs little of it.
+    from caris_desktop.simulator.command import add_arguments, run
+
     parser = argparse.ArgumentParser(prog="python -m caris_desktop.simulator", description=__doc__)
     add_arguments(parser)
     return run(parser.parse_args())

@@ -19,6 +19,7 @@ from websockets.sync.server import ServerConnection, serve
 from caris_desktop.recording.session.session_reader import open_session
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
+from tests.support.processes import alive
 from tests.support.simulated_robot import SimulatedRobot
 from tests.support.twist_listener import TwistListener
 
@@ -71,10 +72,6 @@ def _ended_because(folder: Path) -> str:
     with (folder / "events.mcap").open("rb") as stream:
         messages = list(make_reader(stream).iter_messages(topics=["/event/session_ended"]))
     return str(json.loads(messages[-1][2].data)["reason"])
-
-
-def _alive(pids: list[int]) -> list[int]:
-    return [pid for pid in pids if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
 
 
 def _scenario_with_typo(folder: Path) -> Path:
@@ -308,7 +305,7 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         pids = list(console.shown["children"].values())
         assert console.close() == 0
         assert _ended_because(second) == "console_closed"
-        assert not _alive(pids)
+        assert not alive(pids)
     finally:
         listener.close()
         console.kill()
@@ -348,12 +345,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, 
 def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
     program = subprocess.Popen(
         [sys.executable, "-m", "caris_desktop", "--demo", "--study", str(tmp_path / "study")],
-        env={
-            **os.environ,
-            "QT_QPA_PLATFORM": "offscreen",
-            "XDG_CONFIG_HOME": str(tmp_path),
-            "XDG_STATE_HOME": str(tmp_path),
-        },
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -369,7 +361,7 @@ def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Pat
         program.send_signal(how)
         _out, errors = program.communicate(timeout=30)
         assert program.returncode == (-9 if how is signal.SIGKILL else 0)
-        wait_for(lambda: not _alive([child.pid for child in children]), "all children have ended", timeout_s=20)
+        wait_for(lambda: not alive([child.pid for child in children]), "all children have ended", timeout_s=20)
         if how is not signal.SIGKILL:
             assert "Traceback" not in errors
     finally:

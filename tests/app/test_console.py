@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
@@ -26,6 +27,7 @@ from caris_desktop.study.trial import TrialDetails
 from tests.live import bodies
 
 
+@pytest.mark.logs(r"live\.console: ", r"live\.recorder_feed: ")
 def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_next(
     qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -54,6 +56,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
     assert told[1] == []
 
 
+@pytest.mark.logs(r"live\.console: ")
 def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     scenario = replace(scenario, permissions=replace(scenario.permissions, driving=False))
@@ -170,6 +173,7 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         console.shutdown()
 
 
+@pytest.mark.logs(r"live\.console: ")
 def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)

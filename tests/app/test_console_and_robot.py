@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from caris_desktop.robot.control_link import ZERO_AGAIN_S
 from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
+from tests.support.processes import alive
 from tests.support.simulated_robot import SimulatedRobot
 from tests.support.twist_listener import TwistListener
 
@@ -127,7 +128,7 @@ def test_a_killed_console_leaves_a_session_that_opens(robot: SimulatedRobot, con
     wait_for(lambda: (folder / "events.mcap").stat().st_size > 20_000, "something is recorded")
     killed_utc_ns = time.time_ns()
     console.kill()
-    wait_for(lambda: not _alive(children.values()), "the children end with the console", timeout_s=15)
+    wait_for(lambda: not alive(children.values()), "the children end with the console", timeout_s=15)
     stamps = []
     with (folder / "events.mcap").open("rb") as stream:
         for _schema, _channel, message in make_reader(stream).iter_messages():
@@ -149,9 +150,3 @@ def test_black_pictures_empty_the_people_panel(robot: SimulatedRobot, console: C
 def _messages(folder: Path, topic: str) -> list[dict]:
     with (folder / "events.mcap").open("rb") as stream:
         return [json.loads(message.data) for _s, _c, message in make_reader(stream).iter_messages(topics=[topic])]
-
-
-def _alive(pids: Iterator[int]) -> list[int]:
-    import psutil
-
-    return [pid for pid in pids if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]

@@ -15,7 +15,7 @@ import pytest
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import composition, replay_command
+from caris_desktop.app import composition, console_command, replay_command
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.app.console_command import ConsoleRun
 from caris_desktop.app.replay_command import ReplayRun, parts_of
@@ -108,6 +108,7 @@ def replays(tmp_path: Path, qtbot: QtBot) -> Iterator[Replays]:
     made.close()
 
 
+@pytest.mark.logs(r"app\.replay_command: ", "of the session is not shown", r"live\.replay_player: ")
 def test_what_a_newer_version_recorded_is_left_out(replays: Replays, caplog: pytest.LogCaptureFixture) -> None:
     tour = find_scenario("tour-guide")
     run = replays(
@@ -161,6 +162,7 @@ def test_playing_shows_a_scenario_that_is_opened_as_its_file_has_it(replays: Rep
     assert run.scenario.layout == health.layout
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_a_text_is_read_once(replays: Replays, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     parse = replay_command.parse_scenario
@@ -182,10 +184,12 @@ def _part(run: ReplayRun, name: str) -> QWidget:
     return part
 
 
+@pytest.mark.logs(r"app\.replay_command: ")
 def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tmp_path: Path, qtbot: QtBot) -> None:
     _record(tmp_path / "sessions" / "one", [(0.0, lambda at_ns: ScenarioOpened(at_ns, "new.yaml", "", "", NEWER))])
     PeopleRegister(tmp_path / "people.sqlite").close()
     run = ReplayRun(_arguments(tmp_path / "sessions" / "one"))
+    qtbot.addWidget(run.window)
     assert run.window.windowTitle().startswith("Replay of one · Tour guide"), "what it cannot read stands in for it"
     assert (run.settings.organizationName(), run.settings.applicationName()) == ("CARIS", "CARIS Desktop")
     run.console.state.robot.set(load_profile("simulated"))
@@ -207,7 +211,9 @@ class Ends:
     def __init__(self, name: str, ended: list[str], *, fails: bool = False) -> None:
         self._name, self._ended, self._fails = name, ended, fails
 
-    def shutdown(self) -> None:
+    during = None  # of the closing window
+
+    def shutdown(self, _during: object = None) -> None:
         self._ended.append(self._name)
         if self._fails:
             raise OSError(f"{self._name} does not end")
@@ -215,15 +221,17 @@ class Ends:
     close = stop = shutdown
 
 
-def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends() -> None:
+def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[str] = []
+    monkeypatch.setattr(console_command, "ClosingWindow", lambda _theme: Ends("closing window", ended))
     run = ConsoleRun.__new__(ConsoleRun)
+    run._theme = None  # type: ignore[assignment]
     for name in ("window", "console", "host", "library"):
         setattr(run, name, Ends(name, ended, fails=name == "console"))
     run._garbage, run.demo_robot = Ends("garbage", ended), Ends("robot", ended)  # type: ignore[assignment]
     with pytest.raises(OSError, match="console"):
         run.close()
-    assert ended == ["window", "console", "host", "library", "garbage", "robot"]
+    assert ended == ["window", "console", "closing window", "host", "library", "garbage", "robot"]
 
 
 # A bag
@@ -244,6 +252,7 @@ def _import(path: Path, folder: Path) -> ImportReport:
     return ImportReport(folder, "ROS 1 bag", "", 0.0, {}, ())
 
 
+@pytest.mark.logs(r"app\.replay_command: ")
 def test_a_cache_that_takes_nothing_is_told(bag: Path, tmp_path: Path) -> None:
     (tmp_path / "imports").write_text("a file where the folder should be")
     with pytest.raises(SessionError, match=r"drive\.bag cannot be opened: .*imports"):

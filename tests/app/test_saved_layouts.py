@@ -24,6 +24,7 @@ def settings(tmp_path: Path) -> QSettings:
 @pytest.fixture
 def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRun]:
     run = ConsoleRun(default_arguments(scenario="tour-guide", study=tmp_path / "study"), settings=settings)
+    qtbot.addWidget(run.window)
     yield run
     run.close()
 
@@ -50,6 +51,7 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun) -
     assert panels_in(load_scenario(own).layout) == ("video", "session")
 
 
+@pytest.mark.logs(r"app\.saved_layouts: ")
 @pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
 def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, kept: str) -> None:
     own = user_scenarios_dir() / "tour-guide.yaml"

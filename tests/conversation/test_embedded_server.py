@@ -179,5 +179,6 @@ def test_it_dies_with_the_console() -> None:
     server = psutil.Process(ours.recv())
     assert ours.poll(60)
     assert ours.recv() == "ready"
-    console.join(10)
+    console.join(60)
+    assert console.exitcode is not None
     wait_for(lambda: not server.is_running() or server.status() == psutil.STATUS_ZOMBIE, "the server ended")

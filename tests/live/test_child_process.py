@@ -41,6 +41,7 @@ def test_messages_go_both_ways_and_the_last_words_are_heard() -> None:
     assert not child.send(Marked(2, "too late"))
 
 
+@pytest.mark.logs("ended by itself with exit code")
 def test_a_child_that_dies_is_noticed() -> None:
     child, _messages, exits = _start(ProcessBody("crash", bodies.crash))
     child.send(Marked(1, "die"))
@@ -90,6 +91,7 @@ def test_rings_are_attached_in_the_child() -> None:
     ring.close()
 
 
+@pytest.mark.logs("ended by itself with exit code")
 def test_a_killed_child_is_noticed() -> None:
     child, messages, exits = _start(ProcessBody("echo", bodies.echo))
     child.send(Marked(1, "up"))

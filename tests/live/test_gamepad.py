@@ -31,6 +31,7 @@ from caris_desktop.live.gamepad_mapping import (
 )
 from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.live.state import LiveState
+from tests.support.polling import wait_for
 from tests.support.virtual_gamepad import VirtualGamepad
 
 XBOX = {
@@ -188,8 +189,10 @@ class Heard:
 
 
 @pytest.fixture
-def state() -> LiveState:
-    return LiveState()
+def state() -> Iterator[LiveState]:
+    state = LiveState()
+    yield state
+    state.close()
 
 
 @pytest.fixture
@@ -267,12 +270,13 @@ def test_no_button_is_lost_while_the_console_is_busy(qtbot: QtBot, heard: Heard,
     pad = plug()
     for _ in range(20):
         pad.press(0)
-        time.sleep(0.004)
+        wait_for(lambda: pad.has_been_read(0, held=True), "the press is read")
         pad.let_go(0)
-        time.sleep(0.004)
+        wait_for(lambda: pad.has_been_read(0, held=False), "the release is read")
     qtbot.waitUntil(lambda: heard.pressed == ["mark"] * 20)
 
 
+@pytest.mark.logs("gamepad mappings were not used")
 def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     qtbot: QtBot, gamepads: Gamepads, heard: Heard, plug: Plug, published: list[GamepadChanged]
 ) -> None:
@@ -328,6 +332,7 @@ def test_a_gamepad_that_falls_silent_moves_nothing(
     qtbot.waitUntil(lambda: heard.lost == ["The gamepad stopped answering"])
 
 
+@pytest.mark.logs("gamepads cannot be used")
 def test_without_sdl_the_console_says_so(qtbot: QtBot, state: LiveState, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(f"no module named {name}")

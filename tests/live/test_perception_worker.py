@@ -89,6 +89,7 @@ def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Set
     qtbot.waitUntil(lambda: not setup.rows[-1], timeout=5000)
 
 
+@pytest.mark.logs("ended by itself with exit code")
 def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     setup.show(13)

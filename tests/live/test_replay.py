@@ -104,6 +104,7 @@ def _shows_frame_of(console: ReplayConsole, at_ns: int, made: MadeSession) -> bo
     return shown is not None and shown.stamp_ns == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     rng = np.random.default_rng(5)
@@ -131,6 +132,7 @@ def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_repla
         assert state.frame.freshness == "fresh"
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_playing_brings_every_event_once_in_order_and_in_time(
     made: MadeSession, open_replay: Replay, qtbot: QtBot
 ) -> None:
@@ -164,6 +166,7 @@ def test_playing_brings_every_event_once_in_order_and_in_time(
     assert min(late_ms) >= 0.0, "nothing is shown before it arrived"
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_stepping_goes_frame_by_frame(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     console.seek(made.plan.started_ns + 5 * SECOND_NS)
@@ -187,6 +190,7 @@ def _newest_of(console: ReplayConsole, camera: str) -> int | None:
     return ref.stamp_ns if ref is not None and ref.camera == camera else None
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_nothing_can_be_driven(open_replay: Replay) -> None:
     console = open_replay()
     told: list[Any] = []
@@ -200,6 +204,7 @@ def test_nothing_can_be_driven(open_replay: Replay) -> None:
     assert not [event for event in logged if isinstance(event, Problem)], "it is none of the session"
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_a_standing_replay_does_not_age(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     console.seek(made.plan.started_ns + 6 * SECOND_NS)
@@ -210,6 +215,7 @@ def test_a_standing_replay_does_not_age(made: MadeSession, open_replay: Replay, 
     assert console.state.scan.freshness == "fresh"
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_what_coders_do_is_saved_beside_the_recording(
     made: MadeSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -246,6 +252,7 @@ def test_what_could_not_be_saved_is_tried_again_at_the_end(open_replay: Replay, 
     assert [tier.coder for tier in load_documents(tmp_path / "session").tiers] == ["Kim"]
 
 
+@pytest.mark.logs("The last annotations could not be saved")
 def test_what_cannot_be_saved_is_kept_elsewhere_and_told(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
     minute.make_session(tmp_path / "session", lambda _begin_ns: [])
     console = open_replay(folder=tmp_path / "session", unsaved_dir=tmp_path / "state" / "unsaved")
@@ -257,6 +264,7 @@ def test_what_cannot_be_saved_is_kept_elsewhere_and_told(open_replay: Replay, qt
     assert load_documents(kept).tiers == console.coding.value.tiers
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_jumps_go_to_marks_and_utterances(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     qtbot.waitUntil(lambda: console.overview.value is not None, timeout=20_000)
@@ -289,6 +297,7 @@ def test_the_clock_runs_stands_and_stops_at_the_end() -> None:
     assert clock.rate == 0.1
 
 
+@pytest.mark.logs("of the session is not shown")
 def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     at_ns = made.plan.started_ns + 5 * SECOND_NS

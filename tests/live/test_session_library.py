@@ -37,6 +37,7 @@ def make_library(tmp_path: Path, told: Told, qtbot: QtBot) -> Iterator[Library]:
         library.shutdown()
 
 
+@pytest.mark.logs("the replay of .* ended with 1")
 def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
     script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged.')"
     library = make_library(program=(sys.executable, "-c", script))
@@ -94,6 +95,7 @@ def test_what_a_cancelled_export_still_says_is_not_of_the_next(
     assert library.export.value.state == "running"
 
 
+@pytest.mark.logs("looking for sessions in")
 def test_an_index_that_cannot_be_opened_is_told(
     make_library: Library, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot, tmp_path: Path
 ) -> None:

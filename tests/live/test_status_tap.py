@@ -54,6 +54,7 @@ def test_names_and_paths_stay_out() -> None:
     assert [row.name for row in _put_back(shown, names={}).persons.value] == ["", "Person 2"]
 
 
+@pytest.mark.logs("a recorded status .* is not shown")
 def test_a_status_of_another_version_is_left_out() -> None:
     state = LiveState()
     show_status(state, StatusShown(1, "drive", ["no", "object"]), name_of={}.get)

@@ -78,6 +78,7 @@ def test_what_was_written_is_there_without_closing(path: Path) -> None:
     register.close()
 
 
+@pytest.mark.logs("people database .* could not be")
 @pytest.mark.parametrize(
     "content", [b"this is not a database, but someone's thesis " * 100, b"SQLite format 3\0" * 300]
 )
@@ -123,6 +124,7 @@ def test_a_newer_database_is_refused(path: Path) -> None:
         PeopleRegister(path)
 
 
+@pytest.mark.logs("people database .* could not be")
 def test_a_folder_that_cannot_be_written_is_explained(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(PeopleStoreError, match="cannot be"):
@@ -132,6 +134,7 @@ def test_a_folder_that_cannot_be_written_is_explained(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
+@pytest.mark.logs("people database .* could not be")
 def test_a_database_that_is_locked_by_another_program_is_explained(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.people.register._BUSY_TIMEOUT_S", 0.05)
     register = PeopleRegister(path)

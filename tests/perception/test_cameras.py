@@ -180,6 +180,7 @@ def test_a_looped_video_goes_on_until_the_console_ends_it(video: Path, start: Ca
     camera.close()
 
 
+@pytest.mark.logs(r"perception\.cameras: camera")
 @pytest.mark.parametrize("name", ["missing.mp4", "notes.txt"])
 def test_a_file_that_cannot_be_played_is_a_problem(
     tmp_path: Path, start: Callable[[str], RunningCamera], name: str
@@ -216,6 +217,7 @@ class MjpegCamera(http.server.BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.logs(r"perception\.cameras: camera")
 def test_a_network_camera_that_breaks_off_is_reported_and_comes_back(
     start: Callable[[str], RunningCamera], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,6 +242,7 @@ def test_a_network_camera_that_breaks_off_is_reported_and_comes_back(
         thread.join(5.0)
 
 
+@pytest.mark.logs(r"perception\.cameras: camera")
 def test_an_absent_camera_is_reported_once_and_retried(
     start: Callable[[str], RunningCamera], monkeypatch: pytest.MonkeyPatch
 ) -> None:

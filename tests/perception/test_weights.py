@@ -73,6 +73,7 @@ def test_the_models_folder_is_searched_in_order(folders: tuple[Path, Path], name
     assert find_weights(folders=folders, allow_download=False).path == folders[0] / found
 
 
+@pytest.mark.logs("is not the published file")
 @pytest.mark.parametrize("name", ["yolov8n.pt", "yolov8s.pt"])
 def test_a_pickle_that_nobody_vouches_for_is_not_taken_by_itself(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, name: str
@@ -115,6 +116,7 @@ def test_the_published_file_is_downloaded(tmp_path: Path, server: tuple[str, dic
     assert [path.name for path in (tmp_path / "models").iterdir()] == ["yolov8n.pt"]
 
 
+@pytest.mark.logs("download of yolov8n.pt failed")
 @pytest.mark.parametrize(
     ("body", "words"),
     [(_PUBLISHED[:-1], "thrown away"), (b"code of somebody", "thrown away"), (None, "404")],

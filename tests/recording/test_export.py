@@ -175,6 +175,7 @@ def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_p
     assert table(tmp_path / "out" / "scan.csv")
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     from mcap.writer import Writer  # the file as somebody damaged it
 
@@ -239,6 +240,7 @@ def test_what_is_missing_is_empty() -> None:
     assert list(row.values())[4:] == ["Kitchen", None, None, None]
 
 
+@pytest.mark.logs(r"session\.session_reader: ", r"exporters\.tables: ", r"exporters\.html: ")
 def test_tampered_values_cost_themselves_and_no_export(tmp_path: Path) -> None:
     bent: Any = exchange(1, 1.0, 2.0, "never read")
     values = [

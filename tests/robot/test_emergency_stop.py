@@ -55,6 +55,7 @@ def test_a_service_to_set_and_one_to_clear(ros: int) -> None:
     with_link(robot(interface, ros), test, prepare=prepare)
 
 
+@pytest.mark.logs(r"robot\.emergency_stop: ")
 def test_a_trigger_that_refuses_to_clear_keeps_it_set() -> None:
     interface = EmergencyStopInterface(set_service="/stop", clear_service="/release")
 

@@ -315,6 +315,7 @@ fuzzing = settings(
 )
 
 
+@pytest.mark.logs(r"robot\.transport: ")
 @settings(fuzzing, max_examples=700)
 @given(PAYLOADS)
 @example((as_json, {"op": "publish", "topic": "/scan", "msg": None}))

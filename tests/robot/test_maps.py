@@ -191,6 +191,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_sent() -> None:
     with_link(ROBOT, test, prepare=lambda bridge: SlamToolbox().fit_out(bridge, "/map_server/load_map"))
 
 
+@pytest.mark.logs(r"robot\.maps: ")
 def test_a_request_does_not_outlive_the_link() -> None:
     def prepare(bridge: Bridge) -> None:
         SlamToolbox().fit_out(bridge)

@@ -403,7 +403,7 @@ CONTROLS = st.one_of(
         {
             "kind": st.just("choice"),
             "title": WORDS,
-            "publish": st.just({"topic": "/t", "type": "a/B", "message": {"data": "$value"}}),
+            "publish": st.just({"topic": "/t_said", "type": "a/B", "message": {"data": "$value"}}),
             "choices": st.lists(st.fixed_dictionaries({"title": WORDS, "value": VALUES}), min_size=1, max_size=3),
         }
     ),

@@ -10,6 +10,7 @@ import pytest
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.wardrobe import NoSuchDress, dress_named, dress_names
+from tests.support.leftovers import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -68,6 +69,7 @@ class Wardrobe:
     def wearing(self, name: str) -> SimulatedRobot:
         if name not in self._robots:
             self._robots[name] = self._open.enter_context(SimulatedRobot("--empty", dress=name))
+            share_in_file(self._robots[name].pid, self._robots[name].folder.name)
         return self._robots[name]
 
     def close(self) -> None:

@@ -74,6 +74,7 @@ def test_the_last_answers_are_remembered(tmp_path: Path) -> None:
     assert load_last_details(study) == details
 
 
+@pytest.mark.logs(r"last-trial\.json is ignored")
 @pytest.mark.parametrize("content", ["", "[1]", '{"participant": 7, "other": "x"}', "\x00"])
 def test_a_damaged_memory_is_no_obstacle(tmp_path: Path, content: str) -> None:
     study = open_study_folder(tmp_path)

@@ -4,12 +4,15 @@ import contextlib
 import itertools
 import json
 import os
+import shutil
 import ssl
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from websockets.exceptions import ConnectionClosed
@@ -60,9 +63,11 @@ class SimulatedRobot:
             *(["--ros", str(ros)] if ros is not None else []),
             "--end-with-stdin",
         ]
+        # Of its own, as one that is killed leaves its maps behind.
+        self.folder = Path(tempfile.mkdtemp(prefix="robot-"))
         self._process = subprocess.Popen(
             [*command, "--seed", str(seed), *(["--mute"] if muted else []), *arguments],
-            env={**os.environ, **(environment or {})},
+            env={**os.environ, "TMPDIR": str(self.folder), **(environment or {})},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -91,6 +96,7 @@ class SimulatedRobot:
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def terminate(self) -> int:
         """Ask it to end, and return its exit status."""

@@ -20,6 +20,8 @@ def _sdl() -> ctypes.CDLL:
     sdl.SDL_JoystickClose.argtypes = [ctypes.c_void_p]
     sdl.SDL_JoystickSetVirtualAxis.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int16]
     sdl.SDL_JoystickSetVirtualButton.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint8]
+    sdl.SDL_JoystickGetButton.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    sdl.SDL_JoystickGetButton.restype = ctypes.c_uint8
     return sdl
 
 
@@ -47,6 +49,10 @@ class VirtualGamepad:
 
     def let_go(self, button: int) -> None:
         self._sdl.SDL_JoystickSetVirtualButton(self._handle, button, 0)
+
+    def has_been_read(self, button: int, *, held: bool) -> bool:
+        """Whether SDL has passed this state on; of what changes again before that, nobody hears."""
+        return bool(self._sdl.SDL_JoystickGetButton(self._handle, button)) == held
 
     def unplug(self) -> None:
         """Pull the plug, whatever is held."""

@@ -31,6 +31,7 @@ from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_layers import TRAIL_POINTS, Trail
 from caris_desktop.ui.widgets.map_raster import GridRaster
+from tests.support.yardstick import in_yardsticks
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
@@ -152,9 +153,8 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
         f"\n4000x4000: shown after {whole_s * 1e3:.0f} ms in goes of at most {slowest_whole_ms:.1f} ms; "
         f"a change after {(time.perf_counter() - began) * 1e3:.0f} ms, at most {view.slowest_band_ms:.1f} ms"
     )
-    # Measured 0.1 s and 3 ms; a busy machine is no reason to fail, a lost order of magnitude is.
-    assert whole_s < 3.0
-    assert slowest_whole_ms < 100.0
+    # A busy machine makes all of it slower; held up would be the window that gets the map in one go.
+    assert slowest_whole_ms < 0.5 * whole_s * 1e3
     assert view._raster is not None
     assert view._raster.rows_changed <= 32
 
@@ -165,18 +165,18 @@ def test_painting_all_layers_is_quick(qtbot: QtBot, panel: MapPanel, console: Fa
     view.setParent(None)
     view.resize(1920, 1080)
     view.fit()
-    took_ms = []
     picture = QImage(1920, 1080, QImage.Format.Format_RGB32)
-    for index in range(60):
-        if index % 3 == 0:
-            view.zoom(1.01)
-        began = time.perf_counter()
+    still = in_yardsticks(lambda: view.render(picture))
+
+    def zoomed() -> None:
+        view.zoom(1.01)
         view.render(picture)
-        took_ms.append((time.perf_counter() - began) * 1e3)
+
+    moving = in_yardsticks(zoomed)
     view.setParent(panel)
-    p95 = sorted(took_ms)[int(len(took_ms) * 0.95)]
-    print(f"\nmap at 1920x1080, all layers: median {sorted(took_ms)[30]:.1f} ms, p95 {p95:.1f} ms")
-    assert p95 < 80.0  # the aim is 8 ms, on a machine with nothing else to do
+    print(f"\nmap at 1920x1080, all layers: {still:.1f} yardsticks, {moving:.1f} while zooming")
+    assert still < 40.0
+    assert moving < 40.0
 
 
 def fill_layers(console: FakeConsole) -> None:

@@ -260,6 +260,7 @@ def test_sound_that_keeps_time_itself_is_moved_as_a_whole(tmp_path: Path) -> Non
     assert np.array_equal(written[late:], samples)
 
 
+@pytest.mark.logs(r"exporters\.eaf: ")
 def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> None:
     """ELAN plays a file at document time plus TIME_ORIGIN: what lies before the session is left out."""
     folder = tell(
@@ -353,6 +354,7 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
     assert len(taken.annotations) == 6
 
 
+@pytest.mark.logs(r"annotation\.eaf_import: ")
 def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> None:
     """Somebody opened a video of the session in ELAN, and cut off its first 300 ms there."""
     header = {

@@ -132,6 +132,7 @@ def test_row_groups_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest
     assert all(0.0 <= fraction <= 1.0 for fraction in fractions)
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_values_that_fit_no_column_are_left_out_and_the_rest_kept(tmp_path: Path) -> None:
     from caris_desktop.domain.events import CommandSent
     from caris_desktop.domain.geometry import Twist2D

@@ -161,6 +161,7 @@ def test_a_long_session_is_drawn_in_strips(tmp_path: Path) -> None:
     assert ["Late" in "".join(drawing.itertext()) for drawing in strips] == [False] * 5 + [True]
 
 
+@pytest.mark.logs(r"exporters\.html: ")
 def test_nothing_that_was_said_becomes_markup(tmp_path: Path) -> None:
     values: list[Any] = [
         *heard(1, 1.0, 2.0, EVIL),
@@ -188,6 +189,7 @@ def test_nothing_that_was_said_becomes_markup(tmp_path: Path) -> None:
     assert EVIL in markdown
 
 
+@pytest.mark.logs(r"exporters\.html: ")
 def test_photos_are_in_the_page(tmp_path: Path) -> None:
     folder = tell(tmp_path / "s", [PhotoTaken(at(3.0), "front", 7, "photos/0001.png"),
                                    PhotoTaken(at(4.0), "front", 8, "photos/gone.png")], lasts_s=10)  # fmt: skip

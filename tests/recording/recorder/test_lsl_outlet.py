@@ -75,6 +75,7 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     assert open_session(tmp_path / "s").closed_properly
 
 
+@pytest.mark.logs(r"recorder\.lsl_outlet: ", r"recorder\.session_recorder: ")
 def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,6 +110,7 @@ class FailingLibrary:
             raise ValueError("the network is gone")
 
 
+@pytest.mark.logs(r"recorder\.lsl_outlet: ", r"recorder\.session_recorder: ")
 def test_an_outlet_that_fails_ends_itself_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     library = FailingLibrary()
     monkeypatch.setitem(sys.modules, "pylsl", library)

@@ -47,6 +47,7 @@ def record(folder: Path, cameras: tuple[str, ...], frames: int) -> tuple[MediaWr
     return writer, [result for result in writer.results() if isinstance(result, MediaFailed)]
 
 
+@pytest.mark.logs(r"recorder\.media_writer: ")
 def test_an_encoder_that_fails_midway_costs_a_moment_and_not_the_video(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -72,6 +73,7 @@ def test_an_encoder_that_fails_midway_costs_a_moment_and_not_the_video(
     assert len((tmp_path / first.index_file).read_text().splitlines()) == 1 + first.frames
 
 
+@pytest.mark.logs(r"recorder\.media_writer: ")
 def test_a_disk_that_takes_no_more_pictures_has_no_lines_for_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -91,6 +93,7 @@ def test_a_disk_that_takes_no_more_pictures_has_no_lines_for_them(
     assert info.frames + sum(failure.lost for failure in failures) == 40
 
 
+@pytest.mark.logs(r"recorder\.media_writer: ")
 def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,6 +114,7 @@ def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor
     assert [info.frames for info in writer.infos()] == [5, 5]
 
 
+@pytest.mark.logs(r"recorder\.session_recorder: ")
 def test_a_recorder_that_is_behind_says_so_once(tmp_path: Path) -> None:
     said: list[object] = []
     recorder = SessionRecorder(

@@ -104,6 +104,7 @@ def ring() -> Iterator[FrameRing]:
     ring.close()
 
 
+@pytest.mark.logs(r"recorder\.session_recorder: ")
 @pytest.mark.usefixtures("slow_machine")
 def test_a_machine_that_cannot_keep_up_leaves_out_frames_evenly_and_says_so_once(
     tmp_path: Path, ring: FrameRing

@@ -225,6 +225,7 @@ def test_checksums_close_the_session_and_nobody_holds_it_any_more(recorded: Reco
         )
 
 
+@pytest.mark.logs(r"recorder\.session_recorder: ")
 def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(tmp_path: Path) -> None:
     ring = FrameRing.create(640 * 480 * 3)
     recorder = RecorderUnderTest(ring, limits=DiskLimits(lower_video_free_bytes=1 << 60), in_thread=True)

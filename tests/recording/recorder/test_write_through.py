@@ -151,6 +151,7 @@ def test_a_round_in_progress_counts_as_long_as_it_takes_already(
     assert max(lane.delays_s(time.monotonic(), within_s=30.0)) > 0.1
 
 
+@pytest.mark.logs(r"recorder\.write_through: ")
 def test_what_the_disk_refuses_is_remembered_and_the_rest_is_synced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

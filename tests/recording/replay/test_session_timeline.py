@@ -112,6 +112,7 @@ def test_without_an_index_everything_is_found_all_the_same(killed_session: MadeS
         assert timeline.end_ns == killed_session.values[-1][0]
 
 
+@pytest.mark.logs(r"replay\.session_timeline: ")
 def test_a_damaged_block_is_left_out(whole_session: MadeSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)

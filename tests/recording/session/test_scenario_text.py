@@ -12,6 +12,7 @@ def read(content: str) -> ScenarioText:
     return read_scenario(ScenarioOpened(1, "a.yaml", "A", "", content))
 
 
+@pytest.mark.logs(r"session\.scenario_text: ")
 def test_references_that_unfold_to_billions_are_not_followed() -> None:
     lines = ["l0: &l0 {panel: video}"]
     lines += [f"l{level}: &l{level} {{children: [{', '.join([f'*l{level - 1}'] * 6)}]}}" for level in range(1, 19)]
@@ -22,6 +23,7 @@ def test_references_that_unfold_to_billions_are_not_followed() -> None:
     assert time.monotonic() - begin_s < 1.0
 
 
+@pytest.mark.logs(r"session\.scenario_text: ")
 @pytest.mark.parametrize(
     "content",
     ["a: !!int x", "a: !!timestamp x", "a: !!bool x", "a: !!python/object/apply:os.getcwd []", "[" * 5000, "- a\n- b",

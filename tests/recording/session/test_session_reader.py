@@ -84,6 +84,7 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
     assert previous == 30
 
 
+@pytest.mark.logs(r"session\.mcap_blocks: ", r"session\.session_reader: ")
 def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path) -> None:
     record(tmp_path / "s", [mark(str(number)) for number in range(50)])
     path = tmp_path / "s" / "events.mcap"
@@ -124,6 +125,7 @@ def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
         open_session(tmp_path / "none")
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_values_of_a_neighbouring_version_are_read_as_far_as_they_fit(tmp_path: Path) -> None:
     record(tmp_path / "s", [scan(10)])
     read = next(value for _, value in open_session(tmp_path / "s").values("scan"))
@@ -214,6 +216,7 @@ def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: Ma
             assert sum(picture is not None for picture in shown.values()) == (1 if name.suffix == ".mp4" else 2)
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_values_of_another_shape_are_left_out_and_told_once_a_stream(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

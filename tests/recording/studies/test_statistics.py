@@ -168,6 +168,7 @@ def test_a_session_that_cannot_be_read_is_told_and_the_others_count(study: Path,
     assert problem.startswith("bad: ")
 
 
+@pytest.mark.logs(r"studies\.statistics: ")
 def test_other_folders_are_left_alone(study: Path, tmp_path: Path) -> None:
     with pytest.raises(StatisticsError, match="no sessions"):
         study_statistics(tmp_path, tmp_path / "out")

@@ -255,6 +255,7 @@ def make_older(path: Path) -> None:
         database.execute("PRAGMA user_version = 0")
 
 
+@pytest.mark.logs(r"studies\.study_index: ")
 @pytest.mark.parametrize("damage", [overwrite, cut, scribble, make_older])
 def test_a_damaged_or_older_index_is_made_anew(index: StudyIndex, study: Path, damage: Callable[[Path], None]) -> None:
     before = answers(index)
@@ -268,6 +269,7 @@ def test_a_damaged_or_older_index_is_made_anew(index: StudyIndex, study: Path, d
     assert (again.message, answers(again)) == ("", before)
 
 
+@pytest.mark.logs(r"studies\.study_index: ")
 def test_a_database_of_something_else_is_left_alone(study: Path) -> None:
     path = study / DATABASE_NAME
     with sqlite3.connect(path) as database:
@@ -281,6 +283,7 @@ def test_a_database_of_something_else_is_left_alone(study: Path) -> None:
     assert path.read_bytes() == before
 
 
+@pytest.mark.logs(r"studies\.study_index: ")
 def test_a_locked_index_does_not_keep_anybody_from_finding(
     index: StudyIndex, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -374,6 +377,7 @@ def test_annotations_and_repairs_change_the_signature(study: Path) -> None:
     assert content_signature(folder) != annotated
 
 
+@pytest.mark.logs(r"studies\.study_index: ", r"session\.session_reader: ")
 def test_one_tampered_session_is_the_trouble_of_that_session_alone(study: Path) -> None:
     asked = exchange(1, 1.0, 2.0, "the answer")
     tell(
@@ -396,6 +400,7 @@ def test_one_tampered_session_is_the_trouble_of_that_session_alone(study: Path) 
     index.close()
 
 
+@pytest.mark.logs(r"studies\.study_index: ")
 def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(folder: Path, *, repair: bool) -> Any:
         if folder.name == "b":
