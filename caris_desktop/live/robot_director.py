@@ -298,7 +298,7 @@ class RobotDirector(QObject):
             self._tell_of_timeout()
 
     def _tell_of_timeout(self) -> None:
-        """Once for each robot: nobody can stop a base that does not do so by itself when its rosbridge dies."""
+        """Once for each robot: when its rosbridge dies, nobody can stop a base that does not do so by itself."""
         connection = self._connection
         if connection is None or connection.profile.stops_by_itself:
             return
@@ -306,9 +306,9 @@ class RobotDirector(QObject):
             self._told_no_timeout_of = connection.address
             self._problem(
                 "warning",
-                "Whether this robot stops by itself when its rosbridge dies is not known.",
-                "It is driven at half speed. If its connection breaks while it moves, it may go on moving.",
-                "Keep its own emergency stop at hand. Where it does stop, its profile can say so (timeout_s).",
+                "Nobody has said whether this robot stops by itself when its connection breaks.",
+                "So it is driven at half speed. If the connection breaks while it moves, it may go on moving.",
+                "Keep its own emergency stop at hand. If it does stop, say so in its profile (timeout_s).",
             )
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:

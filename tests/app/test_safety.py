@@ -29,6 +29,13 @@ A navigation goal survives a focus change; stop, loss of the link and exit cance
 Commands are never queued while the link is down:
     console: a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back;
     link: a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command
+A robot that reads nothing gets four commands at most, and a zero behind them; every new connection begins with zeros:
+    tests/app/test_stops_and_kills.py; tests/robot/test_unread.py; tests/robot/test_control_link.py;
+    link: a_stop_of_a_moment_leaves_four_velocities_and_a_zero, a_new_link_says_zero_first_whoever_drove_before
+A control that may move the robot obeys the emergency stop and the permission to drive, and none publishes velocities:
+    tests/robot/test_controls.py
+A base that is not known to stop by itself is driven at half speed:
+    tests/robot/test_profile.py; controller: a_base_that_may_not_stop_by_itself_is_driven_at_half_speed
 A command older than 0.25 s is dropped:
     test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept; link: an_old_order_moves_nothing
 Stop halts motion and cancels goals, always:

@@ -183,14 +183,17 @@ def _check_scan_against_the_corridor(scan: LaserScan) -> None:
 def test_it_is_driven_and_stands_when_released(bench: Bench) -> None:
     # nothing to see with, nothing to be guarded by; and the corridor is narrow for a cautious guard
     bench.link.send(SetGuard(now_ns(), on=False))
-    limits, start = bench.profile.limits, bench.state()["pose"]
+    limits, start = bench.profile.driving_limits, bench.state()["pose"]
     bench.drive_until(
         Twist2D(limits.forward_mps), lambda: bench.state()["speed_mps"] > 0.6 * limits.forward_mps, "it moves"
     )
     bench.link.send(Release(now_ns()))
     wait_for(bench.stands, "it stands")
     assert bench.state()["pose"]["x_m"] > start["x_m"]
-    bench.drive_until(Twist2D(0.0, 0.0, limits.turn_radps), lambda: bench.state()["speed_radps"] > 0.2, "it turns left")
+    turns_radps = min(0.2, 0.6 * limits.turn_radps)
+    bench.drive_until(
+        Twist2D(0.0, 0.0, limits.turn_radps), lambda: bench.state()["speed_radps"] > turns_radps, "it turns left"
+    )
     bench.link.send(Release(now_ns()))
     wait_for(bench.stands, "it stands")
     if bench.profile.holonomic:
