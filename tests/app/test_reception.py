@@ -4,21 +4,33 @@ import contextlib
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PySide6.QtCore import QCoreApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
 from caris_desktop.live.console import Console
 from caris_desktop.live.state import LiveState
 from tests.support import once_told_robot
+from tests.support.polling import wait_for
 
 pytestmark = pytest.mark.alone
 
-WAIT_MS = 60_000
+WAIT_S = 60.0
+
+
+def until(observe: Callable[[], object], what: str) -> None:
+    """Let the console go on until something is observed."""
+
+    def look() -> object:
+        QCoreApplication.processEvents()
+        return observe()
+
+    wait_for(look, what, timeout_s=WAIT_S)
 
 
 @contextlib.contextmanager
@@ -66,15 +78,13 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
             console.connect_robot(composition.robot_connection(str(profile), address=address, own_camera=False))
             assert "map" in lacking(state, lenses), "another connection begins with nothing"
 
-            def complete(number: int = number, lenses: int = lenses) -> None:
-                assert lacking(state, lenses) == [], f"connection {number}"
-
-            qtbot.waitUntil(complete, timeout=WAIT_MS)
+            until(lambda before=lenses: not lacking(state, before), f"all of connection {number}")
             # A stall that is trouble, and under load perhaps a loss: neither may cost anything for good.
             robot.send_signal(signal.SIGSTOP)
             troubles.clear()
-            qtbot.waitUntil(lambda: "trouble" in troubles or "lost" in troubles, timeout=WAIT_MS)
+            until(lambda: "trouble" in troubles or "lost" in troubles, "trouble")
             robot.send_signal(signal.SIGCONT)
-            qtbot.waitUntil(complete, timeout=WAIT_MS)
-            qtbot.wait(100)
-            complete()
+            until(lambda before=lenses: not lacking(state, before), f"all of connection {number} after the stall")
+            for _ in range(20):
+                until(lambda: True, "what is under way")
+            assert lacking(state, lenses) == []
