@@ -23,6 +23,7 @@ from websockets.client import ClientProtocol
 from websockets.exceptions import InvalidHandshake, InvalidURI, PayloadTooBig
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
+from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
@@ -164,7 +165,7 @@ class Wire(asyncio.Protocol):
 
     def send_text(self, payload: bytes) -> bool:
         """Hand one message to the socket now. False, and the message is gone, when the connection is not open."""
-        if not self.is_open:
+        if not self.is_open or self._protocol.state is not State.OPEN:
             return False
         self._protocol.send_text(payload)
         self._flush()
@@ -175,7 +176,7 @@ class Wire(asyncio.Protocol):
 
         ``answered`` is called with the round trip in seconds; without it the owner is told.
         """
-        if self.is_open:
+        if self.is_open and self._protocol.state is State.OPEN:
             token = b"%d" % next(self._ping_numbers)
             self._pings[token] = _Ping(self._loop.time(), answered)
             self._protocol.send_ping(token)
