@@ -58,7 +58,10 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.log = folder / "obeyed.jsonl"
-        self.robot = SimulatedRobot("--empty", "--obeyed-log", str(self.log))
+        # A killed robot cannot clear away its temporary folder for maps.
+        self._arguments = ("--empty", "--obeyed-log", str(self.log), "--maps-folder", str(folder / "maps"))
+        (folder / "maps").mkdir()
+        self.robot = SimulatedRobot(*self._arguments)
         # Nobody is to be found here, and looking for people would slow down everything else.
         (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
         environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
@@ -112,7 +115,7 @@ class Bench:
         elif fault == "kill":
             self.robot.kill()
             from_ns = time.monotonic_ns()
-            self.robot = SimulatedRobot("--empty", "--obeyed-log", str(self.log), port=self.robot.port)
+            self.robot = SimulatedRobot(*self._arguments, port=self.robot.port)
         else:
             os.kill(self.robot.pid, signal.SIGSTOP)
             until_s = time.monotonic() + seconds
