@@ -15,6 +15,7 @@ from typing import Any
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.priority import step_back
 
 _log = logging.getLogger(__name__)
 
@@ -107,8 +108,7 @@ def _step_back(niceness: int) -> None:
     if hasattr(os, "SCHED_IDLE"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    if hasattr(os, "nice"):
-        os.nice(niceness)
+    step_back(niceness)
 
 
 def _serve() -> Any:

@@ -190,6 +190,11 @@ def _run_body(body: ProcessBody, connection: Connection) -> None:
     """Child side. Signals to the whole group belong to the console, which ends its children in order."""
     for unwanted in (signal.SIGINT, signal.SIGTERM):
         signal.signal(unwanted, signal.SIG_IGN)
+    if hasattr(os, "setsid"):
+        # Linux shares the processor among sessions first, then within each: what this child computes is not taken from
+        # the share of the window, which needs little of it and at once.
+        with contextlib.suppress(OSError):
+            os.setsid()
     faulthandler.enable()
     configure_child_logging(body.name)
     rings: list[FrameRing | FrameRings] = []

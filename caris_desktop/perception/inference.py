@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import os
-import sys
 import time
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -13,6 +12,7 @@ from typing import NoReturn
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.tracker import PersonTracker, TrackerName
 from caris_desktop.perception.weights import WeightsError, find_weights
@@ -84,19 +84,9 @@ def run_inference(connection: Connection, frames: FrameReader, settings: Inferen
     processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. Returns when the
     connection ends.
     """
-    lower_priority(settings.niceness)
+    step_back(settings.niceness)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         _serve(connection, frames, settings)
-
-
-def lower_priority(niceness: int) -> None:
-    """Let the console and the link go first when the processor is busy."""
-    if sys.platform != "win32":
-        os.nice(niceness)
-    else:
-        import psutil
-
-        psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
 
 
 def _serve(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:

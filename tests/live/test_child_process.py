@@ -100,3 +100,14 @@ def test_a_killed_child_is_noticed() -> None:
     os.kill(child.pid, signal.SIGKILL)
     assert exits.get(timeout=10) == -signal.SIGKILL
     child.stop(grace_s=1)
+
+
+@pytest.mark.skipif(not hasattr(os, "getsid"), reason="sessions of processes are a matter of Unix")
+def test_a_child_has_a_session_of_its_own() -> None:
+    """The processor is shared among sessions first: what a child computes is not taken from the window's share."""
+    child, messages, _exits = _start(ProcessBody("deaf", bodies.deaf))
+    try:
+        pid = messages.get(timeout=20)[0].stamp_ns
+        assert os.getsid(pid) == child.pid == pid
+    finally:
+        child.stop(grace_s=0.1)
