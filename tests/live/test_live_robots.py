@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -35,8 +36,10 @@ class Replay:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return tmp_path / "state" / "live"
+def folder() -> Iterator[Path]:
+    """With a path as short as a user's is."""
+    with tempfile.TemporaryDirectory(prefix="live-") as state:
+        yield Path(state) / "live"
 
 
 @pytest.fixture

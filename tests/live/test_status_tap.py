@@ -60,3 +60,4 @@ def test_a_status_of_another_version_is_left_out() -> None:
     show_status(state, StatusShown(1, "drive", ["no", "object"]), name_of={}.get)
     show_status(state, StatusShown(1, "weather", {"sunny": True}), name_of={}.get)
     assert state.drive.value == DriveStatus()
+    state.close()

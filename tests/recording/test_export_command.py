@@ -396,6 +396,7 @@ def test_a_file_that_is_gone_is_told_by_every_export(
         assert "No loss is in the record" not in told
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_damaged_values_are_no_silent_part_of_an_export(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

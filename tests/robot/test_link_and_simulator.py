@@ -218,9 +218,14 @@ def test_the_robots_controls_are_used_and_read(simulator: SimulatedRobot, link: 
         ("light_blue", True),
     ):
         assert outcome(control, value).state == "succeeded", control
-    wait_for(lambda: link.of(ControlReadings)[-1].values.get("volume") == 35.0, "the volume")
-    wait_for(lambda: "temperature" in link.of(ControlReadings)[-1].values, "the temperature")
-    wait_for(lambda: link.of(ControlReadings)[-1].values.get("eyes") is False, "the eyes")
+
+    def read() -> dict[str, ControlValue]:
+        told = link.of(ControlReadings)
+        return dict(told[-1].values) if told else {}
+
+    wait_for(lambda: read().get("volume") == 35.0, "the volume")
+    wait_for(lambda: "temperature" in read(), "the temperature")
+    wait_for(lambda: read().get("eyes") is False, "the eyes")
     refused = outcome("volume", "loud")
     assert refused.state == "failed"
     assert "must be a number, but it is the text 'loud'" in refused.detail

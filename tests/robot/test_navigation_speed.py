@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import GoTo, LimitGoals
 from caris_desktop.domain.events import GoalChanged, NavigationSpeedChanged, Problem
@@ -59,6 +61,7 @@ def test_a_planner_of_ros1_is_told_before_the_goal_and_gets_its_own_speed_back()
     assert asked_for(used[0])[-1] == both(0.6), "the console has left"
 
 
+@pytest.mark.logs(r"robot\.navigation_speed: ")
 def test_a_planner_that_does_not_take_it_is_told_to_the_wizard_once() -> None:
     async def test(bench: LoopBench) -> None:
         def stays(_request: dict[str, Any]) -> dict[str, Any]:
@@ -79,6 +82,7 @@ def test_a_planner_that_does_not_take_it_is_told_to_the_wizard_once() -> None:
     with_link(ROS1, test)
 
 
+@pytest.mark.logs(r"robot\.navigation_speed: ")
 def test_nav2_is_told_on_its_topic_and_somebody_has_to_listen() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/controller_server"]}

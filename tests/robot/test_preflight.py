@@ -144,6 +144,7 @@ def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
     assert what == f"The robot does not tell what it has: {told}"
 
 
+@pytest.mark.logs(r"robot\.transport: ")
 def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: pytest.LogCaptureFixture) -> None:
     async def ask(bridge: Bridge) -> str:
         async def react(operation: dict[str, Any]) -> None:

@@ -184,7 +184,10 @@ def nothing_of_the_file_stays() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def nothing_stays(
-    request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture, nothing_of_the_file_stays: None
+    request: pytest.FixtureRequest,
+    caplog: pytest.LogCaptureFixture,
+    own_settings: Path,  # begun before and ended after: Qt keeps what a dialog remembers in it until that is destroyed
+    nothing_of_the_file_stays: None,
 ) -> Iterator[None]:
     def let_go() -> None:
         request.node.funcargs.clear()

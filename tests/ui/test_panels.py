@@ -26,7 +26,7 @@ from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, Utteran
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
-from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
@@ -298,7 +298,8 @@ def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow,
 
 def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, console: FakeConsole) -> None:
     navigation = NavigationServer("move_base", "/move_base", 0.6)
-    console.state.robot.set(RobotProfile("lab", "Lab", navigation=navigation))
+    velocity = VelocityTopic(timeout_s=0.5, timeout_source="its driver")
+    console.state.robot.set(RobotProfile("lab", "Lab", velocity=velocity, navigation=navigation))
     console.state.drive.set(DriveStatus(True, "", speed_fraction=0.6, max_forward_mps=0.5, goal_limit_mps=0.3))
     console.go_to_place("Kitchen")
     strip, reason = find(window, "robot_now"), find(window, "drive_reason")

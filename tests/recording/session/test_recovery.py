@@ -269,6 +269,7 @@ def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path)
     assert (again.notices, again.losses) == ((), session.losses)
 
 
+@pytest.mark.logs(r"session\.recovery: ")
 def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
     finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -308,6 +309,7 @@ def test_a_recorder_counts_what_it_has_written(tmp_path: Path) -> None:
     assert not needs_repair(tmp_path / "s")
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize("content", [None, b"", b'{"format": '])
 def test_a_lost_head_is_made_anew_from_the_events(finished: Path, content: bytes | None) -> None:
     whole = open_session(finished)
@@ -347,6 +349,7 @@ def test_a_session_tells_who_took_part_even_without_its_head(tmp_path: Path) -> 
     assert open_session(tmp_path / "s").trial == {key: text for key, text in trial.items() if key != "wizard" and text}
 
 
+@pytest.mark.logs(r"replay\.video_reader: ")
 def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
     front, rear = finished / "video-front.mp4", finished / "video-rear.mp4"
     sound = finished / "audio-microphone.wav"
@@ -372,6 +375,7 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
         assert len(videos.frame_times_ns("rear")) == left
 
 
+@pytest.mark.logs(r"session\.session_reader: ")
 def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     whole = Counter(spec.name for spec, _ in open_session(finished).values())
     path = finished / "events.mcap"
@@ -386,6 +390,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     assert session.told_losses() == (f"2 blocks of events.mcap cannot be read: {lost.total()} values are left out.",)
 
 
+@pytest.mark.logs(r"session\.recovery: ")
 def test_a_repair_that_meets_what_nobody_foresaw_says_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stumble(*_: object) -> None:
         raise ValueError("invalid literal for int() with base 10: b'x'")

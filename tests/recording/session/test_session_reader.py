@@ -101,6 +101,7 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
         )
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
@@ -158,6 +159,7 @@ def test_no_credentials_reach_the_session(tmp_path: Path) -> None:
     assert written["robot"]["address"] == "ws://robot.local:9090/x"
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
@@ -180,6 +182,7 @@ def test_a_header_that_makes_no_sense_is_told(tmp_path: Path, changes: dict[str,
     assert path.read_bytes() == before
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize("content", ["{", '{"format": ' + "[" * 200_000])
 def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_path: Path, content: str) -> None:
     record(tmp_path / "s", [])
@@ -190,6 +193,7 @@ def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_p
     assert "line 1" not in str(told.value)
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 def test_deep_nesting_is_told_too(tmp_path: Path) -> None:
     record(tmp_path / "s", [])
     (tmp_path / "s" / "session.json").write_text('{"format": ' + "[" * 200_000)

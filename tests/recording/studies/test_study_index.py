@@ -213,6 +213,7 @@ def test_a_cancelled_update_keeps_what_was_read(study: Path) -> None:
     assert names(index.sessions()) == ["c", "b", "a"]
 
 
+@pytest.mark.logs(r"session\.session_header: ")
 def test_sessions_that_cannot_be_read_are_told_and_no_session_is_touched(study: Path) -> None:
     sessions_dir = study / "sessions"
     session(sessions_dir / "cut", "Cut off here", closed=False)
