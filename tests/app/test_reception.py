@@ -55,6 +55,7 @@ def lacking(state: LiveState, lenses_before: int) -> list[str]:
     return [name for name, is_there in there.items() if not is_there]
 
 
+@pytest.mark.logs(r"live\.console: ")
 @pytest.mark.parametrize("times", [2, pytest.param(50, marks=[pytest.mark.long, pytest.mark.timeout(3600)])])
 def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall(
     qtbot: QtBot, tmp_path: Path, times: int

@@ -69,7 +69,6 @@ from caris_desktop.domain.commands import Drive, Release, RenewLease, StopMotion
 from caris_desktop.domain.events import DriveEnded, GuardChanged
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.sensing import LaserScan
-from caris_desktop.ui.words import shortened
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.robot.link_bench import LinkProcess
 from tests.support.console_process import ConsoleProcess
@@ -253,7 +252,7 @@ def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
 ) -> None:
     """The replay is another program: while its window is in front, the console hears no key."""
     session = make_session(tmp_path / "session", seconds=2.0, cameras=(), audio=())
-    stop = f"Stop {shortened(f'Robot at {robot.address}', 24)} (live)"
+    stop = "Stop Simulated robot (live)"
     replay = ConsoleProcess(session.folder, module="tests.app.replay_child", **environment)
     try:
         replay.wait_until_shown(red_button=stop)

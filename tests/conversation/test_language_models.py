@@ -388,7 +388,9 @@ def test_pieces_before_the_line_was_cut_are_kept() -> None:
 
 @pytest.mark.parametrize("head", [b"", SSE_HEAD, SSE_HEAD + b": ping\n\n" * 3])
 def test_a_server_that_never_begins_is_given_up(head: bytes) -> None:
-    error = refused(sends(head, then_waits=True), timeouts=replace(PATIENT, first_token_s=0.3))
+    # To connect and to begin is one wait.
+    short = ChatTimeouts(connect_s=2.0, first_token_s=0.3, between_tokens_s=20.0)
+    error = refused(sends(head, then_waits=True), timeouts=short)
     assert "did not begin to answer" in error.what
 
 

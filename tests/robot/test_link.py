@@ -330,7 +330,7 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
 
 def test_when_binary_messages_cannot_be_read_json_is_asked_for(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
     wait_for(lambda: own_bridge.operations("subscribe", "/scan"), "the subscription")
-    assert {line["compression"] for line in own_bridge.operations("subscribe")} == {"cbor"}
+    assert {line["compression"] for line in own_bridge.operations("subscribe", "/scan")} == {"cbor"}
     for _ in range(3):
         own_bridge.tell(hex="c1ffff")
     wait_for(

@@ -3,8 +3,10 @@
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,12 +19,14 @@ class ConsoleProcess:
     """The console in a process that may be stopped and killed."""
 
     def __init__(self, *arguments: str | Path, module: str = "tests.app.console_child", **environment: str) -> None:
+        # Of its own, as children that are killed leave files behind.
+        self._folder = Path(tempfile.mkdtemp(prefix="console-"))
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tests.support.late_main", module, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **environment},
+            env={**os.environ, "QT_QPA_PLATFORM": "offscreen", "TMPDIR": str(self._folder), **environment},
             start_new_session=True,
         )
         self.history: list[dict[str, Any]] = []
@@ -77,15 +81,26 @@ class ConsoleProcess:
     def kill(self) -> None:
         self._process.kill()
         self._process.wait()
+        self._remove_folder()
+
+    def _remove_folder(self) -> None:
+        """Children that end by themselves may still write into it."""
+
+        def removed() -> bool:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            return not self._folder.exists()
+
+        wait_for(removed, "its temporary files are gone")
 
     def close(self) -> int:
         """Close the window and give the exit status."""
         if self._process.poll() is None:
             try:
                 self.say("quit")
-                return self._process.wait(20)
+                self._process.wait(20)
             except (BrokenPipeError, subprocess.TimeoutExpired):
                 self.kill()
+        self._remove_folder()
         return self._process.returncode
 
     def _read(self) -> None:

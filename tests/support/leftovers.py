@@ -44,6 +44,9 @@ def use_private_folder() -> None:
     runtime = folder / "run"
     runtime.mkdir(mode=0o700)
     os.environ["XDG_RUNTIME_DIR"] = str(runtime)
+    # What a file's tests share begins before any of them has a home of its own.
+    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_DOCUMENTS_DIR"):
+        os.environ[name] = str(folder / "run" / name.lower())
     # After multiprocessing, which keeps a folder of its own in it to the end, at -100.
     multiprocessing.util.Finalize(None, shutil.rmtree, (folder,), {"ignore_errors": True}, exitpriority=-200)
 
