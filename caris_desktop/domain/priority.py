@@ -10,7 +10,8 @@ def step_back(niceness: int) -> None:
     """Let the window and the links go first: this process is in the background, from now on and for good.
 
     A process in a session of its own, as the console's children are, has to say so for its session too: Linux shares
-    the processor among sessions first, and niceness counts within one only.
+    the processor among sessions first, and niceness counts within one only. There half of it is said, as every other
+    session counts in full, those of programs that only burn included.
     """
     if niceness <= 0:
         return
@@ -22,4 +23,4 @@ def step_back(niceness: int) -> None:
     os.nice(niceness)
     if os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # not every kernel has it
-            Path("/proc/self/autogroup").write_text(str(niceness))
+            Path("/proc/self/autogroup").write_text(str(niceness // 2))

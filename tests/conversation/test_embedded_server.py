@@ -19,6 +19,7 @@ from caris_desktop.conversation.embedded_server import (
     find_embedded_weights,
     missing_for_embedded,
     run_embedded_server,
+    threads_for,
 )
 from caris_desktop.conversation.language_models import model_version, resolve_endpoint, stream_chat
 from caris_desktop.conversation.preflight import probe_language_model
@@ -182,3 +183,8 @@ def test_it_dies_with_the_console() -> None:
     console.join(60)
     assert console.exitcode is not None
     wait_for(lambda: not server.is_running() or server.status() == psutil.STATUS_ZOMBIE, "the server ended")
+
+
+@pytest.mark.parametrize(("cpu_count", "threads"), [(1, 1), (2, 1), (3, 1), (4, 2), (64, 2)])
+def test_on_few_cores_one_thread_answers(cpu_count: int, threads: int) -> None:
+    assert threads_for(cpu_count) == threads
