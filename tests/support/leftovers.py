@@ -34,12 +34,16 @@ _LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forks
 _LASTING_FILES = ("pytest-of-", "pymp-", "run")
 
 
+_private_folder: list[Path] = []
+
+
 def use_private_folder() -> None:
     """Temporary files of this run, its children included, lie in a folder of its own, where what is left is seen."""
     os.environ["PYTEST_DEBUG_TEMPROOT"] = tempfile.gettempdir()
     # Short: the paths of sockets in it may have 107 characters.
     folder = Path(tempfile.mkdtemp(prefix="ct-"))
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
+    _private_folder.append(folder)
     # Where this is missing, sound libraries make a folder in TMPDIR for each process.
     runtime = folder / "run"
     runtime.mkdir(mode=0o700)
@@ -114,7 +118,7 @@ def _children() -> dict[int, str]:
 
 
 def _files() -> dict[str, str]:
-    folder = Path(tempfile.gettempdir())
+    [folder] = _private_folder  # not what a test may call the temporary folder
     return {
         entry.name: f"temporary {'folder' if entry.is_dir() else 'file'} {entry.name}"
         for entry in folder.iterdir()
