@@ -172,9 +172,11 @@ def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path
 
 def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
     connections = []
+    recording = threading.Event()
 
     def nonsense(connection: ServerConnection) -> None:
         connections.append(connection)
+        recording.wait(60.0)  # what was said before it is in no session
         try:
             for message in ("not json", "[1, 2", '{"op": "publish"}', b"\xff\x00\x01", "[]", '{"op": 7}'):
                 connection.send(message)
@@ -192,10 +194,14 @@ def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
         try:
             console.wait_until_shown(recording="idle")
             console.say("record")
-            console.wait_until_shown(recording="recording")
+            said_before = len(console.wait_until_shown(recording="recording")["problems"])
+            recording.set()
             wait_for(lambda: connections, "the console has connected")
             # On a busy machine the robot is first told to be unclear, and asked again, before a link is tried.
-            wait_for(lambda: console.shown["problems"] and "control" in console.shown["children"], "it is said")
+            wait_for(
+                lambda: len(console.shown["problems"]) > said_before and "control" in console.shown["children"],
+                "it is said",
+            )
             children = console.shown["children"]
             console.say("end_recording")
             folder = Path(console.wait_until_shown(recording="idle")["session"])

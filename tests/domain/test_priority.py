@@ -12,7 +12,9 @@ from pathlib import Path
 from caris_desktop.domain.priority import step_back
 step_back(7)
 autogroup = Path("/proc/self/autogroup")
-print(os.nice(0), autogroup.read_text().split()[-1] if autogroup.exists() else "none")
+# The file of a process whose session has no group, as the first one of a system, is empty.
+said = autogroup.read_text().split() if autogroup.exists() else []
+print(os.nice(0), said[-1] if said else "none")
 """
 
 
