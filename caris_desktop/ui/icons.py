@@ -42,6 +42,13 @@ def _family() -> str | None:
     return QFontDatabase.applicationFontFamilies(font_id)[0]
 
 
+@lru_cache(maxsize=32)
+def _font(family: str, size_px: int) -> QFont:
+    font = QFont(family)
+    font.setPixelSize(size_px)
+    return font
+
+
 def icon_names() -> frozenset[str]:
     return frozenset(_charmap())
 
@@ -51,10 +58,8 @@ def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -
     family, code = _family(), _charmap().get(name)
     if family is None or code is None:
         return
-    font = QFont(family)
-    font.setPixelSize(max(1, round(min(rect.width(), rect.height()))))
     painter.save()
-    painter.setFont(font)
+    painter.setFont(_font(family, max(1, round(min(rect.width(), rect.height())))))
     painter.setPen(QColor(color))
     painter.drawText(rect.translated(QPointF(0, 0)), Qt.AlignmentFlag.AlignCenter, chr(int(code, 16)))
     painter.restore()

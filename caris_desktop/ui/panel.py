@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
@@ -12,6 +12,7 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.painted_once import PaintedOnce
 
 TITLE_HEIGHT_PX = 38
 
@@ -123,10 +124,6 @@ class Panel(QWidget):
         """What gets the focus when the wizard goes to this panel."""
         return self
 
-    def card_path(self) -> QPainterPath:
-        """The lower part of the card, for clipping what reaches its edge."""
-        return _card_path(QRectF(self.rect()), top=False)
-
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self._active)
@@ -233,6 +230,33 @@ def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, activ
     if top:
         painter.setPen(QPen(theme.color("line"), 1))
         painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
+
+
+def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: PaintedOnce, *, active: bool) -> None:
+    """The round corners and the line of the lower half of a card, over what reaches its edge.
+
+    Clipping that to the corners would cost a hundred times as much. ``painted`` is cleared when the theme changes.
+    """
+    radius = float(tokens.PANEL_RADIUS_PX)
+    line = theme.color("blue" if active else "line")
+    straight = rect.height() - radius
+    painter.fillRect(QRectF(rect.left(), rect.top(), 1, straight), line)
+    painter.fillRect(QRectF(rect.right() - 1, rect.top(), 1, straight), line)
+    painter.fillRect(QRectF(rect.left() + radius, rect.bottom() - 1, rect.width() - 2 * radius, 1), line)
+    corners = {"left": rect.left(), "right": rect.right() - radius}
+    for side, left in corners.items():
+
+        def paint(onto: QPainter, side: str = side) -> None:
+            whole = QRectF(0 if side == "left" else -3 * radius, -3 * radius, 4 * radius, 4 * radius)
+            card = _card_path(whole, top=False)
+            outside = QPainterPath()
+            outside.addRect(whole)
+            onto.fillPath(outside.subtracted(card), theme.color("window"))
+            onto.strokePath(card, QPen(line, 1))
+
+        painted.draw(
+            painter, QPointF(left, rect.bottom() - radius), QSizeF(radius, radius), ("corner", side, active), paint
+        )
 
 
 def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:

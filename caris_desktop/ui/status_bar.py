@@ -1,6 +1,7 @@
 """The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
 
 import html
+import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
@@ -15,7 +16,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 HEIGHT_PX = 32
-_SIDE_PX, _GAP_PX = 16, 20
+_SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
 _MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
 # What is cut short then. What is recorded is neither.
@@ -63,8 +64,11 @@ class StatusItem(QWidget):
         if (text, role, icon) != (self._text, self._role, self._icon):
             self._text, self._role, self._icon = text, role, icon
             metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
-            self._full_px = round(metrics.horizontalAdvance(text) + (20 if icon else 0) + 2)
-            self.setFixedWidth(self._full_px)
+            width = metrics.horizontalAdvance(text) + (20 if icon else 0) + 2
+            # In steps: a digit more or less moves nothing, and what stands beside it is not laid out anew.
+            self._full_px = math.ceil(width / _STEP_PX) * _STEP_PX if text else 0
+            if self._full_px != self.minimumWidth():
+                self.setFixedWidth(self._full_px)
             self.setVisible(bool(text) and not self._left_out)
             self.setAccessibleName(text)
             self.update()
@@ -123,6 +127,7 @@ class StatusBar(QWidget):
         """``first`` are shown at the left end."""
         super().__init__()
         self._in_replay = False
+        self._told: tuple[object, ...] = ()
         self.setObjectName("status_bar")
         self.setFixedHeight(HEIGHT_PX)
         self._theme = theme
@@ -162,15 +167,25 @@ class StatusBar(QWidget):
         self._timer.start()
         theme.changed.connect(self.update)
         state = console.state
-        for value in (state.link, state.recording, state.perception, state.traffic):
+        for value in (state.link, state.recording, state.perception):
             value.changed.connect(self._on_changed)
         self.refresh()
 
     def _on_changed(self, _value: object) -> None:
-        self.refresh()
+        """A new state is told at once; figures that only go on wait for the next quarter of a second."""
+        if self._states() != self._told:
+            self.refresh()
+
+    def _states(self) -> tuple[object, ...]:
+        state = self._console.state
+        link: LinkStatus = state.link.value
+        recording: RecordingStatus = state.recording.value
+        perception: PerceptionStatus = state.perception.value
+        return link.state, link.robot, recording.state, perception.state, perception.detail
 
     def refresh(self) -> None:
         state, items = self._console.state, self.items
+        self._told = self._states()
         link: LinkStatus = state.link.value
         role, word = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:

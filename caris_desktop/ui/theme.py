@@ -40,6 +40,7 @@ class Theme(QObject):
         self._app = app
         self._choice: ThemeChoice = choice
         self.family = _pick_family()
+        self._fonts: dict[tuple[int, int], QFont] = {}
         self.colors: Colors = DARK
         app.setStyle("Fusion")
         self._system_scheme = QGuiApplication.styleHints().colorScheme()
@@ -59,9 +60,13 @@ class Theme(QObject):
         return QColor(getattr(self.colors, role))
 
     def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
-        font = QFont(self.family)
-        font.setPixelSize(size_px)
-        font.setWeight(QFont.Weight(weight))
+        """A font of the size and weight; the same one each time, as looking up the face costs more than drawing."""
+        font = self._fonts.get((size_px, weight))
+        if font is None:
+            font = QFont(self.family)
+            font.setPixelSize(size_px)
+            font.setWeight(QFont.Weight(weight))
+            self._fonts[size_px, weight] = font
         return font
 
     def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:

@@ -269,6 +269,7 @@ class DiagnosticsPanel(Panel):
         super().__init__(context)
         self.setObjectName("diagnostics_panel")
         self._copied_at_s = float("-inf")
+        self._link_state = ""
         self._summary = QLabel()
         self._summary.setObjectName("diagnostics_summary")
         self._summary.setTextFormat(Qt.TextFormat.PlainText)
@@ -313,8 +314,7 @@ class DiagnosticsPanel(Panel):
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
         self.every(1000, self.refresh)
-        self.state.traffic.changed.connect(self._on_changed)
-        self.state.link.changed.connect(self._on_changed)
+        self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.theme.changed.connect(self._style)
         self._style()
@@ -350,14 +350,17 @@ class DiagnosticsPanel(Panel):
         self.model.forget()
         self.refresh()
 
-    def _on_changed(self, _value: object) -> None:
-        self.refresh()
+    def _on_link_changed(self, link: LinkStatus) -> None:
+        """The figures are for the next second's look; whether there is a robot is told at once."""
+        if link.state != self._link_state:
+            self.refresh()
 
     def refresh(self) -> None:
         """Ages grow by themselves."""
         if not self.in_view:
             return
         link: LinkStatus = self.state.link.value
+        self._link_state = link.state
         traffic: dict[str, TrafficMeasured] = self.state.traffic.value
         connected = link.state in ("connected", "trouble")
         round_trip = f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else "not measured"

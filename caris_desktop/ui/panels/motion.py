@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPen, QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGraphicsItem, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import Odometry
@@ -21,7 +21,7 @@ SPAN_S = 30.0
 POINTS = 3000
 """Of each line; a hundred a second for half a minute. Older ones are forgotten."""
 
-_REDRAW_MS = 100
+_REDRAW_MS = 200
 _LOW_PX = 190
 _GAP_S = 0.5
 _COMMANDS_END_S = 0.6  # the link repeats a command, and then zero for half a second; silence means nothing is asked
@@ -106,6 +106,9 @@ class MotionPanel(Panel):
             plot.setMouseEnabled(False, False)
             plot.setXRange(-SPAN_S, 0.0, padding=0.0)
             plot.getAxis("left").setWidth(52)
+            for side in ("left", "bottom"):
+                # The numbers stand still while the lines move: they are painted when they change.
+                plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
             plot.showGrid(x=False, y=True, alpha=0.2)
             hatch = plot.plot(connect="finite", skipFiniteCheck=False)
             commanded, measured = plot.plot(connect="finite"), plot.plot(connect="finite")
@@ -241,7 +244,10 @@ class MotionPanel(Panel):
             line_commanded.setData(commanded[:, 0], commanded[:, column])
             line_measured.setData(measured[:, 0], measured[:, column])
             reach = reaches[column - 1] * 1.15
-            hatch.setData(limited[:, 0], np.where(limited[:, 1] > 0, reach, -reach), fillLevel=-reach)
+            if limited[:, 1].any():
+                hatch.setData(limited[:, 0], np.where(limited[:, 1] > 0, reach, -reach), fillLevel=-reach)
+            elif hatch.xData is not None:
+                hatch.clear()
         self._drawn_ns = self._paused_at_ns
 
     def _say(self) -> None:

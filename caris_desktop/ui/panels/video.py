@@ -2,11 +2,24 @@
 
 import math
 import time
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
+from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, QSizeF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QFontMetricsF,
+    QImage,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPixmap,
+    QPolygonF,
+    QShowEvent,
+)
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.camera import CameraModel
@@ -18,12 +31,13 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.panel import Panel, PanelContext, draw_card_edge, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, ring_px, spot_at
+from caris_desktop.ui.widgets.painted_once import PaintedOnce
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
 
 BOXES_SOLID_S = 0.25
@@ -43,6 +57,8 @@ _CHIP_ICONS = {
 }  # fmt: skip
 _NOTE_SHOWN_S = 3.0
 _CLICK_PX = 6
+_DASH_PX, _DASH_ON_PX = 18, 10
+_STRIP_PX = 4320  # the height of the largest screens
 
 
 def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
@@ -406,12 +422,21 @@ class FrameView(QWidget):
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName("Picture from the robot's camera")
-        theme.changed.connect(self.update)
+        # Everything is painted, corners included: nothing that lies below is painted first.
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self._painted = PaintedOnce()
+        self._dash_strips: dict[str, QPixmap] = {}
+        theme.changed.connect(self._on_theme_changed)
 
     @property
     def frame(self) -> FrameRef | None:
         """The frame on show, None when words are shown instead."""
         return self._frame if self._freshness in ("fresh", "stale") else None
+
+    def _on_theme_changed(self) -> None:
+        self._painted.clear()
+        self._dash_strips.clear()
+        self.update()
 
     def show_frame(self, image_bgr: NDArray[np.uint8], frame: FrameRef) -> None:
         height, width = image_bgr.shape[:2]
@@ -528,17 +553,25 @@ class FrameView(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        path = self._panel.card_path().translated(-QPointF(self.pos()))
-        painter.fillPath(path, self._theme.color("video_ground"))
+        whole, ground = QRectF(self.rect()), self._theme.color("video_ground")
         if self._image is None or self._freshness in ("lost", "none"):
+            painter.fillRect(whole, ground)
             self._paint_words(painter)
         else:
-            painter.setClipPath(path)
+            picture = self.picture_rect()
             if self._freshness == "stale":
+                painter.fillRect(whole, ground)
                 painter.setOpacity(0.4)
-            painter.drawImage(self.picture_rect(), self._image)
+            else:
+                for beside in (
+                    QRectF(whole.left(), whole.top(), whole.width(), picture.top() - whole.top()),
+                    QRectF(whole.left(), picture.bottom(), whole.width(), whole.bottom() - picture.bottom()),
+                    QRectF(whole.left(), picture.top(), picture.left() - whole.left(), picture.height()),
+                    QRectF(picture.right(), picture.top(), whole.right() - picture.right(), picture.height()),
+                ):
+                    painter.fillRect(beside, ground)
+            painter.drawImage(picture, self._image)
             painter.setOpacity(1.0)
-            painter.setClipping(False)
             if self._freshness == "stale":
                 self._paint_stale(painter)
             elif boxes_fit(self._people, self._frame):
@@ -546,9 +579,7 @@ class FrameView(QWidget):
             if self._freshness == "fresh":
                 self._paint_spot(painter)
         self._paint_chips(painter)
-        painter.setPen(QPen(self._theme.color("blue" if self._panel.active else "line"), 1))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawPath(path)
+        draw_card_edge(painter, self._theme, whole, self._painted, active=self._panel.active)
 
     def words_without_picture(self) -> tuple[str, str]:
         """What stands in the place of the picture: in short, and what it means."""
@@ -591,39 +622,75 @@ class FrameView(QWidget):
         painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
     def _paint_boxes(self, painter: QPainter) -> None:
-        people, frame, theme = self._people, self._frame, self._theme
+        people, frame = self._people, self._frame
         if people is None or frame is None or people.frame_width_px <= 0:
             return
         moved = moved_since(self._people_before, people, frame)
         painter.setOpacity(box_strength(people, frame))
         picture = self.picture_rect()
         scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
-        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-        metrics = QFontMetricsF(font)
-        painter.setFont(font)
         for box in people.boxes:
             label, named = self._words_for(box)
-            color = theme.color("box_named" if named else "box_unnamed")
             right_px = moved.get(box.track, 0.0)
             rect = QRectF(
                 picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
                 box.width_px * scale_x, box.height_px * scale_y,
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
-            pen = QPen(color, 2)
-            if not named:
-                pen.setDashPattern([5, 4])
-            painter.setPen(pen)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRoundedRect(rect, 3, 3)
-            width = metrics.horizontalAdvance(label) + 14
+            self._paint_box_edge(painter, rect, named=named)
             top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
-            tag = QRectF(rect.left() - 1, top, width, 21)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(color)
-            painter.drawRoundedRect(tag, 4, 4)
-            painter.setPen(theme.color("on_box"))
-            painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, label)
+            self._paint_tag(painter, QPointF(rect.left() - 1, top), label, named=named)
         painter.setOpacity(1.0)
+
+    def _paint_box_edge(self, painter: QPainter, rect: QRectF, *, named: bool) -> None:
+        """A line around somebody, dashed where the wizard gave no name.
+
+        As a pen's dashes and round corners are worked out anew for each box of each frame, it is four bars, and the
+        dashes are copied from strips of them.
+        """
+        color = self._theme.color("box_named" if named else "box_unnamed")
+        edge = rect.toRect().adjusted(-1, -1, 1, 1)
+        inner = edge.height() - 4
+        for bar in (
+            QRect(edge.left(), edge.top(), edge.width(), 2), QRect(edge.left(), edge.bottom() - 1, edge.width(), 2),
+            QRect(edge.left(), edge.top() + 2, 2, inner), QRect(edge.right() - 1, edge.top() + 2, 2, inner),
+        ):  # fmt: skip
+            if named:
+                painter.fillRect(bar, color)
+            elif bar.width() > 0 and bar.height() > 0:
+                across = bar.height() == 2
+                strip = self._dashes("across" if across else "down", color)
+                painter.drawPixmap(bar.topLeft(), strip, QRect(0, 0, bar.width(), bar.height()))
+
+    def _dashes(self, direction: Literal["across", "down"], color: QColor) -> QPixmap:
+        strip = self._dash_strips.get(direction)
+        if strip is None:
+            across = direction == "across"
+            strip = QPixmap(*((_STRIP_PX, 2) if across else (2, _STRIP_PX)))
+            strip.fill(Qt.GlobalColor.transparent)
+            onto = QPainter(strip)
+            for first in range(0, _STRIP_PX, _DASH_PX):
+                onto.fillRect(QRect(*((first, 0, _DASH_ON_PX, 2) if across else (0, first, 2, _DASH_ON_PX))), color)
+            onto.end()
+            self._dash_strips[direction] = strip
+        return strip
+
+    def _tag_size(self, text: str) -> QSizeF:
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        return QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 14, 21)
+
+    def _paint_tag(self, painter: QPainter, at: QPointF, text: str, *, named: bool) -> None:
+        """Words on their own ground, 21 pixels high; a picture kept for as long as somebody is called so."""
+        size = self._tag_size(text)
+
+        def paint(onto: QPainter) -> None:
+            onto.setPen(Qt.PenStyle.NoPen)
+            onto.setBrush(self._theme.color("box_named" if named else "box_unnamed"))
+            onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
+            onto.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+            onto.setPen(self._theme.color("on_box"))
+            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
+
+        self._painted.draw(painter, at, size, ("tag", text, named), paint)
 
     def _paint_spot(self, painter: QPainter) -> None:
         spot, model, theme = self._spot, self.model, self._theme
@@ -637,28 +704,16 @@ class FrameView(QWidget):
         for color, width in (("video_ground", 4.5), ("box_named", 2.5)):
             painter.setPen(QPen(theme.color(color), width))
             painter.drawPolygon(ring)
-        text = f"{spot.distance_m:.1f} m"
-        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-        painter.setFont(font)
-        bounds = ring.boundingRect()
-        tag = QRectF(0, 0, QFontMetricsF(font).horizontalAdvance(text) + 14, 21)
-        tag.moveCenter(QPointF(bounds.center().x(), bounds.top() - 16))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.color("box_named"))
-        painter.drawRoundedRect(tag, 4, 4)
-        painter.setPen(theme.color("on_box"))
-        painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, text)
+        text, bounds = f"{spot.distance_m:.1f} m", ring.boundingRect()
+        middle = bounds.center().x() - self._tag_size(text).width() / 2
+        self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, named=True)
         painter.restore()
 
     def _paint_chips(self, painter: QPainter) -> None:
-        theme = self._theme
-        chips = self._chips
-        font = theme.font(tokens.BODY_PX)
-        metrics = QFontMetricsF(font)
-        painter.setFont(font)
+        metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
         left, top = 12.0, self.height() - 46.0
-        for text, role in chips:
-            width = metrics.horizontalAdvance(text) + 24 + (22 if role in _CHIP_ICONS else 0)
+        for text, role in self._chips:
+            width = math.ceil(metrics.horizontalAdvance(text)) + 24.0 + (22 if role in _CHIP_ICONS else 0)
             if left + width > self.width() - 8:
                 if left <= 12.0:
                     continue
@@ -667,18 +722,28 @@ class FrameView(QWidget):
                 left, top = 12.0, top - 40
                 if width > self.width() - 20:
                     continue
-            rect = QRectF(left, top, width, 34)
-            painter.setPen(QPen(theme.color("video_line"), 1))
-            painter.setBrush(theme.color("video_chip"))
-            painter.drawRoundedRect(rect.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
-            text_rect = rect
-            color = theme.color(_CHIP_COLORS.get(role, "video_text"))
-            if role in _CHIP_ICONS:
-                draw_icon(painter, QRectF(left + 10, top + 8, 18, 18), _CHIP_ICONS[role], color)
-                text_rect = rect.adjusted(22, 0, 0, 0)
-            painter.setPen(color)
-            painter.drawText(text_rect, Qt.AlignmentFlag.AlignCenter, text)
+            self._painted.draw(
+                painter,
+                QPointF(left, top),
+                QSizeF(width, 34),
+                ("chip", text, role),
+                partial(self._paint_chip, text, role, width),
+            )
             left += width + 8
+
+    def _paint_chip(self, text: str, role: str, width: float, painter: QPainter) -> None:
+        theme = self._theme
+        rect = QRectF(0, 0, width, 34)
+        painter.setPen(QPen(theme.color("video_line"), 1))
+        painter.setBrush(theme.color("video_chip"))
+        painter.drawRoundedRect(rect.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        color = theme.color(_CHIP_COLORS.get(role, "video_text"))
+        if role in _CHIP_ICONS:
+            draw_icon(painter, QRectF(10, 8, 18, 18), _CHIP_ICONS[role], color)
+            rect = rect.adjusted(22, 0, 0, 0)
+        painter.setFont(theme.font(tokens.BODY_PX))
+        painter.setPen(color)
+        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
