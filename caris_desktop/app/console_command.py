@@ -10,11 +10,11 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from PySide6.QtCore import QSettings, QTimer
-from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import SavedLayouts
 from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.domain.failure import ToldFailure
@@ -55,10 +55,7 @@ class ConsoleRun:
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         check_screen()
-        existing = QApplication.instance()
-        self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
-        self.application.setApplicationName("CARIS Desktop")
-        self.application.setApplicationVersion(__version__)
+        self.application = the_application()
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
         parts = composition.parts(

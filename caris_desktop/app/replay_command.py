@@ -20,9 +20,9 @@ from typing import TypeVar
 from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication, QProgressDialog
 
-from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen, own_settings
+from caris_desktop.app.qt_application import the_application
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
@@ -96,10 +96,7 @@ class ReplayRun:
 
     def __init__(self, arguments: argparse.Namespace, *, settings: QSettings | None = None) -> None:
         self._arguments = arguments
-        existing = QApplication.instance()
-        self.application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
-        self.application.setApplicationName("CARIS Desktop")
-        self.application.setApplicationVersion(__version__)
+        self.application = the_application()
         self.settings = own_settings() if settings is None else settings
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
