@@ -21,6 +21,8 @@ from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
 # Without a screen of its own a test run uses Qt's offscreen platform; tests that need a window manager start a
 # virtual screen themselves.
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+# As in the console on few cores; and what painting costs is then all in the thread that is measured.
+os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")
 
 
 _TESTS_BETWEEN_COLLECTIONS = 25

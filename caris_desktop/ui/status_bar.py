@@ -181,7 +181,8 @@ class StatusBar(QWidget):
         link: LinkStatus = state.link.value
         recording: RecordingStatus = state.recording.value
         perception: PerceptionStatus = state.perception.value
-        return link.state, link.robot, recording.state, perception.state, perception.detail
+        lost = tuple(recording.dropped)
+        return link.state, link.robot, recording.state, lost, perception.state, perception.detail
 
     def refresh(self) -> None:
         state, items = self._console.state, self.items

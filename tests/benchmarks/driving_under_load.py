@@ -29,6 +29,7 @@ BURNERS = 4
 HELD_S = 4.6
 LET_GO_S = 0.4
 MARK_EVERY_MS = 500
+SETTLED_S = 4.0
 ENDED_BY_THE_CONSOLE = "The console stopped answering for a moment"
 # Ends with the benchmark, however that ends.
 _BURN = """
@@ -126,13 +127,17 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
     layouts = {"panels_open": side_by_side(), "panels_hidden": behind_one_another()}
     for name, layout in layouts.items():
         load.window.show_scenario(replace(load.console.scenario, layout=layout))
+        load.let_qt_run(SETTLED_S)  # all panels are built anew, pyqtgraph is imported: nothing is driven meanwhile
         before, first = Counter(driver.ended), len(meter.late_ms)
+        began = time.monotonic(), time.thread_time()
         driver.drive_for(seconds / len(layouts))
+        busy = (time.thread_time() - began[1]) / (time.monotonic() - began[0])
         late_ms = meter.late_ms[first:]
         by_layout[name] = {
             "ended": dict(driver.ended - before),
             "gui_stalls_over_150_ms": sum(late > STALL_MS for late in late_ms),
             "gui_late_ms": percentiles(late_ms),
+            "gui_thread_percent": round(100 * busy, 1),
         }
     marks.stop()
     report = load.load()

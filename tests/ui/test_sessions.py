@@ -95,18 +95,22 @@ def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: Fake
         (3 * 60.0, "disk almost full: room for 3 min", "red"),
     ):
         change(console, room_s=room_s, bytes_per_s=333_000.0)
+        window.status_bar.refresh()  # as it does four times a second
         assert (items["disk"].text, items["disk"].role) == (text, role)
     assert "1.2 GB per hour" in items["disk"].toolTip()
     assert items["dropped"].text == ""
     change(console, dropped={"frame": 3})
+    window.status_bar.refresh()  # as it does four times a second
     assert items["dropped"].text == "3 frames not recorded"
     change(console, dropped={"frame": 3, "audio": 1})
+    window.status_bar.refresh()  # as it does four times a second
     assert items["dropped"].text == "4 values not recorded"
     assert "1 piece of sound was not recorded" in items["dropped"].toolTip()
 
 
 def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     change(console, room_s=200.0, dropped={"frame": 12_345})
+    window.status_bar.refresh()  # as it does four times a second
     console.begin_mark("Asks a long question about it")
     QApplication.processEvents()
     assert window.width() == 1366
@@ -114,6 +118,7 @@ def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindo
     assert window.status_bar.items["dropped"].isVisible()
     assert not window.status_bar.items["models"].isVisible()
     change(console, room_s=None, dropped={})
+    window.status_bar.refresh()  # as it does four times a second
     assert window.status_bar.items["models"].isVisible()
     assert find(window, "stretch_button").width() >= find(window, "stretch_button").sizeHint().width()
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QImage, QPainter, QRegion
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QDockWidget, QLabel, QWidget
 from pytestqt.qtbot import QtBot
@@ -13,7 +14,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import HeadState, RobotPose
+from caris_desktop.domain.sensing import HeadState, People, PersonBox, RobotPose
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
@@ -21,6 +22,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.video import VideoPanel, guard_chip
 from caris_desktop.ui.widgets.floor_spot import FARTHEST_M, FloorSpot, ring_px, spot_at
+from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -208,3 +210,50 @@ def test_the_people_panel_is_about_the_camera_on_show(
     console.state.choose_camera("rear")
     assert people.model.row_of("p-front") is None
     assert people.model.row_of("p-rear") is not None
+
+
+def test_boxes_and_words_cost_no_more_than_the_picture_under_them(panel: VideoPanel, console: FakeConsole) -> None:
+    show_frame(console)
+    view = panel.view
+    view.resize(1200, 900)
+    frame = console.state.frame.value
+    boxes = tuple(
+        PersonBox(number, f"p{number}", 40.0 + 150.0 * number, 80.0, 100.0, 300.0, 0.9) for number in range(4)
+    )
+    view.show_people(People(frame.stamp_ns, frame.camera, frame.sequence, 640, 480, boxes, 60.0))
+    view.show_names({"p0": ("Ada", True)})
+    view.show_chips([("0.30 m/s · 12°/s", "video_text"), ("Driving is off", "warning"), ("W A S D drives", "hint")])
+    onto = QImage(view.size(), QImage.Format.Format_RGB32)
+    pixels = np.full((480, 640, 3), (90, 90, 90), np.uint8)
+    picture = QImage(pixels.data, 640, 480, 3 * 640, QImage.Format.Format_BGR888)
+
+    def whole() -> None:
+        view.render(onto, QPoint(), QRegion(), QWidget.RenderFlag(0))
+
+    def bare() -> None:
+        painter = QPainter(onto)
+        painter.drawImage(view.picture_rect(), picture)
+        painter.end()
+
+    whole()
+    assert len(view.visible_boxes()) == 4
+    ratio = in_yardsticks(whole, tries=60) / in_yardsticks(bare, tries=60)
+    assert ratio < 2.0
+
+
+def test_who_has_a_name_has_a_solid_box_and_who_has_none_a_dashed_one(panel: VideoPanel, console: FakeConsole) -> None:
+    show_frame(console)
+    view, frame = panel.view, console.state.frame.value
+    boxes = (PersonBox(1, "p1", 60, 120, 120, 300, 0.9), PersonBox(2, "p2", 400, 120, 120, 300, 0.9))
+    view.show_people(People(frame.stamp_ns, frame.camera, frame.sequence, 640, 480, boxes, 60.0))
+    view.show_names({"p1": ("Ada", True)})
+    image = view.grab().toImage()
+
+    def colors_beside(left_px: float) -> set[str]:
+        at = view.to_view(left_px, 0)
+        rows = range(round(view.to_view(0, 200).y()), round(view.to_view(0, 400).y()))
+        return {image.pixelColor(round(at.x()), row).name() for row in rows}
+
+    named, unnamed = panel.theme.color("box_named").name(), panel.theme.color("box_unnamed").name()
+    assert colors_beside(60) == {named}
+    assert colors_beside(400) == {unnamed, "#5a5a5a"}, "dashes, and the picture between them"
