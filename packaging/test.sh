@@ -56,10 +56,11 @@ run_tests() {
 }
 
 if (($# == 0)); then
-  # Tests wait more than they compute, so two files run at a time, in the order of the alphabet: those of the whole program
-  # come first and take longest.
-  check "tests, two at a time" run_tests -n 2 --dist loadfile --no-loadscope-reorder -m "not alone"
-  check "tests of real time" run_tests -m alone
+  # Tests wait more than they compute. Those of the whole program start a dozen processes each, so two files run at a
+  # time; of the others four.
+  check "tests, whole program" run_tests -n 2 --dist loadfile -m "not alone" tests/app
+  check "tests, other rooms" run_tests -n 4 --dist loadfile -m "not alone" --ignore tests/app tests
+  check "tests of real time" run_tests -n 2 --dist loadfile -m alone
 else
   check "tests (pytest)" .venv/bin/python -m pytest "$@"
 fi

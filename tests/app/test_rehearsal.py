@@ -20,7 +20,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.domain.streams import BY_NAME
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.state import LOST_AFTER_S, LiveState
 from tests.app.shown_state import shown_state
 
 
@@ -142,12 +142,11 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
                 every_ns = round(2.5 * BY_NAME[name].record_every_s * 1e9)
                 if stamp_ns not in bounds and not _within(stamp_ns, *bounds, spare_ns=every_ns):
                     differences.append((sample["at_ns"], name, stamp_ns, bounds))
-                # The same value is as fresh as it was; of two values that follow each other either may be on show.
-                if (
-                    stamp_ns == now["streams"][name][0]
-                    and freshness != now["streams"][name][1] != before["streams"][name][1]
-                ):
-                    differences.append((sample["at_ns"], name, freshness, now["streams"][name][1]))
+                # Of the same value, where it is not about to be called something else: that is looked at now and then.
+                settled = not _about_to_age(name, sample["at_ns"] - (stamp_ns or 0))
+                now_ns, now_called = now["streams"][name]
+                if settled and stamp_ns == now_ns and freshness != now_called:
+                    differences.append((sample["at_ns"], name, freshness, now_called))
             differences += [
                 (sample["at_ns"], name, value, now["status"][name])
                 for name, value in live["status"].items()
@@ -165,6 +164,12 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
 
 # What arrives is recorded at once and shown as soon as the window has time for it.
 _ON_ITS_WAY_NS = 250_000_000
+_AGES_WITHIN_S = 0.5
+
+
+def _about_to_age(name: str, age_ns: int) -> bool:
+    moments_s = (BY_NAME[name].stale_after_s or 0.0, LOST_AFTER_S)
+    return any(abs(age_ns / 1e9 - moment_s) < _AGES_WITHIN_S for moment_s in moments_s)
 
 
 def _within(stamp_ns: int | None, earliest_ns: int | None, latest_ns: int | None, *, spare_ns: int) -> bool:

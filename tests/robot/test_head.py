@@ -99,7 +99,7 @@ def test_without_a_link_nothing_is_kept_for_later() -> None:
         bench.send(MoveHead(now_ns(), 1.0, 0.0))
         assert bench.of(HeadMoved) == []
         await bench.bridge.open()
-        await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) == 2, "advertised")
+        await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) >= 2, "advertised")
         assert bench.bridge.published(TRAJECTORY.topic) == []
         assert [problem.what for problem in bench.of(Problem)] == [
             "The head does not turn: the robot is not connected."
