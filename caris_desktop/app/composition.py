@@ -24,11 +24,12 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Parts
-from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
 from caris_desktop.perception.cameras import run_camera
@@ -53,7 +54,7 @@ from caris_desktop.study.folder import (
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial import TrialDetails, following, with_recording_number
+from caris_desktop.study.trial import following, with_recording_number
 
 
 class StartError(Exception):

@@ -17,6 +17,7 @@ from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import SavedLayouts
 from caris_desktop.conversation.microphone import run_microphone
+from caris_desktop.domain import intents
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
@@ -164,7 +165,7 @@ class ConsoleRun:
             return
         self._saved_layouts.note(path, layout, replaced=self.console.scenario)
         self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
-        self.console.open_scenario(path)
+        self.console.do(intents.OpenScenario(path))
 
     def _on_layout_reset_requested(self) -> None:
         """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
@@ -181,7 +182,7 @@ class ConsoleRun:
         self.console.problem(
             "info", "The panels are back.", "The layout that was saved is undone.", "Save it again to keep another."
         )
-        self.console.open_scenario(path)
+        self.console.do(intents.OpenScenario(path))
 
     def _kept_microphone(self) -> str | None:
         """The system's default until another was chosen."""

@@ -2,7 +2,6 @@
 intents to the adapters. GUI thread, except where a method says otherwise.
 """
 
-import json
 import logging
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
@@ -16,13 +15,11 @@ from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedR
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.commands import RobotCommand, Say, Silence
-from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
     ChatMessage,
-    CommandSource,
     DriveEnded,
     EmergencyStopChanged,
     Event,
@@ -30,7 +27,6 @@ from caris_desktop.domain.events import (
     GuardChanged,
     LayoutChanged,
     LinkChanged,
-    MarkKind,
     NavigationSpeedChanged,
     PersonAppeared,
     PlacesChanged,
@@ -41,20 +37,20 @@ from caris_desktop.domain.events import (
     Severity,
     StopRequested,
     UtteranceChanged,
-    UtteranceOrigin,
 )
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import AudioChunk, CameraLens, FrameRef, HeadState, LaserScan, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.assistant_director import AssistantDirector, StreamChat
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.drive_controller import DriveController
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.head_controller import HeadController
-from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.marks_director import MarksDirector
 from caris_desktop.live.microphone_director import MicrophoneDirector, MicrophoneMessage, MicrophoneParts
@@ -62,17 +58,17 @@ from caris_desktop.live.pace import PassPace
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.recording_director import RecordingDirector
 from caris_desktop.live.robot_director import RobotConnection, RobotDirector
+from caris_desktop.live.service import Handler, Handlers
 from caris_desktop.live.speech_director import SpeechDirector
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus, LinkStatus, PerceptionStatus, RecordingStatus
 from caris_desktop.live.status_tap import StatusTap
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import Presence
 from caris_desktop.perception.cameras import PlayVideo
 from caris_desktop.recording.recorder.messages import RecorderReport, SessionHeader
 from caris_desktop.robot.profile import RobotProfile, profile_text
-from caris_desktop.scenario.layout import layout_data
-from caris_desktop.scenario.model import LayoutNode, Place, Scenario
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.scenario.model import Place, Scenario
 
 _log = logging.getLogger(__name__)
 _RESTARTS_AT_MOST = 3
@@ -110,7 +106,7 @@ class Parts:
 
 
 class Console(QObject):
-    """Implements WizardIntents. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
+    """Implements WizardConsole. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
 
     _woken = Signal()
     _child_spoke = Signal(object)
@@ -179,6 +175,13 @@ class Console(QObject):
         self._state.robot.changed.connect(self._on_robot_changed)
         self._state.camera.changed.connect(self._on_camera_changed)
         self._state.recording.changed.connect(self._on_recording_changed)
+        self._gate = Gate(self._state, lambda: self._scenario.permissions)
+        services = (
+            self._drive, self._head, self._robot, self._speech, self._assistant, self._marks, self._microphone,
+        )  # fmt: skip
+        self._handlers: dict[type[Intent], Handler] = dict(self._own_handlers())
+        for service in services:
+            self._handlers.update(service.handlers())
         self._apply_scenario()
 
     # What panels read
@@ -279,7 +282,7 @@ class Console(QObject):
         self._assistant.cancel("cancelled as the program closed")
         self._robot.shutdown()
         self._gamepads.stop()
-        self.stop_session()
+        self._stop_session()
         during("Voice, models and people detection are being ended.", self._end_helpers)
         self._microphone.shutdown()
         self._asyncio.stop()
@@ -524,22 +527,46 @@ class Console(QObject):
         self._children[body.name] = child
         child.start()
 
-    # Driving
+    # What is asked
 
-    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
-        self._drive.drive(forward=forward, left=left, turn=turn, source=source)
+    def do(self, intent: Intent) -> str:
+        """Ask for it; gives why it was refused, in words that the wizard gets too, empty when it is under way."""
+        refusal = self._gate.refusal(intent)
+        if refusal is None:
+            try:
+                self._handlers[type(intent)](intent)
+            except ToldFailure as failure:
+                refusal = Refusal(failure.what, failure.meaning, failure.advice, severity="error")
+            else:
+                return ""
+        if not refusal.quiet:
+            self.problem(refusal.severity, refusal.what, refusal.meaning, refusal.advice, until=refusal.until)
+        return refusal.what
 
-    def release_drive(self, reason: str = "") -> None:
-        self._drive.release(reason)
+    def _own_handlers(self) -> Handlers:
+        return {
+            intents.Stop: lambda _asked: self._stop(),
+            intents.EmergencyStop: lambda _asked: self._emergency_stop(),
+            intents.ReleaseEmergencyStop: lambda _asked: self._release_emergency_stop(),
+            intents.SavePlace: self._save_place,
+            intents.RemovePlace: self._remove_place,
+            intents.UseRobot: lambda asked: self.connect_robot(self._parts.connect_to(asked.robot)),
+            intents.Ask: lambda asked: self._ask_assistant(asked.question.strip()),
+            intents.SayAnswer: self._say_answer,
+            intents.NamePerson: self._name_person,
+            intents.StartRecording: lambda asked: self._start_session(asked.details),
+            intents.StopRecording: lambda _asked: self._stop_session(),
+            intents.PauseRecording: lambda asked: self._pause_session(paused=asked.paused),
+            intents.TakePhoto: lambda _asked: self._recording.take_photo(without_session=self._parts.photo_file()),
+            intents.KeepLayout: self._keep_layout,
+            intents.OpenScenario: lambda asked: self._open_scenario(asked.path),
+        }
 
-    def set_speed_fraction(self, fraction: float) -> None:
-        self._drive.set_speed_fraction(fraction)
-
-    def stop(self) -> None:
+    def _stop(self) -> None:
         self._drive.stop()
         self.publish(StopRequested(clock.now_ns()))
 
-    def emergency_stop(self) -> None:
+    def _emergency_stop(self) -> None:
         heard = self._drive.set_emergency_stop(latched=True)
         self.publish(EmergencyStopChanged(clock.now_ns(), True, "wizard"))
         if not heard:
@@ -551,116 +578,38 @@ class Console(QObject):
                 until="connected",
             )
 
-    def clear_emergency_stop(self) -> None:
+    def _release_emergency_stop(self) -> None:
         self._drive.set_emergency_stop(latched=False)
         self.publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
 
-    def set_guard(self, *, on: bool) -> None:
-        if on or self._may_move():
-            self._drive.set_guard(on=on)
+    # Places
 
-    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
-        if self._may_move():
-            self._head.look_at(pan_rad=pan_rad, tilt_rad=tilt_rad)
-
-    def turn_head(self, *, pan: float, tilt: float) -> None:
-        # Letting go always counts; a stick that is refused says so often that nobody is told.
-        if self._scenario.permissions.driving or not (pan or tilt):
-            self._head.turn_head(pan=pan, tilt=tilt)
-
-    # Where to
-
-    def go_to_place(self, name: str) -> None:
-        if self._may_move():
-            self._robot.go_to_place(name)
-
-    def go_to(self, target_in_map: Pose2D) -> None:
-        if self._may_move():
-            self._robot.go_to(target_in_map)
-
-    def cancel_goal(self) -> None:
-        self._robot.cancel_goal()
-
-    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
-        if self._may_move():
-            self._robot.set_initial_pose(pose_in_map)
-
-    def save_map(self, name: str) -> None:
-        if self._may_move():
-            self._robot.request_map("save", name)
-
-    def load_map(self, name: str) -> None:
-        if self._may_move():
-            self._robot.request_map("load", name)
-
-    def set_mapping(self, *, mapping: bool) -> None:
-        if self._may_move():
-            self._robot.request_map("start_mapping" if mapping else "start_localization")
-
-    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
-        if not self._may_move():
-            return
-        name = " ".join(name.split())
+    def _save_place(self, asked: intents.SavePlace) -> None:
+        name = " ".join(asked.place.split())
         places = list(self._scenario.places)
         at = next((index for index, place in enumerate(places) if place.name == name), len(places))
-        places[at : at + 1] = [Place(name, pose_in_map)]
-        self._keep_places(tuple(places), PlacesChanged(clock.now_ns(), name, pose_in_map))
+        places[at : at + 1] = [Place(name, asked.pose_in_map)]
+        self._keep_places(tuple(places), PlacesChanged(clock.now_ns(), name, asked.pose_in_map))
 
-    def remove_place(self, name: str) -> None:
-        if not self._may_move():
-            return
-        places = tuple(place for place in self._scenario.places if place.name != name)
+    def _remove_place(self, asked: intents.RemovePlace) -> None:
+        places = tuple(place for place in self._scenario.places if place.name != asked.place)
         if len(places) < len(self._scenario.places):
-            self._keep_places(places, PlacesChanged(clock.now_ns(), name, None))
-
-    def _may_move(self) -> bool:
-        """Whether the scenario lets the wizard move the robot and what it finds its way by; tells her if not."""
-        if self._scenario.permissions.driving:
-            return True
-        self.problem(
-            "warning", "This scenario does not drive.", "Nothing was sent to the robot.", "Open one that does."
-        )
-        return False
+            self._keep_places(places, PlacesChanged(clock.now_ns(), asked.place, None))
 
     def _keep_places(self, places: tuple[Place, ...], event: PlacesChanged) -> None:
-        try:
-            self._scenario = self._parts.save_places(replace(self._scenario, places=places))
-        except ToldFailure as refusal:
-            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return
+        self._scenario = self._parts.save_places(replace(self._scenario, places=places))
         self._state.places.set(places)
         self.publish(event)
         self.publish(self._scenario_event())
         self._state.scenario.set(self._scenario)
 
-    # The robot
-
-    def use_control(self, control_id: str, value: ControlValue) -> None:
-        if self._scenario.permissions.robot_controls:
-            self._robot.use_control(control_id, value)
-
     def robots(self) -> Sequence[RobotChoice]:
         return self._parts.robots()
 
-    def use_robot(self, name: str) -> bool:
-        try:
-            connection = self._parts.connect_to(name)
-        except ToldFailure as refusal:
-            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return False
-        self.connect_robot(connection)
-        return True
-
     # Speaking
 
-    def say(self, text: str, origin: UtteranceOrigin) -> None:
-        self._speech.say(text, origin)
-
-    def silence(self) -> None:
-        self._speech.silence()
-
-    def ask_assistant(self, question: str) -> None:
-        if not self._scenario.permissions.assistant or not question.strip():
+    def _ask_assistant(self, question: str) -> None:
+        if not question:
             return
         too_long = characters_too_long(question)
         if too_long:
@@ -673,10 +622,10 @@ class Console(QObject):
             return
         # Neither the record nor a model on another computer gets to know the names.
         people = [f"person {row.number}" for row in self._state.persons.value]
-        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question.strip())
+        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question)
         settings = self._scenario.assistant
         if not self._assistant.ask(
-            question.strip(), messages, max_tokens=settings.max_tokens, temperature=settings.temperature
+            question, messages, max_tokens=settings.max_tokens, temperature=settings.temperature
         ):
             status = self._state.assistant.value
             self.problem(
@@ -688,24 +637,21 @@ class Console(QObject):
                 else (status.detail or "Check the scenario's model."),
             )
 
-    def cancel_assistant(self) -> None:
-        self._assistant.cancel()
-
-    def say_answer(self, text: str) -> None:
-        self._assistant.note_use(text, self._speech.say(text, "assistant"))
+    def _say_answer(self, asked: intents.SayAnswer) -> None:
+        self._assistant.note_use(asked.text, self._speech.say(asked.text, "assistant"))
 
     # People
 
-    def rename_person(self, person_id: str, name: str) -> None:
-        if self._scenario.permissions.naming_people and self._perception is not None:
-            self._perception.rename(person_id, name)
+    def _name_person(self, asked: intents.NamePerson) -> None:
+        if self._perception is not None:
+            self._perception.rename(asked.person_id, asked.name)
 
     # Session
 
     def suggested_details(self) -> TrialDetails:
         return self._parts.suggested_details()
 
-    def start_session(self, details: TrialDetails) -> None:
+    def _start_session(self, details: TrialDetails) -> None:
         if not self._recording.idle:
             return
         # What was said with one participant is neither told to the model about the next nor in the next one's record.
@@ -755,7 +701,7 @@ class Console(QObject):
         ]
         return standing
 
-    def stop_session(self) -> None:
+    def _stop_session(self) -> None:
         self._marks.end_all()
         if not self._recording.idle:
             # An answer that nobody used is so until the end, and the next participant shall not see it.
@@ -763,7 +709,7 @@ class Console(QObject):
         self._microphone.close()
         self._recording.stop_session("console_closed" if self._shut_down else "wizard")
 
-    def pause_session(self, *, paused: bool) -> None:
+    def _pause_session(self, *, paused: bool) -> None:
         # What was asked before belongs to what is recorded, what is asked meanwhile does not.
         self._assistant.forget()
         if paused:
@@ -786,45 +732,14 @@ class Console(QObject):
     def microphone(self) -> str | None:
         return self._microphone.chosen
 
-    def use_microphone(self, name: str | None) -> None:
-        self._microphone.use(name)
-
-    def keep_layout(self, layout: LayoutNode) -> None:
-        self._layout = LayoutChanged(clock.now_ns(), json.dumps(layout_data(layout)))
+    def _keep_layout(self, asked: intents.KeepLayout) -> None:
+        self._layout = LayoutChanged(clock.now_ns(), asked.layout)
         self.publish(self._layout)
-
-    def take_photo(self) -> None:
-        if self._scenario.permissions.photos:
-            self._recording.take_photo(without_session=self._parts.photo_file())
-
-    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
-        return self._marks.mark(label, kind, earlier_s=earlier_s, note=note)
-
-    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
-        return self._marks.begin(label, kind, earlier_s=earlier_s)
-
-    def stretch_mark(self, mark_id: str) -> None:
-        self._marks.stretch(mark_id)
-
-    def end_mark(self, mark_id: str) -> None:
-        self._marks.end(mark_id)
-
-    def change_mark(
-        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
-    ) -> None:
-        self._marks.change(mark_id, label=label, earlier_s=earlier_s, note=note)
-
-    def withdraw_mark(self, mark_id: str) -> None:
-        self._marks.withdraw(mark_id)
 
     # Scenario
 
-    def open_scenario(self, path: Path) -> bool:
-        try:
-            scenario = self._parts.load_scenario(path)
-        except ToldFailure as refusal:
-            self.problem("error", refusal.what, refusal.meaning, refusal.advice)
-            return False
+    def _open_scenario(self, path: Path) -> None:
+        scenario = self._parts.load_scenario(path)
         self._scenario = scenario
         self._layout = None
         self._recording.use_scenario(scenario)
@@ -838,7 +753,6 @@ class Console(QObject):
         self._apply_scenario()
         self._start_language_model()
         self._state.scenario.set(scenario)
-        return True
 
     def _apply_scenario(self) -> None:
         self._drive.use_scenario(self._scenario)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import Drive, LimitGoals, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
 from caris_desktop.domain.events import (
     CommandSource,
@@ -19,6 +19,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import RobotPort
+from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.robot.profile import MotionLimits, RobotProfile
 from caris_desktop.scenario.model import Scenario
@@ -64,6 +65,16 @@ class DriveController(QObject):
         state.link.changed.connect(self._on_condition_changed)
         state.scan.freshness_changed.connect(self._on_condition_changed)
         state.frame.freshness_changed.connect(self._on_condition_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.Drive: lambda asked: self.drive(
+                forward=asked.forward, left=asked.left, turn=asked.turn, source=asked.source
+            ),
+            intents.ReleaseDrive: lambda asked: self.release(asked.reason),
+            intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction),
+            intents.SetGuard: lambda asked: self.set_guard(on=asked.on),
+        }
 
     def use_scenario(self, scenario: Scenario) -> None:
         self.release("The scenario changed")

@@ -6,10 +6,11 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import MoveHead
 from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.ports import RobotPort
+from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import HeadStatus
 from caris_desktop.robot.profile import HeadInterface, RobotProfile
@@ -47,6 +48,12 @@ class HeadController(QObject):
         state.robot.changed.connect(self._on_robot_changed)
         state.link.changed.connect(self._on_condition_changed)
         state.drive.changed.connect(self._on_condition_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.LookAt: lambda asked: self.look_at(pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad),
+            intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt),
+        }
 
     def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
         """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""

@@ -17,10 +17,11 @@ import psutil
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtNetwork import QLocalServer, QLocalSocket
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import Severity
-from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus
+from caris_desktop.live.wizard_console import WizardConsole
 
 _log = logging.getLogger(__name__)
 _LOOK_EVERY_MS = 500
@@ -50,7 +51,7 @@ def _meeting_place(folder: Path) -> Path:
 class LiveRobotHost(QObject):
     """Lets replays stop the robot of this console, and tells them of it."""
 
-    def __init__(self, console: WizardIntents, folder: Path, parent: QObject | None = None) -> None:
+    def __init__(self, console: WizardConsole, folder: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._console = console
         self._folder = folder
@@ -93,9 +94,9 @@ class LiveRobotHost(QObject):
     def _on_message(self, client: "_Lines", message: dict[str, Any]) -> None:
         order = message.get("do")
         if order == "stop":
-            self._console.stop()
+            self._console.do(intents.Stop())
         elif order == "emergency_stop":
-            self._console.emergency_stop()
+            self._console.do(intents.EmergencyStop())
         else:
             return
         _log.info("a replay's window asked for %s", order)

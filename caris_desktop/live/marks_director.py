@@ -1,13 +1,13 @@
 """The wizard's marks: each change of one is an event with the same id. GUI thread."""
 
-import secrets
 from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.domain import clock
-from caris_desktop.domain.events import Event, Marked, MarkKind
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import Event, Marked
+from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MarksStatus
 
@@ -28,15 +28,25 @@ class MarksDirector(QObject):
         self._marks.clear()
         self._state.marks.set(MarksStatus())
 
-    def mark(self, label: str, kind: MarkKind, *, earlier_s: float, note: str) -> str:
-        now_ns = clock.now_ns()
-        start_ns = now_ns - round(earlier_s * _NANOSECONDS) if earlier_s > 0 else None
-        return self._keep(Marked(now_ns, label, kind, _new_id(), start_ns, note=note))
+    def handlers(self) -> Handlers:
+        return {
+            intents.Mark: self.mark,
+            intents.BeginMark: self.begin,
+            intents.StretchMark: lambda asked: self.stretch(asked.mark_id),
+            intents.EndMark: lambda asked: self.end(asked.mark_id),
+            intents.ChangeMark: self.change,
+            intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id),
+        }
 
-    def begin(self, label: str, kind: MarkKind, *, earlier_s: float) -> str:
+    def mark(self, asked: intents.Mark) -> None:
         now_ns = clock.now_ns()
-        start_ns = now_ns - round(max(0.0, earlier_s) * _NANOSECONDS)
-        return self._keep(Marked(now_ns, label, kind, _new_id(), start_ns, state="open"))
+        start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS) if asked.earlier_s > 0 else None
+        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, note=asked.note))
+
+    def begin(self, asked: intents.BeginMark) -> None:
+        now_ns = clock.now_ns()
+        start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
+        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open"))
 
     def stretch(self, mark_id: str) -> None:
         """The moment becomes a stretch that goes on."""
@@ -56,13 +66,13 @@ class MarksDirector(QObject):
         for mark_id in tuple(self._marks):
             self.end(mark_id)
 
-    def change(self, mark_id: str, *, label: str | None, earlier_s: float, note: str | None) -> None:
-        mark = self._marks.get(mark_id)
+    def change(self, asked: intents.ChangeMark) -> None:
+        mark = self._marks.get(asked.mark_id)
         if mark is None:
             return
         start_ns = mark.start_ns
-        if earlier_s > 0:
-            start_ns = (mark.stamp_ns if start_ns is None else start_ns) - round(earlier_s * _NANOSECONDS)
+        if asked.earlier_s > 0:
+            start_ns = (mark.stamp_ns if start_ns is None else start_ns) - round(asked.earlier_s * _NANOSECONDS)
         elif start_ns is None:
             # From now on the stamp is that of the change.
             start_ns = mark.stamp_ns
@@ -71,8 +81,8 @@ class MarksDirector(QObject):
                 mark,
                 stamp_ns=clock.now_ns(),
                 start_ns=start_ns,
-                label=mark.label if label is None else label,
-                note=mark.note if note is None else note,
+                label=mark.label if asked.label is None else asked.label,
+                note=mark.note if asked.note is None else asked.note,
             )
         )
 
@@ -83,16 +93,11 @@ class MarksDirector(QObject):
         self._publish(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn"))
         self._show(None)
 
-    def _keep(self, mark: Marked) -> str:
+    def _keep(self, mark: Marked) -> None:
         self._marks[mark.mark_id] = mark
         self._publish(mark)
         self._show(mark)
-        return mark.mark_id
 
     def _show(self, last: Marked | None) -> None:
         going_on = tuple(mark for mark in self._marks.values() if mark.state == "open")
         self._state.marks.set(MarksStatus(last, going_on))
-
-
-def _new_id() -> str:
-    return f"m-{secrets.token_hex(4)}"

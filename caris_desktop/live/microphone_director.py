@@ -14,9 +14,10 @@ from caris_desktop.conversation.microphone import (
     MicrophoneOpened,
     OpenMicrophone,
 )
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import Problem, Severity
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus
 
@@ -71,6 +72,9 @@ class MicrophoneDirector(QObject):
     def chosen(self) -> str | None:
         """None for no microphone, also where the computer has none at all."""
         return None if self._looked and not self._names else self._chosen
+
+    def handlers(self) -> Handlers:
+        return {intents.UseMicrophone: lambda asked: self.use(asked.microphone)}
 
     def get_ready(self) -> None:
         """Find out which inputs there are."""

@@ -15,34 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Signal
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.controls import ControlValue
-from caris_desktop.domain.events import (
-    CommandSource,
-    LayoutChanged,
-    MarkKind,
-    Problem,
-    RobotChosen,
-    ScenarioOpened,
-    Severity,
-    UtteranceOrigin,
-)
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened, Severity
+from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.coding_desk import CodingDesk
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import LayoutNode, Scenario
-from caris_desktop.study.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
 _REFUSE_EVERY_NS = 8_000_000_000
@@ -72,7 +64,7 @@ class ReplayParts:
 
 
 class ReplayConsole(QObject):
-    """Implements WizardIntents, refusing, and ReplayControls."""
+    """Implements WizardConsole, refusing, and ReplayControls."""
 
     thumbnail_made = Signal(str, object, object)
     noticed = Signal(object)
@@ -108,6 +100,7 @@ class ReplayConsole(QObject):
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._tell, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
+        self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
         self._state.scenario.set(self._scenario)
         self._state.places.set(self._scenario.places)
         self._state.cameras.set(parts.cameras)
@@ -270,19 +263,25 @@ class ReplayConsole(QObject):
             self._scenario = shown
             self._state.scenario.set(shown)
 
-    # WizardIntents: what was done is done
+    # What is asked: what was done is done
 
-    def _refuse(self) -> None:
+    def do(self, intent: Intent) -> str:
+        refusal = self._gate.refusal(intent)
+        if refusal is None:
+            if isinstance(intent, intents.Stop):
+                self._stop()
+            elif isinstance(intent, intents.EmergencyStop):
+                self._emergency_stop()
+            return ""
+        if not refusal.quiet:
+            self._refuse(refusal)
+        return refusal.what
+
+    def _refuse(self, refusal: Refusal) -> None:
         now_ns = self._parts.monotonic_ns()
-        if now_ns - self._refused_ns < _REFUSE_EVERY_NS:
-            return
-        self._refused_ns = now_ns
-        self._tell(
-            "info",
-            "This is a replay.",
-            "Nothing is sent to a robot, and the recording stays as it is.",
-            "Use the bar below to move through the session.",
-        )
+        if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
+            self._refused_ns = now_ns
+            self._tell(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
 
     def _told(self, what: str, meaning: str, advice: str) -> None:
         self._tell("error", what, meaning, advice)
@@ -291,118 +290,19 @@ class ReplayConsole(QObject):
         _log.info("%s %s %s", what, meaning, advice)
         self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
-    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
-        self._refuse()
-
-    def release_drive(self, reason: str = "") -> None:
-        """Nothing is ever held."""
-
-    def set_speed_fraction(self, fraction: float) -> None:
-        self._refuse()
-
-    def stop(self) -> None:
+    def _stop(self) -> None:
         """The live robot, if there is one. Esc also closes what is open, so that it is not answered without."""
         if self._live is not None:
             self._live.stop()
 
-    def emergency_stop(self) -> None:
+    def _emergency_stop(self) -> None:
         if self._live is None or not self._live.emergency_stop():
             self._tell(
                 "info", "There is no live robot to stop.", "This is a replay, and no console of yours runs here.", ""
             )
 
-    def clear_emergency_stop(self) -> None:
-        self._refuse()
-
-    def set_guard(self, *, on: bool) -> None:
-        self._refuse()
-
-    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
-        self._refuse()
-
-    def turn_head(self, *, pan: float, tilt: float) -> None:
-        if pan or tilt:
-            self._refuse()
-
-    def go_to_place(self, name: str) -> None:
-        self._refuse()
-
-    def go_to(self, target_in_map: Pose2D) -> None:
-        self._refuse()
-
-    def cancel_goal(self) -> None:
-        self._refuse()
-
-    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
-        self._refuse()
-
-    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
-        self._refuse()
-
-    def remove_place(self, name: str) -> None:
-        self._refuse()
-
-    def save_map(self, name: str) -> None:
-        self._refuse()
-
-    def load_map(self, name: str) -> None:
-        self._refuse()
-
-    def set_mapping(self, *, mapping: bool) -> None:
-        self._refuse()
-
-    def use_control(self, control_id: str, value: ControlValue) -> None:
-        self._refuse()
-
     def robots(self) -> Sequence[RobotChoice]:
         return ()
-
-    def use_robot(self, name: str) -> bool:
-        self._refuse()
-        return False
-
-    def say(self, text: str, origin: UtteranceOrigin) -> None:
-        self._refuse()
-
-    def silence(self) -> None:
-        self._refuse()
-
-    def ask_assistant(self, question: str) -> None:
-        self._refuse()
-
-    def cancel_assistant(self) -> None:
-        self._refuse()
-
-    def say_answer(self, text: str) -> None:
-        self._refuse()
-
-    def rename_person(self, person_id: str, name: str) -> None:
-        self._refuse()
-
-    def take_photo(self) -> None:
-        self._refuse()
-
-    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
-        self._refuse()
-        return ""
-
-    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
-        self._refuse()
-        return ""
-
-    def stretch_mark(self, mark_id: str) -> None:
-        """None was made."""
-
-    def end_mark(self, mark_id: str) -> None:
-        """None was begun."""
-
-    def change_mark(
-        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
-    ) -> None:
-        self._refuse()
-
-    def withdraw_mark(self, mark_id: str) -> None:
-        self._refuse()
 
     def suggested_details(self) -> TrialDetails:
         return TrialDetails()
@@ -419,25 +319,6 @@ class ReplayConsole(QObject):
     @property
     def microphone(self) -> str | None:
         return None
-
-    def use_microphone(self, name: str | None) -> None:
-        self._refuse()
-
-    def start_session(self, details: TrialDetails) -> None:
-        self._refuse()
-
-    def stop_session(self) -> None:
-        self._refuse()
-
-    def pause_session(self, *, paused: bool) -> None:
-        self._refuse()
-
-    def keep_layout(self, layout: LayoutNode) -> None:
-        """The record keeps its own."""
-
-    def open_scenario(self, path: Path) -> bool:
-        self._refuse()
-        return False
 
 
 def _same_but_for_places(one: Scenario, other: Scenario) -> bool:

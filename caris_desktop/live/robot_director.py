@@ -12,7 +12,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import (
     CancelGoal,
     GoTo,
@@ -40,6 +40,7 @@ from caris_desktop.domain.ports import TellProblem
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState, streams_lost_with
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -121,6 +122,20 @@ class RobotDirector(QObject):
     def links(self) -> dict[str, ChildProcess]:
         """The running link processes by name, ``control`` and ``media``."""
         return dict(self._links)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.GoToPlace: lambda asked: self.go_to_place(asked.place),
+            intents.GoToPoint: lambda asked: self.go_to(asked.target_in_map),
+            intents.CancelGoal: lambda _asked: self.cancel_goal(),
+            intents.SetInitialPose: lambda asked: self.set_initial_pose(asked.pose_in_map),
+            intents.SaveMap: lambda asked: self.request_map("save", asked.name),
+            intents.LoadMap: lambda asked: self.request_map("load", asked.name),
+            intents.SetMapping: lambda asked: self.request_map(
+                "start_mapping" if asked.mapping else "start_localization"
+            ),
+            intents.UseControl: lambda asked: self.use_control(asked.control, asked.value),
+        }
 
     # The links
 
@@ -392,14 +407,6 @@ class RobotDirector(QObject):
     def use_control(self, control_id: str, value: ControlValue) -> None:
         control = next((one for one in self._state.controls.value if one.id == control_id), None)
         if control is None:
-            return
-        if control.is_motion and self._state.drive.value.emergency_stop:
-            self._problem(
-                "warning",
-                f"{control.title}: the emergency stop is on.",
-                "Nothing was sent to the robot.",
-                "Release the emergency stop first, when everybody is clear of the robot.",
-            )
             return
         request_id = f"c-{secrets.token_hex(4)}"
         self._send_or_tell(

@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (
     ProfileError,
     RobotProfile,

@@ -1,5 +1,6 @@
 """The arrangement of the panels as plain data, as scenario files and recordings hold it."""
 
+import json
 from typing import Any
 
 from caris_desktop.domain.shipped import schema_validator
@@ -38,6 +39,11 @@ def layout_data(node: LayoutNode) -> dict[str, Any]:
         "weights": [plain_number(weight) for weight in node.weights],
         "children": [layout_data(child) for child in node.children],
     }
+
+
+def layout_text(node: LayoutNode) -> str:
+    """The tree as one line of JSON, as records hold it."""
+    return json.dumps(layout_data(node))
 
 
 def plain_number(number: float) -> float | int:

@@ -15,7 +15,7 @@ from pathlib import Path
 import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.domain.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
 MIN_FREE_BYTES = 200 * 1024 * 1024

@@ -1,22 +1,8 @@
-"""Who takes part in what: the details that head a session."""
+"""How one trial follows another."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-
-@dataclass(frozen=True, slots=True)
-class TrialDetails:
-    """Answers of the start dialog; all of them may be left empty.
-
-    ``recording`` counts the recordings of one trial. ``purpose`` is practice for a wizard's training, else empty.
-    """
-
-    study: str = ""
-    participant: str = ""
-    condition: str = ""
-    trial: str = ""
-    wizard: str = ""
-    recording: str = ""
-    purpose: str = ""
+from caris_desktop.domain.trial import TrialDetails
 
 
 def following(details: TrialDetails) -> TrialDetails:

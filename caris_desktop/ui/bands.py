@@ -6,8 +6,9 @@ from PySide6.QtCore import QRectF
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
-from caris_desktop.live.intents import WizardIntents
+from caris_desktop.domain import intents
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -57,12 +58,12 @@ class EmergencyBand(Band):
     It is apart from the red button, so that a second, frightened press never sets the robot free.
     """
 
-    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "emergency_band", role="red")
         self.say("Emergency stop is on. The robot stays where it is until you release it.")
         self.release = ActionButton(theme, "Release emergency stop", height_px=_BUTTON_PX)
         self.release.setObjectName("emergency_release")
-        self.release.clicked.connect(console.clear_emergency_stop)
+        self.release.clicked.connect(lambda: console.do(intents.ReleaseEmergencyStop()))
         self.row.addWidget(self.release)
         console.state.drive.changed.connect(self._on_drive_changed)
         self._on_drive_changed(console.state.drive.value)
@@ -74,14 +75,14 @@ class EmergencyBand(Band):
 class GuardBand(Band):
     """While the wizard has switched the obstacle guard off: nobody may forget that."""
 
-    def __init__(self, theme: Theme, console: WizardIntents) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
         self.say("Obstacle guard is off. Nothing slows or stops the robot before obstacles.")
         on = ActionButton(theme, "Switch on", icon="shield-check", height_px=_BUTTON_PX)
         on.setAccessibleName("Switch the guard on")
         on.setToolTip("Switch the guard on")
         on.setObjectName("guard_on")
-        on.clicked.connect(lambda: console.set_guard(on=True))
+        on.clicked.connect(lambda: console.do(intents.SetGuard(on=True)))
         self.row.addWidget(on)
         console.state.drive.changed.connect(self._on_drive_changed)
         self._on_drive_changed(console.state.drive.value)

@@ -20,11 +20,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import CommandSource, DriveEnded
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions, ActionSpec
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
@@ -71,7 +72,7 @@ class _Hold:
 
 
 class HoldToDrive(QObject):
-    """Turns what is held into ``console.drive``, ``release_drive`` and ``turn_head``, and Esc and Pause into stops.
+    """Turns what is held into the intents Drive, ReleaseDrive and TurnHead, and Esc and Pause into stops.
 
     A drive key belongs to driving from its press to its physical release, whatever happens to modifiers or focus
     in between; nothing else in the application sees it. Keys, screen and gamepad add up. Motion ends when nothing is
@@ -90,7 +91,7 @@ class HoldToDrive(QObject):
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
     mark_released = Signal(str)  # and came up again, or can no longer be heard of
 
-    def __init__(self, console: WizardIntents, actions: Actions, window: QWidget) -> None:
+    def __init__(self, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
         self._console = console
         self._actions = actions
@@ -237,9 +238,9 @@ class HoldToDrive(QObject):
         if self._forget_held():
             sent, self._sent = self._sent, AT_REST
             if sent.base != AT_REST.base:
-                self._console.release_drive(reason)
+                self._console.do(intents.ReleaseDrive(reason))
             if sent.head != AT_REST.head:
-                self._console.turn_head(pan=0.0, tilt=0.0)
+                self._console.do(intents.TurnHead(0.0, 0.0))
             self._tell()
 
     def _forget_held(self) -> bool:
@@ -264,12 +265,12 @@ class HoldToDrive(QObject):
         sent, self._sent = self._sent, wish
         if wish.base != sent.base:
             if wish.base == AT_REST.base:
-                self._console.release_drive("")
+                self._console.do(intents.ReleaseDrive())
             else:
                 forward, left, turn = wish.base
-                self._console.drive(forward=forward, left=left, turn=turn, source=self._moving_source(source))
+                self._console.do(intents.Drive(forward, left, turn, self._moving_source(source)))
         if wish.head != sent.head:
-            self._console.turn_head(pan=wish.pan, tilt=wish.tilt)
+            self._console.do(intents.TurnHead(wish.pan, wish.tilt))
         self._tell()
 
     def _moving_source(self, changed: CommandSource) -> CommandSource:
@@ -592,17 +593,17 @@ class HoldToDrive(QObject):
 
     def _stop(self) -> None:
         self._end_held()
-        self._console.stop()
+        self._console.do(intents.Stop())
 
     def _emergency_stop(self) -> None:
         self._end_held()
-        self._console.emergency_stop()
+        self._console.do(intents.EmergencyStop())
 
     def _end_held(self) -> None:
         """The console's stop ends the motion of the base; what is still held must not start it again."""
         if self._forget_held():
             if self._sent.head != AT_REST.head:
-                self._console.turn_head(pan=0.0, tilt=0.0)
+                self._console.do(intents.TurnHead(0.0, 0.0))
             self._sent = AT_REST
             self._tell()
 

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.live.intents import SessionLibrary
 from caris_desktop.live.status import ExportStatus
+from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme

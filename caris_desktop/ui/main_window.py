@@ -11,14 +11,16 @@ from PySide6.QtCore import QEvent, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QActionGroup, QCloseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QVBoxLayout, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.intents import ReplayControls, RobotChoice, SessionLibrary, WizardIntents
 from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus, RecordingStatus
+from caris_desktop.live.wizard_console import ReplayControls, RobotChoice, SessionLibrary, WizardConsole
+from caris_desktop.scenario.layout import layout_text
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario, SplitNode
-from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.actions import Actions, Feature
 from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
 from caris_desktop.ui.connection_card import ConnectionCard
@@ -150,7 +152,7 @@ class MainWindow(QWidget):
 
     def __init__(
         self,
-        console: WizardIntents,
+        console: WizardConsole,
         *,
         settings: Settings | None = None,
         scenarios: Callable[[], Sequence[ScenarioChoice]] = shipped_scenarios,
@@ -241,7 +243,7 @@ class MainWindow(QWidget):
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         self.hold.set_emergency_button(self._top_bar.emergency)
         self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency, self.hold)
-        self._emergency_copy.pressed.connect(console.emergency_stop)
+        self._emergency_copy.pressed.connect(self.emergency_stop)
         console.state.event_happened.connect(self._on_event)
         console.state.recording.changed.connect(self._on_recording_changed)
         console.state.robot.changed.connect(self._on_robot_changed)
@@ -421,37 +423,38 @@ class MainWindow(QWidget):
             panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def stop(self) -> None:
-        self._console.stop()
+        self._console.do(intents.Stop())
 
     def emergency_stop(self) -> None:
-        self._console.emergency_stop()
+        self._console.do(intents.EmergencyStop())
 
     def change_speed(self, direction: int) -> None:
         """One of the three steps up (1) or down (-1)."""
-        self._console.set_speed_fraction(fraction_after(self._console.state.drive.value.speed_fraction, direction))
+        before = self._console.state.drive.value.speed_fraction
+        self._console.do(intents.SetSpeed(fraction_after(before, direction)))
 
     def look_ahead(self) -> None:
-        self._console.look_at(pan_rad=0.0, tilt_rad=0.0)
+        self._console.do(intents.LookAt(0.0, 0.0))
 
     def go_to_nth_place(self, number: int) -> None:
         places = self._console.state.places.value
         if number <= len(places):
-            self._console.go_to_place(places[number - 1].name)
+            self._console.do(intents.GoToPlace(places[number - 1].name))
 
     def say_phrase(self, number: int) -> None:
-        self._console.say(self._console.scenario.phrases[number - 1], "phrase")
+        self._console.do(intents.Say(self._console.scenario.phrases[number - 1], "phrase"))
 
     def say_filler(self) -> None:
-        self._console.say(self._console.scenario.filler, "filler")
+        self._console.do(intents.Say(self._console.scenario.filler, "filler"))
 
     def silence(self) -> None:
-        self._console.silence()
+        self._console.do(intents.Silence())
 
     def take_photo(self) -> None:
         video = self._panels.get("video")
         if isinstance(video, VideoPanel):
             video.remember_photo()
-        self._console.take_photo()
+        self._console.do(intents.TakePhoto())
 
     def mark_moment(self) -> None:
         self.marking.mark_moment()
@@ -491,7 +494,7 @@ class MainWindow(QWidget):
             console.free_bytes(), console.microphones(), console.microphone,
         )  # fmt: skip
         self._dialog = StartDialog(self.theme, suggested, self, offer)
-        self._dialog.microphone_chosen.connect(console.use_microphone)
+        self._dialog.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))
         self._dialog.begin.connect(self._on_begin)
         self._dialog.finished.connect(self._on_dialog_finished)
         self._dialog.open()
@@ -509,7 +512,7 @@ class MainWindow(QWidget):
     def _on_begin(self, details: TrialDetails) -> None:
         self._begun = details
         self._top_bar.show_details(details)
-        self._console.start_session(details)
+        self._console.do(intents.StartRecording(details))
 
     def _on_dialog_finished(self, _result: int) -> None:
         self._dialog = None
@@ -538,15 +541,15 @@ class MainWindow(QWidget):
         goal: GoalChanged | None = self._console.state.goal.value
         if drive.emergency_stop:
             release = Entry(
-                "Release emergency stop", _TWICE, "lock-open", "", self._console.clear_emergency_stop,
+                "Release emergency stop", _TWICE, "lock-open", "", self._doer(intents.ReleaseEmergencyStop()),
                 also="unlock free reset clear drive again", deliberate=True, first=True,
                 again="Press Enter again to release the emergency stop",
             )  # fmt: skip
             entries.insert(0, release)
         if goal is not None and goal.state in UNDER_WAY:
             entries.append(
-                Entry(f"Stop going to {goal.place or 'the chosen point'}", "Do", "x", "", self._console.cancel_goal,
-                      also="cancel goal way")
+                Entry(f"Stop going to {goal.place or 'the chosen point'}", "Do", "x", "",
+                      self._doer(intents.CancelGoal()), also="cancel goal way")
             )  # fmt: skip
         if scenario.permissions.driving:
             entries += [
@@ -638,11 +641,17 @@ class MainWindow(QWidget):
             self._palette_overlay.renew(self._entries())
         self._palette_latched = drive.emergency_stop
 
+    def _doer(self, intent: intents.Intent) -> Callable[[], None]:
+        def do() -> None:
+            self._console.do(intent)
+
+        return do
+
     def _runner(self, action_id: str) -> Callable[[], None]:
         return lambda: self.actions_table.run(action_id)
 
     def _goer(self, place: str) -> Callable[[], None]:
-        return lambda: self._console.go_to_place(place)
+        return self._doer(intents.GoToPlace(place))
 
     def _control_entries(self) -> list[Entry]:
         """Every control of the robot that needs no more than a choice."""
@@ -675,11 +684,10 @@ class MainWindow(QWidget):
         return entries
 
     def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], None]:
+        use = self._doer(intents.UseControl(control.id, value))
         if not control.confirm:
-            return lambda: self._console.use_control(control.id, value)
-        return lambda: self._question.ask(
-            question_for(control, value), "Do it", lambda: self._console.use_control(control.id, value)
-        )
+            return use
+        return lambda: self._question.ask(question_for(control, value), "Do it", use)
 
     def _map_entries(self) -> list[Entry]:
         """What the robot can do with its map, as far as it needs no name."""
@@ -690,24 +698,24 @@ class MainWindow(QWidget):
         if status.can_save:
             name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
             entries.append(
-                Entry(f"Save the map as {name}", "Map", "floppy-disk", "", lambda: self._console.save_map(name))
+                Entry(f"Save the map as {name}", "Map", "floppy-disk", "", self._doer(intents.SaveMap(name)))
             )
         if status.can_switch and status.mapping is not True:
             entries.append(
-                Entry("Start mapping", "Map", "map-trifold", "", lambda: self._console.set_mapping(mapping=True))
+                Entry("Start mapping", "Map", "map-trifold", "", self._doer(intents.SetMapping(mapping=True)))
             )
         if status.can_switch and status.mapping is not False:
             entries.append(
                 Entry("Stop mapping, keep the map", "Map", "map-trifold", "",
-                      lambda: self._console.set_mapping(mapping=False), also="localization localisation end")
+                      self._doer(intents.SetMapping(mapping=False)), also="localization localisation end")
             )  # fmt: skip
         return entries
 
     def _switch_guard_on(self) -> None:
-        self._console.set_guard(on=True)
+        self._console.do(intents.SetGuard(on=True))
 
     def _switch_guard_off(self) -> None:
-        self._console.set_guard(on=False)
+        self._console.do(intents.SetGuard(on=False))
 
     def _panel_opener(self, name: PanelName) -> Callable[[], None]:
         return lambda: self._open_and_focus(name)
@@ -742,7 +750,7 @@ class MainWindow(QWidget):
         self._top_bar.popup_below(menu, self._top_bar.scenario_button)
 
     def _open_scenario(self, path: Path) -> None:
-        if self._console.open_scenario(path):
+        if not self._console.do(intents.OpenScenario(path)):
             self._on_scenario_changed(self._console.scenario)
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
@@ -846,9 +854,9 @@ class MainWindow(QWidget):
             paused = status.state == "paused"
             entries.append(
                 Entry("Go on recording" if paused else "Pause recording", "Do", "record" if paused else "pause", "",
-                      lambda: self._console.pause_session(paused=not paused), also="resume continue break")
+                      self._doer(intents.PauseRecording(not paused)), also="resume continue break")
             )  # fmt: skip
-            entries.append(Entry("Stop recording", "Do", "stop", "", self._console.stop_session))
+            entries.append(Entry("Stop recording", "Do", "stop", "", self._doer(intents.StopRecording())))
         else:
             entries.append(Entry("Start recording", "Do", "record", "", self.open_start_dialog))
             if status.folder is not None:
@@ -889,7 +897,7 @@ class MainWindow(QWidget):
         else:
             arranged = before is None or _differs(tree, before, by=_SAME_WEIGHT)
         if arranged:
-            self._console.keep_layout(tree)
+            self._console.do(intents.KeepLayout(layout_text(tree)))
 
     # ---- robots
 
@@ -933,7 +941,7 @@ class MainWindow(QWidget):
 
     def _use_robot(self, choice: RobotChoice) -> None:
         # A profile that was refused has told why.
-        self._console.use_robot(choice.name)
+        self._console.do(intents.UseRobot(choice.name))
 
     def _what_another_robot_ends(self) -> str:
         ends = self._motion_that_ends()
@@ -992,7 +1000,7 @@ class MainWindow(QWidget):
         # Whoever listens gives the scenario its own arrangement back, where another one was saved in its place.
         self.layout_reset_requested.emit()
         self.show_scenario(self._console.scenario)
-        self._console.keep_layout(self._console.scenario.layout)
+        self._console.do(intents.KeepLayout(layout_text(self._console.scenario.layout)))
 
     def set_theme_choice(self, choice: ThemeChoice) -> None:
         self.theme.set_choice(choice)

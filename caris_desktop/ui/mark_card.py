@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -42,7 +42,7 @@ class MarkCard(QWidget):
     end_requested = Signal(str)  # mark id
     note_kept = Signal(str, str, float)  # text, mark id or empty, seconds ago
 
-    def __init__(self, theme: Theme, console: WizardIntents, actions: Actions, window: QWidget) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
         self.setObjectName("mark_card")
         # A click on the card is not a click on what lies below.

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
-from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import RecordingStatus
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.mark_card import ERROR_KINDS, MarkCard
@@ -30,7 +31,7 @@ class Marking(QObject):
     """Does what the mark actions of the table say, and shows each mark on the card for a while."""
 
     def __init__(
-        self, theme: Theme, console: WizardIntents, actions: Actions, hold: HoldToDrive, window: QWidget
+        self, theme: Theme, console: WizardConsole, actions: Actions, hold: HoldToDrive, window: QWidget
     ) -> None:
         super().__init__(window)
         self._console = console
@@ -43,7 +44,7 @@ class Marking(QObject):
         self.card.label_chosen.connect(self._on_label_chosen)
         self.card.error_kind_chosen.connect(self._on_error_kind)
         self.card.note_kept.connect(self._on_note_kept)
-        self.card.end_requested.connect(console.end_mark)
+        self.card.end_requested.connect(lambda mark_id: console.do(intents.EndMark(mark_id)))
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
         self._error_id = ""
@@ -73,7 +74,7 @@ class Marking(QObject):
         if held is None or held.stretched:
             return
         held.stretched = True
-        self._console.stretch_mark(held.mark_id)
+        self._console.do(intents.StretchMark(held.mark_id))
         self.card.show_mark(held.mark_id, held=True)
 
     def _on_key_released(self, action_id: str) -> None:
@@ -83,7 +84,7 @@ class Marking(QObject):
         held.timer.stop()
         held.timer.deleteLater()
         if held.stretched:
-            self._console.end_mark(held.mark_id)
+            self._console.do(intents.EndMark(held.mark_id))
             self.card.show_mark(held.mark_id)
 
     # ---- what the actions do
@@ -98,11 +99,13 @@ class Marking(QObject):
         """End the newest stretch that no key holds open, or begin one."""
         stretch = self.open_stretch()
         if stretch is not None:
-            self._console.end_mark(stretch.mark_id)
+            self._console.do(intents.EndMark(stretch.mark_id))
             self.card.show_mark(stretch.mark_id)
         else:
             self._no_question()
-            self.card.show_mark(self._console.begin_mark(""))
+            begun = intents.BeginMark("")
+            self._console.do(begun)
+            self.card.show_mark(begun.mark_id)
 
     def open_stretch(self) -> Marked | None:
         """The stretch that the key would end."""
@@ -113,14 +116,14 @@ class Marking(QObject):
     def mark_earlier(self) -> None:
         last = self._last()
         if last is not None:
-            self._console.change_mark(last.mark_id, earlier_s=STEP_BACK_S)
+            self._console.do(intents.ChangeMark(last.mark_id, earlier_s=STEP_BACK_S))
             self.card.show_mark(last.mark_id, earlier_s=STEP_BACK_S)
 
     def withdraw_mark(self) -> None:
         last = self._last()
         if last is not None:
             self._no_question()
-            self._console.withdraw_mark(last.mark_id)
+            self._console.do(intents.WithdrawMark(last.mark_id))
             self.card.show_taken_back(last)
 
     def mark_wizard_error(self) -> None:
@@ -149,7 +152,7 @@ class Marking(QObject):
         self._no_question()
         mark_id = self.card.mark_id
         if mark_id:
-            self._console.change_mark(mark_id, label=label)
+            self._console.do(intents.ChangeMark(mark_id, label=label))
             self.card.show_mark(mark_id)
 
     def _on_answer_late(self) -> None:
@@ -164,7 +167,7 @@ class Marking(QObject):
     def _on_label_chosen(self, label: str) -> None:
         mark_id = self.card.mark_id
         if mark_id:
-            self._console.change_mark(mark_id, label=label)
+            self._console.do(intents.ChangeMark(mark_id, label=label))
             self.card.show_mark(mark_id)
 
     def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
@@ -173,9 +176,11 @@ class Marking(QObject):
             self.card.say("The note was not kept", "Nothing is being recorded now.")
             return
         if mark_id:
-            self._console.change_mark(mark_id, note=text)
+            self._console.do(intents.ChangeMark(mark_id, note=text))
         else:
-            mark_id = self._console.mark("", "note", earlier_s=ago_s, note=text)
+            marked = intents.Mark("", "note", earlier_s=max(0.0, ago_s), note=text)
+            self._console.do(marked)
+            mark_id = marked.mark_id
         self.card.show_mark(mark_id)
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
@@ -190,9 +195,10 @@ class Marking(QObject):
 
     def _mark(self, label: str, kind: MarkKind = "mark") -> str:
         self._no_question()
-        mark_id = self._console.mark(label, kind)
-        self.card.show_mark(mark_id)
-        return mark_id
+        marked = intents.Mark(label, kind)
+        self._console.do(marked)
+        self.card.show_mark(marked.mark_id)
+        return marked.mark_id
 
     def _last(self) -> Marked | None:
         last: Marked | None = self._console.state.marks.value.last

@@ -4,8 +4,8 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.bands import Band
 from caris_desktop.ui.theme import Theme
@@ -17,7 +17,7 @@ HEIGHT_PX = 38
 class NoticeStrip(QWidget):
     """Always of the same height. The bands share its width; while there is none it says what the robot does now."""
 
-    def __init__(self, theme: Theme, console: WizardIntents, bands: dict[Band, int]) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, bands: dict[Band, int]) -> None:
         """``bands`` from left to right, each with its share of the width."""
         super().__init__()
         self.setObjectName("notice_strip")

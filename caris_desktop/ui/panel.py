@@ -7,7 +7,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
-from caris_desktop.live.intents import WizardIntents
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -21,7 +21,7 @@ TITLE_HEIGHT_PX = 38
 class PanelContext:
     """What every panel gets to work with."""
 
-    console: WizardIntents
+    console: WizardConsole
     theme: Theme
     actions: Actions
     hold: HoldToDrive

@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address, load_profile
 from caris_desktop.robot.proposal import FieldProposal, Offer, Proposal, profile_of, propose
 from caris_desktop.ui import tokens, words

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.scenario.model import Permissions
-from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -8,9 +8,9 @@ from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QRe
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.live.intents import WizardIntents
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import LinkStatus, PerceptionStatus, RecordingStatus
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -123,7 +123,7 @@ class StatusBar(QWidget):
 
     connection_clicked = Signal()
 
-    def __init__(self, theme: Theme, console: WizardIntents, *first: QWidget) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, *first: QWidget) -> None:
         """``first`` are shown at the left end."""
         super().__init__()
         self._in_replay = False

@@ -4,11 +4,12 @@ from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QMenu, QSizePolicy, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
-from caris_desktop.live.intents import WizardIntents
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.plain_tip import wrapped_tip
@@ -86,7 +87,7 @@ class TopBar(QWidget):
     scenario_menu_requested = Signal()
     window_menu_requested = Signal()
 
-    def __init__(self, theme: Theme, console: WizardIntents, actions: Actions) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("top_bar")
         self.setFixedHeight(HEIGHT_PX)
@@ -108,7 +109,7 @@ class TopBar(QWidget):
         self._record_menu.setObjectName("record_menu")
         self._pause = self._record_menu.addAction("Pause recording")
         self._pause.triggered.connect(self._on_pause)
-        self._record_menu.addAction("Stop recording").triggered.connect(console.stop_session)
+        self._record_menu.addAction("Stop recording").triggered.connect(self._on_stop_recording)
         self._paused_ns: int | None = None
         self.mark_button = ActionButton(theme, "Mark", icon="bookmark-simple")
         self.mark_button.setObjectName("mark_button")
@@ -266,7 +267,7 @@ class TopBar(QWidget):
 
     # On press, not on click: a stop must not wait for the button to come up.
     def _on_emergency_pressed(self) -> None:
-        self._console.emergency_stop()
+        self._console.do(intents.EmergencyStop())
 
     def _on_record_clicked(self) -> None:
         state = self._console.state.recording.value.state
@@ -278,7 +279,10 @@ class TopBar(QWidget):
             self.start_requested.emit()
 
     def _on_pause(self) -> None:
-        self._console.pause_session(paused=self._console.state.recording.value.state == "recording")
+        self._console.do(intents.PauseRecording(paused=self._console.state.recording.value.state == "recording"))
+
+    def _on_stop_recording(self) -> None:
+        self._console.do(intents.StopRecording())
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn":
@@ -295,7 +299,7 @@ class TopBar(QWidget):
     def _on_end_stretch(self) -> None:
         going_on = self._console.state.marks.value.open
         if going_on:
-            self._console.end_mark(going_on[-1].mark_id)
+            self._console.do(intents.EndMark(going_on[-1].mark_id))
         self.stretch_button.setChecked(True)
 
     def _show_stretch(self) -> None:

@@ -20,12 +20,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
-from caris_desktop.study.trial import TrialDetails
 from tests.support.virtual_gamepad import VirtualGamepad
 
 
@@ -62,34 +63,34 @@ class Driver(QObject):
         elif word == "release":
             QTest.keyRelease(QApplication.focusWidget() or window, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
         elif word == "record":
-            self._run.console.start_session(TrialDetails(participant="P1"))
+            self._run.console.do(intents.StartRecording(TrialDetails(participant="P1")))
         elif word == "end_recording":
-            self._run.console.stop_session()
+            self._run.console.do(intents.StopRecording())
         elif word in ("pause", "go_on"):
-            self._run.console.pause_session(paused=word == "pause")
+            self._run.console.do(intents.PauseRecording(paused=word == "pause"))
         elif word == "mark":
-            self._run.console.mark(rest)
+            self._run.console.do(intents.Mark(rest))
         elif word == "open":
-            self._run.console.open_scenario(Path(rest))
+            self._run.console.do(intents.OpenScenario(Path(rest)))
         elif word == "photo":
-            self._run.console.take_photo()
+            self._run.console.do(intents.TakePhoto())
         elif word == "export":
             folder = self._run.console.session_folder
             if folder is not None:
                 self._run.library.start_export([folder], ["csv"], folder / "export-csv")
         elif word == "go":
             x_m, y_m = map(float, rest.split())
-            self._run.console.go_to(Pose2D(x_m, y_m, 0.0))
+            self._run.console.do(intents.GoToPoint(Pose2D(x_m, y_m, 0.0)))
         elif word == "place":
             x_m, y_m, name = rest.split(maxsplit=2)
-            self._run.console.save_place(name, Pose2D(float(x_m), float(y_m), 0.0))
+            self._run.console.do(intents.SavePlace(name, Pose2D(float(x_m), float(y_m), 0.0)))
         elif word == "robot":
-            self._run.console.use_robot(rest)
+            self._run.console.do(intents.UseRobot(rest))
         elif word == "use":
             control, value = rest.split(maxsplit=1)
-            self._run.console.use_control(control, json.loads(value))
+            self._run.console.do(intents.UseControl(control, json.loads(value)))
         elif word == "save_map":
-            self._run.console.save_map(rest)
+            self._run.console.do(intents.SaveMap(rest))
         elif word == "plug":
             self._pad = VirtualGamepad()
         elif word == "pad" and self._pad is not None:

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from caris_desktop.app.console_command import ConsoleRun
+from caris_desktop.domain import intents
 from tests.app.console_child import Driver, main
 
 
@@ -50,9 +51,9 @@ class SafetyDriver(Driver):
         elif word == "stall":
             time.sleep(float(rest))
         elif word == "clear":
-            self._run.console.clear_emergency_stop()
+            self._run.console.do(intents.ReleaseEmergencyStop())
         elif word == "guard":
-            self._run.console.set_guard(on=rest == "on")
+            self._run.console.do(intents.SetGuard(on=rest == "on"))
         else:
             super()._on_line(line)
 

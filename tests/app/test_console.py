@@ -10,9 +10,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
 from caris_desktop.conversation.language_models import ModelEndpoint
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.robot_director import RobotConnection
@@ -23,7 +24,6 @@ from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies.measures import measure_session
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.scenario.model import Scenario
-from caris_desktop.study.trial import TrialDetails
 from tests.live import bodies
 
 
@@ -45,11 +45,11 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
     try:
         happened: list[object] = []
         console.state.event_happened.connect(happened.append)
-        console.say("You told me that you sleep badly.", "typed")
+        console.do(intents.Say("You told me that you sleep badly.", "typed"))
         qtbot.waitUntil(lambda: any(isinstance(event, UtteranceChanged) for event in happened))
-        console.ask_assistant("What now?")
-        console.start_session(TrialDetails(participant="P2"))
-        console.ask_assistant("What now?")
+        console.do(intents.Ask("What now?"))
+        console.do(intents.StartRecording(TrialDetails(participant="P2")))
+        console.do(intents.Ask("What now?"))
     finally:
         console.shutdown()
     assert told[0] and set(told[0]) == {"You told me that you sleep badly."}
@@ -68,16 +68,16 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         console.state.event_happened.connect(
             lambda event: told.append(event.what) if isinstance(event, Problem) else None
         )
-        console.go_to(here)
-        console.go_to_place(scenario.places[0].name)
-        console.set_initial_pose(here)
-        console.save_place("Here", here)
-        console.remove_place(scenario.places[0].name)
-        console.save_map("lab")
-        console.load_map("lab")
-        console.set_mapping(mapping=True)
-        console.look_at(pan_rad=0.1, tilt_rad=0.0)
-        console.set_guard(on=False)
+        console.do(intents.GoToPoint(here))
+        console.do(intents.GoToPlace(scenario.places[0].name))
+        console.do(intents.SetInitialPose(here))
+        console.do(intents.SavePlace("Here", here))
+        console.do(intents.RemovePlace(scenario.places[0].name))
+        console.do(intents.SaveMap("lab"))
+        console.do(intents.LoadMap("lab"))
+        console.do(intents.SetMapping(mapping=True))
+        console.do(intents.LookAt(pan_rad=0.1, tilt_rad=0.0))
+        console.do(intents.SetGuard(on=False))
         qtbot.waitUntil(lambda: len(told) >= 10)
         assert set(told) == {"This scenario does not drive."}
         assert console.state.places.value == scenario.places
@@ -119,14 +119,14 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
                 PersonRow("p-4", 6, "Person 4", True, 10, 20, number=4),
             )
         )
-        console.start_session(TrialDetails(participant="P1"))
+        console.do(intents.StartRecording(TrialDetails(participant="P1")))
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
         folder = Path(state.recording.value.folder)
-        console.pause_session(paused=True)
+        console.do(intents.PauseRecording(paused=True))
         qtbot.waitUntil(lambda: state.recording.value.state == "paused", timeout=60_000)
-        console.pause_session(paused=False)
+        console.do(intents.PauseRecording(paused=False))
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
-        console.ask_assistant("What is this?")
+        console.do(intents.Ask("What is this?"))
         qtbot.waitUntil(lambda: state.assistant.value.answer == "Well", timeout=60_000)
     finally:
         console.shutdown()
@@ -181,7 +181,7 @@ def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path:
     told: list[str] = []
     console.state.event_happened.connect(lambda event: told.append(event.what) if isinstance(event, Problem) else None)
     try:
-        console.ask_assistant("y" * 1503)
+        console.do(intents.Ask("y" * 1503))
         qtbot.waitUntil(lambda: told == ["The question is 3 characters too long."])
     finally:
         console.shutdown()

@@ -8,6 +8,7 @@ from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.domain import intents
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode
@@ -46,7 +47,7 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun) -
     run.window.layout_save_requested.emit(ARRANGED)
     own = user_scenarios_dir() / "tour-guide.yaml"
     own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
-    run.console.open_scenario(own)
+    run.console.do(intents.OpenScenario(own))
     run.window._put_panels_back()
     assert panels_in(load_scenario(own).layout) == ("video", "session")
 

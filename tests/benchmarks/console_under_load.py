@@ -19,10 +19,10 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import LlmExchange
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.console import Console
-from caris_desktop.study.trial import TrialDetails
 
 
 class ConsoleUnderLoad:
@@ -54,7 +54,7 @@ class ConsoleUnderLoad:
         self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
         self.wait_for(lambda: self.state.people.value is not None, "people", 60.0)
         if record:
-            self.console.start_session(TrialDetails(participant="benchmark"))
+            self.console.do(intents.StartRecording(TrialDetails(participant="benchmark")))
             self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 60.0)
         self._answers = self._answered_characters = 0
         self._asking.timeout.connect(self._keep_asking)
@@ -65,7 +65,7 @@ class ConsoleUnderLoad:
 
     def _keep_asking(self) -> None:
         if self.state.assistant.value.state == "ready":
-            self.console.ask_assistant("What is there to see in this lab? Tell me all of it.")
+            self.console.do(intents.Ask("What is there to see in this lab? Tell me all of it."))
 
     def _count_answer(self, event: object) -> None:
         if isinstance(event, LlmExchange):

@@ -17,7 +17,7 @@ from dataclasses import replace
 from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtTest import QTest
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import DriveEnded, Marked
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.panels.session import LOG_ROWS
@@ -120,7 +120,7 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
         text=True,
     )
     marks = QTimer(interval=MARK_EVERY_MS)
-    marks.timeout.connect(lambda: load.console.mark("again"))
+    marks.timeout.connect(lambda: load.console.do(intents.Mark("again")))
     marks.start()
     meter = LatenessMeter()
     by_layout: dict[str, object] = {}

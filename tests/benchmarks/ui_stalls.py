@@ -13,6 +13,7 @@ import time
 from PySide6.QtCore import QCoreApplication, QObject, Qt, QTimer
 from PySide6.QtTest import QTest
 
+from caris_desktop.domain import intents
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 
@@ -67,7 +68,7 @@ def measure(seconds: float) -> dict[str, object]:
         load.let_qt_run(0.8)
         QTest.keyRelease(pad, key)
         if number % 4 == 0:
-            load.console.say("This is what a wizard says while driving.", "typed")
+            load.console.do(intents.Say("This is what a wizard says while driving.", "typed"))
         load.let_qt_run(0.2)
     late_ms = list(meter.late_ms)
     report = load.load()

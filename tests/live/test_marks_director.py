@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.live.marks_director import MarksDirector
 from caris_desktop.live.state import LiveState
 
@@ -16,6 +17,16 @@ class Desk:
         self.state = LiveState()
         self.told: list[Any] = []
         self.marks = MarksDirector(self.state, self.told.append)
+
+    def mark(self, label: str, kind: MarkKind = "mark") -> str:
+        asked = intents.Mark(label, kind)
+        self.marks.mark(asked)
+        return asked.mark_id
+
+    def begin(self, label: str, *, earlier_s: float = 0.0) -> str:
+        asked = intents.BeginMark(label, earlier_s=earlier_s)
+        self.marks.begin(asked)
+        return asked.mark_id
 
     @property
     def last(self) -> Marked:
@@ -29,7 +40,7 @@ def desk() -> Desk:
 
 
 def test_a_mark_is_of_the_moment_of_the_key(desk: Desk) -> None:
-    mark_id = desk.marks.mark("Confused", "mark", earlier_s=0.0, note="")
+    mark_id = desk.mark("Confused")
     assert (desk.last.mark_id, desk.last.label, desk.last.start_ns, desk.last.state) == (
         mark_id,
         "Confused",
@@ -40,25 +51,25 @@ def test_a_mark_is_of_the_moment_of_the_key(desk: Desk) -> None:
 
 
 def test_that_was_three_seconds_earlier_twice(desk: Desk) -> None:
-    mark_id = desk.marks.mark("", "mark", earlier_s=0.0, note="")
+    mark_id = desk.mark("")
     first_ns = desk.last.stamp_ns
     for _ in range(2):
-        desk.marks.change(mark_id, label=None, earlier_s=3.0, note=None)
+        desk.marks.change(intents.ChangeMark(mark_id, earlier_s=3.0))
     assert desk.last.start_ns == first_ns - 6_000_000_000
     assert desk.last.stamp_ns > first_ns, "when it was changed is kept too"
 
 
 def test_a_label_or_note_later_leaves_the_moment(desk: Desk) -> None:
-    mark_id = desk.marks.mark("", "wizard_error", earlier_s=0.0, note="")
+    mark_id = desk.mark("", "wizard_error")
     first_ns = desk.last.stamp_ns
-    desk.marks.change(mark_id, label="late", earlier_s=0.0, note="I was reading")
+    desk.marks.change(intents.ChangeMark(mark_id, "late", note="I was reading"))
     assert (desk.last.label, desk.last.note, desk.last.start_ns) == ("late", "I was reading", first_ns)
     assert desk.last.kind == "wizard_error"
 
 
 def test_stretches_go_on_until_they_end(desk: Desk) -> None:
-    first = desk.marks.begin("Laughs", "mark", earlier_s=2.0)
-    second = desk.marks.begin("Confused", "mark", earlier_s=0.0)
+    first = desk.begin("Laughs", earlier_s=2.0)
+    second = desk.begin("Confused")
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [first, second]
     assert desk.told[0].start_ns == desk.told[0].stamp_ns - 2_000_000_000
     desk.marks.end(first)
@@ -71,7 +82,7 @@ def test_stretches_go_on_until_they_end(desk: Desk) -> None:
 
 
 def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
-    mark_id = desk.marks.mark("Laughs", "mark", earlier_s=0.0, note="")
+    mark_id = desk.mark("Laughs")
     pressed_ns = desk.last.stamp_ns
     desk.marks.stretch(mark_id)
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [mark_id]
@@ -82,9 +93,9 @@ def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
 
 
 def test_a_slip_is_withdrawn_and_told(desk: Desk) -> None:
-    mark_id = desk.marks.mark("Confused", "mark", earlier_s=0.0, note="")
+    mark_id = desk.mark("Confused")
     desk.marks.withdraw(mark_id)
     desk.marks.withdraw(mark_id)
-    desk.marks.change(mark_id, label="Laughs", earlier_s=0.0, note=None)
+    desk.marks.change(intents.ChangeMark(mark_id, "Laughs"))
     assert [mark.state for mark in desk.told] == ["done", "withdrawn"]
     assert desk.state.marks.value.last is None

@@ -12,7 +12,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
-from caris_desktop.domain import streams
+from caris_desktop.domain import intents, streams
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
 from caris_desktop.live.playback_clock import PlaybackClock
@@ -197,9 +197,9 @@ def test_nothing_can_be_driven(open_replay: Replay) -> None:
     logged: list[Any] = []
     console.state.event_happened.connect(logged.append)
     console.noticed.connect(told.append)
-    console.drive(forward=1.0, left=0.0, turn=0.0, source="keyboard")
-    console.go_to_place("Kitchen")
-    console.emergency_stop()
+    console.do(intents.Drive(1.0, 0.0, 0.0, "keyboard"))
+    console.do(intents.GoToPlace("Kitchen"))
+    console.do(intents.EmergencyStop())
     assert [notice.what for notice in told] == ["This is a replay.", "There is no live robot to stop."], "said once"
     assert not [event for event in logged if isinstance(event, Problem)], "it is none of the session"
 

@@ -194,17 +194,6 @@ def test_without_driving_there_is_no_control_that_moves_the_robot(bench: Bench) 
     assert bench.asked(commands.UseControl) == []
 
 
-def test_under_the_emergency_stop_only_what_moves_nothing_is_asked_of_the_robot(bench: Bench) -> None:
-    bench.connect()
-    bench.robot.offer_controls((replace(LIGHT, moves=False),), driving_permitted=True)
-    bench.state.drive.set(replace(bench.state.drive.value, emergency_stop=True))
-    bench.robot.use_control("wave", True)
-    assert bench.asked(commands.UseControl) == []
-    assert "Wave: the emergency stop is on." in bench.problems[0]
-    bench.robot.use_control("light", True)
-    assert [command.control for command in bench.asked(commands.UseControl)] == ["light"]
-
-
 def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) -> None:
     bench.connect()
     bench.robot.offer_controls((LIGHT,), driving_permitted=True)

@@ -9,8 +9,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.intents import RobotChoice
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
 from caris_desktop.robot.proposal import profile_of

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.study.folder import (
     StudyFolder,
     StudyFolderError,
@@ -18,7 +19,7 @@ from caris_desktop.study.folder import (
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial import TrialDetails, following
+from caris_desktop.study.trial import following
 
 NOW = datetime(2026, 11, 21, 10, 14, 2).astimezone()
 

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from caris_desktop.study.trial import TrialDetails, following, with_recording_number
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.study.trial import following, with_recording_number
 
 FIRST = TrialDetails("Lab tours", "P07", "B", "3", "W2")
 

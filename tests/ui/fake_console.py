@@ -1,6 +1,7 @@
 """A console without robot, threads or files: takes down every intent and moves a real LiveState accordingly."""
 
 import dataclasses
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
     CommandSource,
@@ -23,8 +24,9 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -35,9 +37,10 @@ from caris_desktop.live.status import (
     MarksStatus,
     RecordingStatus,
 )
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.model import LayoutNode, Place, Scenario
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.scenario.layout import layout_from_data
+from caris_desktop.scenario.model import Place, Scenario
 
 
 class FakeFrames:
@@ -66,7 +69,10 @@ class FakeFrames:
 
 
 class FakeConsole:
-    """Implements WizardIntents; ``calls`` holds (name, arguments) of every intent in order."""
+    """Implements WizardConsole; ``calls`` holds (name, arguments) of every intent in order.
+
+    Its methods do what the services of the console do; tests may call them for what happens without the window.
+    """
 
     def __init__(self, scenario: Scenario, other_scenarios: dict[Path, Scenario] | None = None) -> None:
         self.state = LiveState()
@@ -88,7 +94,13 @@ class FakeConsole:
         """Arguments of every call of ``name``."""
         return [arguments for called, arguments in self.calls if called == name]
 
-    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+    def do(self, intent: Intent) -> str:
+        values = {each.name: getattr(intent, each.name) for each in dataclasses.fields(intent)}
+        del values["actor"]
+        name = _METHODS[type(intent)]
+        return "refused" if getattr(self, name)(**values) is False else ""
+
+    def drive(self, forward: float, left: float, turn: float, source: CommandSource) -> None:
         self.calls.append(("drive", (forward, left, turn, source)))
 
     def release_drive(self, reason: str = "") -> None:
@@ -111,38 +123,38 @@ class FakeConsole:
         self.calls.append(("clear_emergency_stop", None))
         self._set_drive(emergency_stop=False)
 
-    def go_to_place(self, name: str) -> None:
-        self.calls.append(("go_to_place", name))
-        place = next(place for place in self.scenario.places if place.name == name)
-        goal = GoalChanged(clock.now_ns(), "goal-1", "active", place.pose_in_map, place=name, distance_left_m=3.2)
+    def go_to_place(self, place: str) -> None:
+        self.calls.append(("go_to_place", place))
+        pose = next(each.pose_in_map for each in self.scenario.places if each.name == place)
+        goal = GoalChanged(clock.now_ns(), "goal-1", "active", pose, place=place, distance_left_m=3.2)
         self.state.goal.set(goal)
 
     def go_to(self, target_in_map: Pose2D) -> None:
         self.calls.append(("go_to", target_in_map))
         self.state.goal.set(GoalChanged(clock.now_ns(), "goal-1", "active", target_in_map, distance_left_m=3.2))
 
-    def set_guard(self, *, on: bool) -> None:
+    def set_guard(self, on: bool) -> None:
         self.calls.append(("set_guard", on))
         self._set_drive(guard="clear" if on else "overridden")
 
-    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+    def look_at(self, pan_rad: float, tilt_rad: float) -> None:
         self.calls.append(("look_at", (pan_rad, tilt_rad)))
         self.state.look.set(HeadStatus(True, pan_rad, tilt_rad))
 
-    def turn_head(self, *, pan: float, tilt: float) -> None:
+    def turn_head(self, pan: float, tilt: float) -> None:
         self.calls.append(("turn_head", (pan, tilt)))
 
     def set_initial_pose(self, pose_in_map: Pose2D) -> None:
         self.calls.append(("set_initial_pose", pose_in_map))
 
-    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
-        self.calls.append(("save_place", (name, pose_in_map)))
-        others = tuple(place for place in self.state.places.value if place.name != name)
-        self.state.places.set((*others, Place(name, pose_in_map)))
+    def save_place(self, place: str, pose_in_map: Pose2D) -> None:
+        self.calls.append(("save_place", (place, pose_in_map)))
+        others = tuple(each for each in self.state.places.value if each.name != place)
+        self.state.places.set((*others, Place(place, pose_in_map)))
 
-    def remove_place(self, name: str) -> None:
-        self.calls.append(("remove_place", name))
-        self.state.places.set(tuple(place for place in self.state.places.value if place.name != name))
+    def remove_place(self, place: str) -> None:
+        self.calls.append(("remove_place", place))
+        self.state.places.set(tuple(each for each in self.state.places.value if each.name != place))
 
     def save_map(self, name: str) -> None:
         self.calls.append(("save_map", name))
@@ -150,14 +162,14 @@ class FakeConsole:
     def load_map(self, name: str) -> None:
         self.calls.append(("load_map", name))
 
-    def set_mapping(self, *, mapping: bool) -> None:
+    def set_mapping(self, mapping: bool) -> None:
         self.calls.append(("set_mapping", mapping))
         self.state.mapping.set(dataclasses.replace(self.state.mapping.value, mapping=mapping))
 
-    def use_control(self, control_id: str, value: ControlValue) -> None:
-        self.calls.append(("use_control", (control_id, value)))
+    def use_control(self, control: str, value: ControlValue) -> None:
+        self.calls.append(("use_control", (control, value)))
         states = dict(self.state.control_states.value)
-        states[control_id] = ControlStatus("requested", value)
+        states[control] = ControlStatus("requested", value)
         self.state.control_states.set(states)
 
     def robots(self) -> list[RobotChoice]:
@@ -166,9 +178,9 @@ class FakeConsole:
             RobotChoice("tiago", "TIAGo", "ws://tiago:9090"),
         ]
 
-    def use_robot(self, name: str) -> bool:
-        self.calls.append(("use_robot", name))
-        return any(robot.name == name for robot in self.robots())
+    def use_robot(self, robot: str) -> bool:
+        self.calls.append(("use_robot", robot))
+        return any(each.name == robot for each in self.robots())
 
     def cancel_goal(self) -> None:
         self.calls.append(("cancel_goal", None))
@@ -205,16 +217,19 @@ class FakeConsole:
     def take_photo(self) -> None:
         self.calls.append(("take_photo", None))
 
-    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
+    def mark(
+        self, label: str, kind: MarkKind = "mark", earlier_s: float = 0.0, note: str = "", mark_id: str = ""
+    ) -> str:
         self.calls.append(("mark", (label, kind)))
         now_ns = clock.now_ns()
         start_ns = now_ns - round(earlier_s * 1e9) if earlier_s else None
-        return self._keep_mark(Marked(now_ns, label, kind, f"m{len(self.marks) + 1}", start_ns, note=note))
+        mark_id = mark_id or f"m{len(self.marks) + 1}"
+        return self._keep_mark(Marked(now_ns, label, kind, mark_id, start_ns, note=note))
 
-    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
+    def begin_mark(self, label: str, kind: MarkKind = "mark", earlier_s: float = 0.0, mark_id: str = "") -> str:
         self.calls.append(("begin_mark", (label, kind)))
         now_ns = clock.now_ns()
-        mark_id = f"m{len(self.marks) + 1}"
+        mark_id = mark_id or f"m{len(self.marks) + 1}"
         return self._keep_mark(Marked(now_ns, label, kind, mark_id, now_ns - round(earlier_s * 1e9), state="open"))
 
     def stretch_mark(self, mark_id: str) -> None:
@@ -228,7 +243,7 @@ class FakeConsole:
         self._keep_mark(dataclasses.replace(self.marks[mark_id], stamp_ns=now_ns, end_ns=now_ns, state="done"))
 
     def change_mark(
-        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
+        self, mark_id: str, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
     ) -> None:
         self.calls.append(("change_mark", (mark_id, label, earlier_s, note)))
         mark = self.marks[mark_id]
@@ -270,19 +285,19 @@ class FakeConsole:
     def microphone(self) -> str | None:
         return self.input
 
-    def use_microphone(self, name: str | None) -> None:
-        self.calls.append(("use_microphone", name))
-        self.input = name
+    def use_microphone(self, microphone: str | None) -> None:
+        self.calls.append(("use_microphone", microphone))
+        self.input = microphone
 
-    def pause_session(self, *, paused: bool) -> None:
+    def pause_session(self, paused: bool) -> None:
         self.calls.append(("pause_session", paused))
         self.state.take(RecordingPaused(clock.now_ns(), paused))
         self.state.recording.set(
             dataclasses.replace(self.state.recording.value, state="paused" if paused else "recording")
         )
 
-    def keep_layout(self, layout: LayoutNode) -> None:
-        self.calls.append(("keep_layout", layout))
+    def keep_layout(self, layout: str) -> None:
+        self.calls.append(("keep_layout", layout_from_data(json.loads(layout))))
 
     def start_session(self, details: TrialDetails) -> None:
         self.calls.append(("start_session", details))
@@ -307,6 +322,49 @@ class FakeConsole:
 
     def _set_drive(self, **changes: Any) -> None:
         self.state.drive.set(dataclasses.replace(self.state.drive.value, **changes))
+
+
+_METHODS: dict[type[Intent], str] = {
+    intents.Drive: "drive",
+    intents.ReleaseDrive: "release_drive",
+    intents.SetSpeed: "set_speed_fraction",
+    intents.Stop: "stop",
+    intents.EmergencyStop: "emergency_stop",
+    intents.ReleaseEmergencyStop: "clear_emergency_stop",
+    intents.SetGuard: "set_guard",
+    intents.LookAt: "look_at",
+    intents.TurnHead: "turn_head",
+    intents.GoToPlace: "go_to_place",
+    intents.GoToPoint: "go_to",
+    intents.CancelGoal: "cancel_goal",
+    intents.SetInitialPose: "set_initial_pose",
+    intents.SavePlace: "save_place",
+    intents.RemovePlace: "remove_place",
+    intents.SaveMap: "save_map",
+    intents.LoadMap: "load_map",
+    intents.SetMapping: "set_mapping",
+    intents.UseControl: "use_control",
+    intents.UseRobot: "use_robot",
+    intents.Say: "say",
+    intents.Silence: "silence",
+    intents.Ask: "ask_assistant",
+    intents.CancelAnswer: "cancel_assistant",
+    intents.SayAnswer: "say_answer",
+    intents.NamePerson: "rename_person",
+    intents.StartRecording: "start_session",
+    intents.StopRecording: "stop_session",
+    intents.PauseRecording: "pause_session",
+    intents.UseMicrophone: "use_microphone",
+    intents.TakePhoto: "take_photo",
+    intents.KeepLayout: "keep_layout",
+    intents.OpenScenario: "open_scenario",
+    intents.Mark: "mark",
+    intents.BeginMark: "begin_mark",
+    intents.StretchMark: "stretch_mark",
+    intents.EndMark: "end_mark",
+    intents.ChangeMark: "change_mark",
+    intents.WithdrawMark: "withdraw_mark",
+}
 
 
 class FakeLibrary:

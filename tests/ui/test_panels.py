@@ -25,9 +25,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
-from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
 from caris_desktop.ui.panels.people import PeoplePanel

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings
 from caris_desktop.robot.proposal import Offer, propose

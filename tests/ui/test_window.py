@@ -18,11 +18,11 @@ from caris_desktop.domain.events import Problem, ProblemEnd, TrafficMeasured
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.intents import RobotChoice
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, MapStatus, RecordingStatus
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
-from caris_desktop.study.trial import TrialDetails
 from caris_desktop.ui import words
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import panels_in

@@ -5,6 +5,7 @@ from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
 
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
+from caris_desktop.domain import intents
 from caris_desktop.live.status import AssistantStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -61,7 +62,7 @@ class AssistantPanel(Panel):
         self._edit.clicked.connect(self._on_edit)
         self._cancel = ActionButton(self.theme, "Cancel", icon="x")
         self._cancel.setObjectName("assistant_cancel")
-        self._cancel.clicked.connect(self.console.cancel_assistant)
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelAnswer()))
         top = QHBoxLayout()
         top.setSpacing(8)
         top.addWidget(self.field, 1)
@@ -124,13 +125,13 @@ class AssistantPanel(Panel):
         if question and not self._too_long and self.state.assistant.value.state in ("ready", "failed"):
             self._stop_editing()
             self.field.clear()
-            self.console.ask_assistant(question)
+            self.console.do(intents.Ask(question))
 
     def _on_say(self) -> None:
         text = " ".join(self._answer.toPlainText().split())
         if text:
             self._stop_editing()
-            self.console.say_answer(text)
+            self.console.do(intents.SayAnswer(text))
 
     def _on_edit(self) -> None:
         self._editing = True

@@ -4,6 +4,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.drive_controller import SPEED_STEPS
 from caris_desktop.live.motion_wish import MotionWish
@@ -64,7 +65,7 @@ class DrivePanel(Panel):
         self._head.stick.moved.connect(self._on_head_stick_moved)
         self._stop = ActionButton(self.theme, "Stop", icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
-        self._stop.clicked.connect(self.console.stop)
+        self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
         self._stop.set_key(self.table.key_text("stop"))
         self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
         self._other.setObjectName("drive_other_view")
@@ -228,15 +229,15 @@ class DrivePanel(Panel):
         self.hold.push_onscreen("head", wish)
 
     def _on_speed_chosen(self, fraction: float) -> None:
-        self.console.set_speed_fraction(fraction)
+        self.console.do(intents.SetSpeed(fraction))
 
     def _on_guard_clicked(self) -> None:
         # On by one click; off only by holding it.
         if self.state.drive.value.guard == "overridden":
-            self.console.set_guard(on=True)
+            self.console.do(intents.SetGuard(on=True))
 
     def _on_guard_held(self) -> None:
-        self.console.set_guard(on=False)
+        self.console.do(intents.SetGuard(on=False))
 
     def _on_guard_let_go(self) -> None:
         self._guard_hint.start()

@@ -2,11 +2,13 @@
 
 import math
 import time
+from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QTimer
 from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
@@ -134,7 +136,7 @@ class MapPanel(Panel):
         self._cancel = ActionButton(self.theme, "Cancel", icon="x", height_px=30)
         self._cancel.setObjectName("goal_cancel")
         self._cancel.setToolTip("Do not go there any more")
-        self._cancel.clicked.connect(self.console.cancel_goal)
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
         self._follow = self._icon_button("map_follow_button", "crosshair", "Follow the robot (F)")
         self._follow.setCheckable(True)
         self._follow.toggled.connect(self.view.set_follow)
@@ -212,7 +214,7 @@ class MapPanel(Panel):
     # ---- menus
 
     def _go_to(self, place: str) -> None:
-        self.console.go_to_place(place)
+        self.console.do(intents.GoToPlace(place))
 
     def _open_go_menu(self) -> None:
         menu = self._go_menu
@@ -269,8 +271,17 @@ class MapPanel(Panel):
                 action.setCheckable(True)
                 action.setChecked(mapping.mapping is building)
                 action.setEnabled(not mapping.busy)
-                action.triggered.connect(lambda _checked=False, on=building: self.console.set_mapping(mapping=on))
+                action.triggered.connect(self._mapping_setter(mapping=building))
         return menu
+
+    def _go_to_point(self, target: Pose2D) -> None:
+        self.console.do(intents.GoToPoint(target))
+
+    def _mapping_setter(self, *, mapping: bool) -> Callable[[], None]:
+        def set_mapping() -> None:
+            self.console.do(intents.SetMapping(mapping))
+
+        return set_mapping
 
     def _on_fit_clicked(self) -> None:
         self._follow.setChecked(False)
@@ -349,7 +360,7 @@ class MapPanel(Panel):
         if not refusal:
             target = Pose2D(at.x(), at.y(), self.view.heading_towards(at))
             if self._can_navigate():
-                choices.append(("map_go_here", "Go here", "navigation-arrow", lambda: self.console.go_to(target)))
+                choices.append(("map_go_here", "Go here", "navigation-arrow", lambda: self._go_to_point(target)))
                 choices.append(
                     ("map_go_heading", "Choose heading", "compass", lambda: self._take_tool("goal", at=at))
                 )  # fmt: skip
@@ -366,16 +377,16 @@ class MapPanel(Panel):
         moving, self._moving = self._moving, None
         match tool:
             case "goal":
-                self.console.go_to(pose)
+                self.console.do(intents.GoToPoint(pose))
             case "pose":
-                self.console.set_initial_pose(pose)
+                self.console.do(intents.SetInitialPose(pose))
                 self._ended = (f"The robot was told that it is here{'' if headed else ' (heading as before)'}", "hint",
                                time.monotonic() + GOAL_ENDED_SHOWN_S)  # fmt: skip
             case "place" if moving is not None:
                 old = next((place for place in self.state.places.value if place.name == moving), None)
                 if old is not None and not headed:
                     pose = Pose2D(pose.x_m, pose.y_m, old.pose_in_map.heading_rad)
-                self.console.save_place(moving, pose)
+                self.console.do(intents.SavePlace(moving, pose))
             case "place":
                 self._ask_place_name(pose)
         self._refresh()
@@ -387,7 +398,7 @@ class MapPanel(Panel):
 
     def _remove(self, name: str) -> None:
         self._removed = next((place for place in self.state.places.value if place.name == name), None)
-        self.console.remove_place(name)
+        self.console.do(intents.RemovePlace(name))
         middle = QPointF(self.view.width() / 2, self.view.height())
         self._undo.offer(
             middle, f"{name} was removed", [("map_undo_button", "Put back", "arrow-u-up-left", self._put_back)]
@@ -396,7 +407,7 @@ class MapPanel(Panel):
 
     def _put_back(self) -> None:
         if self._removed is not None:
-            self.console.save_place(self._removed.name, self._removed.pose_in_map)
+            self.console.do(intents.SavePlace(self._removed.name, self._removed.pose_in_map))
             self._removed = None
 
     def _name_robot_place(self) -> None:
@@ -422,11 +433,11 @@ class MapPanel(Panel):
             if name.casefold() in taken:
                 self._ask_place_name(pose, f"{name} is on the map already: another name?", name)
                 return
-            self.console.save_place(name, pose)
+            self.console.do(intents.SavePlace(name, pose))
         elif what == "save_map":
-            self.console.save_map(name)
+            self.console.do(intents.SaveMap(name))
         elif what == "load_map":
-            self.console.load_map(name)
+            self.console.do(intents.LoadMap(name))
         self.view.setFocus(Qt.FocusReason.OtherFocusReason)
 
     # ---- what the console tells

@@ -28,6 +28,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain import intents
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
@@ -63,7 +64,7 @@ class PeoplePanel(Panel):
         self.model = PeopleModel(self.state.present, self)
         self.list = PeopleList(self.theme, self.model, can_name=self.console.scenario.permissions.naming_people)
         self.list.setObjectName("people_list")
-        self.list.named.connect(self.console.rename_person)
+        self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self.catch_up)
         self.hold.escape_pressed.connect(self.list.give_up_naming)
         holder = QWidget()

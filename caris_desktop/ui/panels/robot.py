@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.controls import Choice, ControlValue, RobotControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
@@ -149,7 +150,7 @@ class RobotPanel(Panel):
             block = _Group(self.theme, group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
             for control in members:
                 entry = ControlEntry(self.theme, control)
-                entry.used.connect(self.console.use_control)
+                entry.used.connect(lambda control_id, value: self.console.do(intents.UseControl(control_id, value)))
                 self._entries[control.id] = entry
                 block.add(entry)
             self._groups.append(block)

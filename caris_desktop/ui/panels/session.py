@@ -30,6 +30,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
@@ -218,12 +219,12 @@ class SessionPanel(Panel):
 
     def _on_toggle(self) -> None:
         if self.state.recording.value.state in IN_SESSION:
-            self.console.stop_session()
+            self.console.do(intents.StopRecording())
         else:
             self.start_requested.emit()
 
     def _on_pause(self) -> None:
-        self.console.pause_session(paused=self.state.recording.value.state == "recording")
+        self.console.do(intents.PauseRecording(paused=self.state.recording.value.state == "recording"))
 
     def _open_folder(self) -> None:
         folder: Path | None = self.state.recording.value.folder

@@ -4,6 +4,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.live.status import SpeechStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import PHRASE_COUNT
@@ -122,7 +123,7 @@ class SpeakPanel(Panel):
             label.setPalette(palette)
 
     def _on_said(self, text: str) -> None:
-        self.console.say(text, "typed")
+        self.console.do(intents.Say(text, "typed"))
 
     def catch_up(self) -> None:
         self._on_speech_changed(self.state.speech.value)

@@ -22,6 +22,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
@@ -367,7 +368,7 @@ class VideoPanel(Panel):
 
     def _go(self, target: Pose2D) -> None:
         self.view.show_spot(None)
-        self.console.go_to(target)
+        self.console.do(intents.GoToPoint(target))
 
     def _on_link_changed(self, _link: LinkStatus) -> None:
         self._refresh()

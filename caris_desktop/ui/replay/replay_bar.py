@@ -7,9 +7,9 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from caris_desktop.live.intents import ReplayControls
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import tokens, words

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtGui import QImage
 
-from caris_desktop.live.intents import ReplayControls
+from caris_desktop.live.wizard_console import ReplayControls
 
 KEPT = 400
 _AT_ONCE = 3

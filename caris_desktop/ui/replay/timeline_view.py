@@ -18,9 +18,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.live.intents import ReplayControls
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary

@@ -1,4 +1,4 @@
-"""What a wizard can ask of the running console. Panels call these and nothing else."""
+"""The console as the window sees it, running or replayed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,16 +7,14 @@ from typing import Literal, Protocol
 
 from PySide6.QtCore import SignalInstance
 
-from caris_desktop.domain.controls import ControlValue
-from caris_desktop.domain.events import CommandSource, MarkKind, UtteranceOrigin
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.study_index import SessionQuery
-from caris_desktop.scenario.model import LayoutNode, Scenario
-from caris_desktop.study.trial import TrialDetails
+from caris_desktop.scenario.model import Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +27,8 @@ class RobotChoice:
     problem: str = ""
 
 
-class WizardIntents(Protocol):
-    """The console as panels see it. GUI thread only; every call returns at once.
+class WizardConsole(Protocol):
+    """What panels read, and the one way to ask for something. GUI thread only; every call returns at once.
 
     Results show up in ``state``; refusals arrive as ``Problem`` events, never as exceptions.
     """
@@ -44,101 +42,11 @@ class WizardIntents(Protocol):
     @property
     def frames(self) -> FrameReader: ...
 
-    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
-        """Hold to drive: each argument -1..1 of the speed setting. All zero releases. Call on each change only."""
-
-    def release_drive(self, reason: str = "") -> None:
-        """Nothing is held any more: zero at once."""
-
-    def set_speed_fraction(self, fraction: float) -> None:
-        """Speed setting, 0.1..1 of the scenario's limits."""
-
-    def stop(self) -> None:
-        """Halt motion and cancel goals, always."""
-
-    def emergency_stop(self) -> None:
-        """Latch the emergency stop."""
-
-    def clear_emergency_stop(self) -> None:
-        """Release the latched emergency stop."""
-
-    def set_guard(self, *, on: bool) -> None:
-        """Switch the obstacle guard; off lasts until the link is lost, the scenario changes, or it is switched on."""
-
-    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
-        """Turn the head there: pan left positive, tilt down positive."""
-
-    def turn_head(self, *, pan: float, tilt: float) -> None:
-        """Turn the head while something is held: each argument -1..1 of its speed, zero stops. On each change only."""
-
-    def go_to_place(self, name: str) -> None:
-        """Navigate to a place of the scenario."""
-
-    def go_to(self, target_in_map: Pose2D) -> None:
-        """Navigate to a point with a heading."""
-
-    def cancel_goal(self) -> None: ...
-
-    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
-        """Tell the localization where the robot is."""
-
-    def save_place(self, name: str, pose_in_map: Pose2D) -> None:
-        """Add a place, or move the one of that name, in the wizard's copy of the scenario."""
-
-    def remove_place(self, name: str) -> None: ...
-
-    def save_map(self, name: str) -> None: ...
-
-    def load_map(self, name: str) -> None: ...
-
-    def set_mapping(self, *, mapping: bool) -> None:
-        """Build the map on (True), or only find the place in it (False)."""
-
-    def use_control(self, control_id: str, value: ControlValue) -> None:
-        """A control of the Robot panel; a button's value is True."""
+    def do(self, intent: Intent) -> str:
+        """Ask for something; gives why it was refused, empty when it is under way. The wizard is told by itself."""
 
     def robots(self) -> Sequence[RobotChoice]:
         """The robots that can be connected to: shipped profiles and the wizard's own."""
-
-    def use_robot(self, name: str) -> bool:
-        """Connect to another robot instead of the present one. False when its profile was refused."""
-
-    def say(self, text: str, origin: UtteranceOrigin) -> None:
-        """Speak after whatever is waiting."""
-
-    def silence(self) -> None:
-        """Interrupt speech at once and drop what is waiting."""
-
-    def ask_assistant(self, question: str) -> None:
-        """Ask the language model; the answer streams into ``state.assistant``."""
-
-    def cancel_assistant(self) -> None: ...
-
-    def say_answer(self, text: str) -> None:
-        """Say the assistant's answer, possibly edited by the wizard."""
-
-    def rename_person(self, person_id: str, name: str) -> None: ...
-
-    def take_photo(self) -> None: ...
-
-    def mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0, note: str = "") -> str:
-        """Mark this moment, or one ``earlier_s`` ago. Gives the mark's id; the newest is in ``state.marks``."""
-
-    def begin_mark(self, label: str, kind: MarkKind = "mark", *, earlier_s: float = 0.0) -> str:
-        """Mark a stretch that begins now, or ``earlier_s`` ago, and goes on until ``end_mark``."""
-
-    def stretch_mark(self, mark_id: str) -> None:
-        """The moment that was marked becomes a stretch, which goes on until ``end_mark``."""
-
-    def end_mark(self, mark_id: str) -> None: ...
-
-    def change_mark(
-        self, mark_id: str, *, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
-    ) -> None:
-        """Change a mark of this session: another label, a note, or an earlier beginning."""
-
-    def withdraw_mark(self, mark_id: str) -> None:
-        """The mark was a slip."""
 
     def suggested_details(self) -> TrialDetails:
         """What the start dialog begins with: the study's last answers, with the trial counted on."""
@@ -152,24 +60,8 @@ class WizardIntents(Protocol):
     def microphones(self) -> Sequence[str]:
         """Names of the sound inputs of this computer; the empty name is the system's default."""
 
-    def use_microphone(self, name: str | None) -> None:
-        """Record from this input, where the scenario permits; None: from none. Kept for the next time."""
-
     @property
     def microphone(self) -> str | None: ...
-
-    def start_session(self, details: TrialDetails) -> None: ...
-
-    def stop_session(self) -> None: ...
-
-    def pause_session(self, *, paused: bool) -> None:
-        """Record nothing for a while, or go on."""
-
-    def keep_layout(self, layout: LayoutNode) -> None:
-        """The wizard arranged the panels: for the record."""
-
-    def open_scenario(self, path: Path) -> bool:
-        """Switch the scenario; the link and a running recording stay. False when the file was refused."""
 
 
 class ReplayControls(Protocol):

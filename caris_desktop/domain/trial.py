@@ -1,0 +1,19 @@
+"""Who takes part in what: the details that head a session."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class TrialDetails:
+    """Answers of the start dialog; all of them may be left empty.
+
+    ``recording`` counts the recordings of one trial. ``purpose`` is practice for a wizard's training, else empty.
+    """
+
+    study: str = ""
+    participant: str = ""
+    condition: str = ""
+    trial: str = ""
+    wizard: str = ""
+    recording: str = ""
+    purpose: str = ""

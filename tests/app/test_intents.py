@@ -1,0 +1,212 @@
+"""The intent table against the console: whatever is asked goes through the gate, and a refusal is a sentence.
+
+Generated from the table: a new intent is tried in each of these ways without a line here, once it has a sample.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.app import composition
+from caris_desktop.domain import intents
+from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.console import Console
+from caris_desktop.live.gate import Gate
+from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.model import Permissions
+
+HERE = Pose2D(1.0, 2.0, 0.0)
+WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
+LIGHT = replace(WAVE, id="light", title="Light", moves=False)
+SAMPLES: tuple[Intent, ...] = (
+    intents.Drive(1.0, 0.0, 0.0, "keyboard"),
+    intents.ReleaseDrive(),
+    intents.SetSpeed(0.5),
+    intents.Stop(),
+    intents.EmergencyStop(),
+    intents.ReleaseEmergencyStop(),
+    intents.SetGuard(on=False),
+    intents.LookAt(0.1, 0.0),
+    intents.TurnHead(1.0, 0.0),
+    intents.GoToPlace("Kitchen"),
+    intents.GoToPoint(HERE),
+    intents.CancelGoal(),
+    intents.SetInitialPose(HERE),
+    intents.SavePlace("Here", HERE),
+    intents.RemovePlace("Kitchen"),
+    intents.SaveMap("lab"),
+    intents.LoadMap("lab"),
+    intents.SetMapping(mapping=True),
+    intents.UseControl("wave", True),
+    intents.UseRobot("simulated"),
+    intents.Say("Hello", "typed"),
+    intents.Silence(),
+    intents.Ask("What now?"),
+    intents.CancelAnswer(),
+    intents.SayAnswer("This."),
+    intents.NamePerson("p-1", "Ada"),
+    intents.StartRecording(TrialDetails()),
+    intents.StopRecording(),
+    intents.PauseRecording(paused=True),
+    intents.UseMicrophone(None),
+    intents.TakePhoto(),
+    intents.KeepLayout("{}"),
+    intents.OpenScenario(Path("tour-guide.yaml")),
+    intents.Mark("Laughs"),
+    intents.BeginMark("Laughs"),
+    intents.StretchMark("m-1"),
+    intents.EndMark("m-1"),
+    intents.ChangeMark("m-1", label="Laughs"),
+    intents.WithdrawMark("m-1"),
+)
+_NAMES = [type(sample).__name__ for sample in SAMPLES]
+
+
+@dataclass
+class Bench:
+    """A console whose services only take down what reaches them."""
+
+    console: Console
+    done: list[Intent]
+    sent: list[object]
+
+    def connected(self) -> None:
+        state = self.console.state
+        state.link.set(replace(state.link.value, state="connected"))
+        state.drive.set(replace(state.drive.value, emergency_stop=False))
+        state.controls.set((WAVE, LIGHT))
+        self.done.clear()
+        self.sent.clear()
+
+    def permit(self, **permissions: bool) -> None:
+        everything = Permissions(**dict.fromkeys((each.name for each in fields(Permissions)), True))
+        self.console._scenario = replace(self.console.scenario, permissions=replace(everything, **permissions))
+
+
+@pytest.fixture(scope="module")
+def shared_bench(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    scenario = composition.find_scenario("tour-guide")
+    study = composition.open_study(tmp_path_factory.mktemp("gate") / "study")
+    console = Console(composition.parts(scenario, study=study, camera=None), scenario)
+    bench = Bench(console, [], [])
+    bench.console._handlers = dict.fromkeys(console._handlers, bench.done.append)
+    console._robot.send = lambda command: not bench.sent.append(command)  # type: ignore[method-assign]
+    yield bench
+    console.shutdown()
+
+
+@pytest.fixture
+def bench(shared_bench: Bench) -> Iterator[Bench]:
+    shared_bench.permit()
+    shared_bench.connected()
+    yield shared_bench
+    state = shared_bench.console.state
+    state.link.set(replace(state.link.value, state="closed"))
+
+
+def is_a_sentence(words: str) -> bool:
+    return bool(re.fullmatch(r"[A-Z][^_{}]*\.", words))
+
+
+def test_every_intent_has_a_line_of_the_table_a_handler_and_a_sample(bench: Bench) -> None:
+    declared = [each for each in vars(intents).values() if isinstance(each, type) and issubclass(each, Intent)]
+    assert set(INTENTS) == set(declared) - {Intent}
+    assert set(bench.console._handlers) == set(INTENTS)
+    assert [type(sample) for sample in SAMPLES] == list(INTENTS)
+    assert {each.name for each in fields(Permissions)} == set(get_args(Permission))
+
+
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_what_is_permitted_and_possible_is_done(bench: Bench, asked: Intent) -> None:
+    assert bench.console.do(asked) == ""
+    assert bench.done == [asked]
+
+
+@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> None:
+    for permission in get_args(Permission):
+        bench.done.clear()
+        bench.permit(**{permission: False})
+        needed = INTENTS[type(asked)].permission == permission and not asked.lets_go
+        refused = bench.console.do(asked)
+        assert is_a_sentence(refused) if needed else refused == "", permission
+        assert bench.done == ([] if needed else [asked]), permission
+    assert bench.sent == []
+
+
+@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked: Intent) -> None:
+    state = bench.console.state
+    state.drive.set(replace(state.drive.value, emergency_stop=True))
+    bench.sent.clear()
+    moves = (INTENTS[type(asked)].moves or isinstance(asked, intents.UseControl)) and not asked.lets_go
+    refused = bench.console.do(asked)
+    assert ("the emergency stop is on" in refused and is_a_sentence(refused)) if moves else refused == ""
+    assert bench.done == ([] if moves else [asked])
+    assert bench.sent == []
+
+
+def test_a_light_is_no_motion(bench: Bench) -> None:
+    state = bench.console.state
+    state.drive.set(replace(state.drive.value, emergency_stop=True))
+    assert bench.console.do(intents.UseControl("light", True)) == ""
+
+
+@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_without_a_link_nothing_is_asked_of_the_robot(bench: Bench, asked: Intent) -> None:
+    state = bench.console.state
+    needs = INTENTS[type(asked)].needs_link and not asked.lets_go
+    for link in ("connecting", "trouble", "lost", "closed"):
+        state.link.set(replace(state.link.value, state=link))
+        bench.done.clear()
+        bench.sent.clear()
+        refused = bench.console.do(asked)
+        assert ("not connected" in refused and is_a_sentence(refused)) if needs else refused == "", link
+        assert bench.done == ([] if needs else [asked]), link
+        assert bench.sent == [], link
+
+
+def test_a_replay_does_nothing_but_stop_the_live_robot(qapp: QApplication) -> None:
+    gate = Gate(LiveState(), Permissions, replay=True)
+    refusals = {type(asked): gate.refusal(asked) for asked in SAMPLES}
+    done = {kind for kind, refusal in refusals.items() if refusal is None}
+    assert done == {intents.Stop, intents.EmergencyStop, intents.ReleaseDrive}
+    assert {refusal.what for refusal in refusals.values() if refusal is not None} == {"This is a replay."}
+
+
+@pytest.mark.logs(r"live\.console: ")
+def test_a_value_that_cannot_be_is_refused(bench: Bench) -> None:
+    for asked in SAMPLES:
+        for name, (least, greatest) in INTENTS[type(asked)].bounds.items():
+            for value in (least - 0.1, greatest + 0.1, float("nan"), float("inf")):
+                refused = bench.console.do(replace(asked, **{name: value}))
+                assert f"{name} cannot be" in refused, asked
+    assert bench.done == [] and bench.sent == []
+
+
+@pytest.mark.logs(r"live\.console: ")
+def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Bench, qapp: QApplication) -> None:
+    told: list[object] = []
+    bench.console.state.event_happened.connect(told.append)
+    bench.permit(driving=False)
+    assert bench.console.do(intents.Drive(1.0, 0.0, 0.0, "keyboard"))
+    assert bench.console.do(intents.GoToPlace("Kitchen")) == "This scenario does not drive."
+    qapp.processEvents()
+    assert [event.what for event in told if isinstance(event, Problem)] == ["This scenario does not drive."]
+
+
+def test_a_language_model_may_propose_no_driving_no_release_and_nothing_about_its_own_rights() -> None:
+    proposable = {kind.__name__ for kind, spec in INTENTS.items() if spec.proposable}
+    assert proposable == {"LookAt", "GoToPlace", "GoToPoint", "UseControl", "Say", "TakePhoto"}
