@@ -26,9 +26,13 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.console import Parts
-from caris_desktop.live.microphone_director import MicrophoneParts
-from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.live.console import Parts, RobotParts
+from caris_desktop.live.services.assistant import AssistantParts
+from caris_desktop.live.services.microphone import MicrophoneParts
+from caris_desktop.live.services.people import PeopleParts
+from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.scenario import ScenarioParts
+from caris_desktop.live.services.session import SessionParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
@@ -116,25 +120,31 @@ def parts(
     # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
     inference = InferenceSettings(tracker="bytetrack" if camera is not None else "botsort")
     return Parts(
-        inference=ProcessBody("inference", run_inference, (inference,)) if perception else None,
         recorder=ProcessBody("recorder", run_recorder),
         speech=ProcessBody("speech", run_speech, (SpeechSettings(),)),
-        language_model_server=ProcessBody("language-model", run_embedded_server),
-        camera=None if camera is None else ProcessBody("camera", run_camera, (camera,)),
-        open_presence=functools.partial(_open_presence, study),
-        stream_chat=stream_chat,
-        resolve_endpoint=_resolve_endpoint,
-        build_prompt=_build_prompt,
-        load_scenario=_load_scenario,
-        scenario_text=scenario_text,
-        save_places=_save_places,
-        robots=_robots,
-        connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
-        suggested_details=lambda: following(load_last_details(study)),
-        new_session=functools.partial(_new_session, study),
-        expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
-        free_bytes=functools.partial(free_bytes, study),
-        photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
+        people=PeopleParts(
+            inference=ProcessBody("inference", run_inference, (inference,)) if perception else None,
+            camera=None if camera is None else ProcessBody("camera", run_camera, (camera,)),
+            open_presence=functools.partial(_open_presence, study),
+        ),
+        assistant=AssistantParts(
+            server=ProcessBody("language-model", run_embedded_server),
+            stream_chat=stream_chat,
+            resolve_endpoint=_resolve_endpoint,
+            build_prompt=_build_prompt,
+        ),
+        scenario=ScenarioParts(load=_load_scenario, save_places=_save_places, text=scenario_text),
+        robots=RobotParts(
+            choices=_robots,
+            connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
+        ),
+        session=SessionParts(
+            suggested_details=lambda: following(load_last_details(study)),
+            new_session=functools.partial(_new_session, study),
+            expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
+            free_bytes=functools.partial(free_bytes, study),
+            photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
+        ),
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", run_microphone), lambda: None, _forget),
     )
 

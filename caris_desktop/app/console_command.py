@@ -24,8 +24,8 @@ from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.live_robots import LiveRobotHost
 from caris_desktop.live.logs import configure_logging, log_file
-from caris_desktop.live.microphone_director import MicrophoneParts
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
+from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario

@@ -27,6 +27,7 @@ class PassPace(QObject):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._began_s = 0.0
+        self._every_s = 0.0
         self._waiting = False
         self._free = True
         # Fires once everything that a pass has caused is painted: events come before timers without a delay.
@@ -34,6 +35,10 @@ class PassPace(QObject):
         self._painted.timeout.connect(self._on_painted)
         self._rest = QTimer(self, singleShot=True)
         self._rest.timeout.connect(self._on_rested)
+
+    def at_most_every(self, seconds: float) -> None:
+        """No more passes than this, whatever they cost; 0 for as many as they allow themselves."""
+        self._every_s = seconds
 
     def may_begin(self) -> bool:
         """Whether a pass may begin now; if not, ``due`` follows."""
@@ -46,8 +51,9 @@ class PassPace(QObject):
         return True
 
     def _on_painted(self) -> None:
-        rest_s = rest_after(time.monotonic() - self._began_s)
-        if rest_s:
+        took_s = time.monotonic() - self._began_s
+        rest_s = max(rest_after(took_s), self._every_s - took_s)
+        if rest_s > 0.0:
             self._rest.start(round(rest_s * 1000))
         else:
             self._on_rested()

@@ -19,6 +19,7 @@ from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, Presence
@@ -27,7 +28,6 @@ from caris_desktop.perception.turns import CameraTurns
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
-_RESTARTS_AT_MOST = 3
 _ANSWER_WITHIN_NS = 5_000_000_000
 _PACE_TOLD_EVERY_NS = 1_000_000_000
 
@@ -52,6 +52,7 @@ class PerceptionWorker(QObject):
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
         self._pace_told_ns = 0
+        self._look_every_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
         self._cameras: dict[str, CameraModel] = {}
@@ -72,6 +73,10 @@ class PerceptionWorker(QObject):
         """The camera that the wizard sees: the others get fewer looks."""
         with self._turns_lock:
             self._turns.show(name)
+
+    def look_at_most_every(self, seconds: float) -> None:
+        """Leave the processor to others for a while after each look."""
+        self._look_every_ns = round(seconds * 1e9)
 
     def forget_cameras(self) -> None:
         """Another robot has others: nobody whom they saw is here any more."""
@@ -113,7 +118,7 @@ class PerceptionWorker(QObject):
         presence, problems = self._open_presence()
         self._publish_all(problems)
         child: ChildProcess | None = self._start_child()
-        restarts = 0
+        restarts = Restarts()
         ready = busy = False
         asked: FrameRef | None = None
         asked_ns = 0
@@ -149,16 +154,15 @@ class PerceptionWorker(QObject):
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)
-                restarts += 1
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
-                child = self._start_child() if restarts <= _RESTARTS_AT_MOST else None
+                child = self._start_child() if restarts.another() else None
                 self._publish(
                     Problem(
                         clock.now_ns(),
                         "warning",
                         "People recognition stopped unexpectedly.",
                         "Boxes and the People panel are empty until it is back; the recording goes on.",
-                        "It is being started again." if child else "It failed too often: restart the program.",
+                        restarts.advice,
                         until="people",
                     )
                 )
@@ -167,7 +171,8 @@ class PerceptionWorker(QObject):
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
                 busy = False
-            if ready and not busy and child is not None:
+            rested = clock.now_ns() - asked_ns >= self._look_every_ns
+            if ready and rested and not busy and child is not None:
                 asked_ns = clock.now_ns()
                 with self._turns_lock:
                     asked = self._turns.take(now_ns=asked_ns)

@@ -1,9 +1,70 @@
 """What every part of the running console is."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from PySide6.QtCore import QObject
+
 from caris_desktop.domain.intents import Intent
+from caris_desktop.live.child_process import ChildProcess
+from caris_desktop.scenario.model import Scenario
 
 Handler = Callable[[Any], None]
 Handlers = Mapping[type[Intent], Handler]
+Follows = Mapping[type[Any], Callable[[Any], None]]
+
+
+class Service(QObject):
+    """One part of the running console; whatever it does not say here it has not. GUI thread but for ``end``.
+
+    The console's list gives the order: services are started in it, and stopped and ended in the reverse.
+    """
+
+    def handlers(self) -> Handlers:
+        """What it can be asked. A handler raises ToldFailure where it cannot be done."""
+        return {}
+
+    def follows(self) -> Follows:
+        """The events that it hears of before any panel does."""
+        return {}
+
+    def processes(self) -> Mapping[str, ChildProcess]:
+        """Its child processes, by name."""
+        return {}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """What this scenario says holds from now on; the first comes before ``start``."""
+
+    def start(self) -> None:
+        """The window stands: start what takes time."""
+
+    def stop(self) -> None:
+        """The program ends: begin nothing new, say the last words. Returns at once, or after two seconds at most."""
+
+    def end(self) -> None:
+        """Wait for what was stopped. May take long, in any thread; touches nothing of Qt."""
+
+
+@dataclass(slots=True)
+class Restarts:
+    """How often something that ends by itself is started again: whatever crashes again and again is left alone,
+    instead of keeping the computer busy.
+    """
+
+    at_most: int = 3
+    used: int = 0
+
+    def another(self) -> bool:
+        """It has ended once more: whether to start it again."""
+        self.used += 1
+        return not self.exhausted
+
+    @property
+    def exhausted(self) -> bool:
+        return self.used > self.at_most
+
+    @property
+    def advice(self) -> str:
+        """What the wizard can do."""
+        return "It failed too often: restart the program." if self.exhausted else "It is being started again."

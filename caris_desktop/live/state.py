@@ -18,6 +18,7 @@ from caris_desktop.live.status import (
     GamepadStatus,
     HeadStatus,
     LinkStatus,
+    LoadStatus,
     MapStatus,
     MarksStatus,
     MicrophoneStatus,
@@ -143,7 +144,7 @@ class LiveState(QObject):
 
     ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
     ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
-    ``assistant``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
+    ``assistant``, ``load``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
@@ -180,6 +181,7 @@ class LiveState(QObject):
         self.recording = LiveValue(RecordingStatus(), self)
         self.speech = LiveValue(SpeechStatus(), self)
         self.assistant = LiveValue(AssistantStatus(), self)
+        self.load = LiveValue(LoadStatus(), self)
         self.perception = LiveValue(PerceptionStatus(), self)
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)

@@ -113,6 +113,10 @@ class RecordingStatus:
     dropped: dict[str, int] = field(default_factory=dict)
 
 
+IN_SESSION = ("starting", "recording", "paused", "stopping")
+"""States of a recording in which something of a session is under way."""
+
+
 @dataclass(frozen=True, slots=True)
 class MarksStatus:
     """The wizard's marks of this session: ``last`` can still be changed, ``open`` are stretches that go on."""
@@ -162,6 +166,14 @@ class AssistantStatus:
     exchange_id: str = ""
     question: str = ""
     answer: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadStatus:
+    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, in words."""
+
+    step: int = 0
     detail: str = ""
 
 

@@ -17,7 +17,7 @@ from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus, RecordingStatus
+from caris_desktop.live.status import IN_SESSION, DriveStatus, LinkStatus, MapStatus, RecordingStatus
 from caris_desktop.live.wizard_console import ReplayControls, RobotChoice, SessionLibrary, WizardConsole
 from caris_desktop.scenario.layout import layout_text
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Permissions, Scenario, SplitNode
@@ -54,7 +54,7 @@ from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import CHOICES, Theme, ThemeChoice, as_choice
-from caris_desktop.ui.top_bar import IN_SESSION, TopBar, as_menu
+from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.words import UNDER_WAY, shortened
 

@@ -1,6 +1,6 @@
 """The three speed settings by name."""
 
-from caris_desktop.live.drive_controller import SPEED_STEPS
+from caris_desktop.live.services.drive import SPEED_STEPS
 
 NAMES = ("Slow", "Normal", "Fast")
 

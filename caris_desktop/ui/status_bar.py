@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveStream
-from caris_desktop.live.status import LinkStatus, PerceptionStatus, RecordingStatus
+from caris_desktop.live.status import LinkStatus, LoadStatus, PerceptionStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -144,6 +144,7 @@ class StatusBar(QWidget):
                 "battery",
                 "refused",
                 "perception",
+                "load",
                 "models",
                 "recording",
                 "dropped",
@@ -167,7 +168,7 @@ class StatusBar(QWidget):
         self._timer.start()
         theme.changed.connect(self.update)
         state = console.state
-        for value in (state.link, state.recording, state.perception):
+        for value in (state.link, state.recording, state.perception, state.load):
             value.changed.connect(self._on_changed)
         self.refresh()
 
@@ -182,7 +183,7 @@ class StatusBar(QWidget):
         recording: RecordingStatus = state.recording.value
         perception: PerceptionStatus = state.perception.value
         lost = tuple(recording.dropped)
-        return link.state, link.robot, recording.state, lost, perception.state, perception.detail
+        return link.state, link.robot, recording.state, lost, perception.state, perception.detail, state.load.value.step
 
     def refresh(self) -> None:
         state, items = self._console.state, self.items
@@ -219,6 +220,11 @@ class StatusBar(QWidget):
             f"{refused} message{'s' if refused != 1 else ''} refused" if refused else "", "amber", icon="warning",
             tip="Messages from the robot that could not be used: malformed, too large or of another type.\n"
             "Diagnostics tells which topics.",
+        )  # fmt: skip
+        load: LoadStatus = state.load.value
+        items["load"].say(
+            f"busy: {load.detail}" if load.detail else "", "amber", icon="gauge" if load.detail else "",
+            tip="The computer does not keep up. Driving, stopping, sound and the recording go on as before.",
         )  # fmt: skip
         self._say_models(state.perception.value)
         self._say_recording(state.recording.value)

@@ -8,7 +8,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveValue
-from caris_desktop.live.status import DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
+from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
@@ -28,7 +28,6 @@ _TRIAL_PX = (150, 70)
 # From which level on what gives way in a narrow window; the words of Find are the first.
 _FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
 _TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
-IN_SESSION = ("starting", "recording", "paused", "stopping")
 
 _RECORD_TIPS = {
     "recording": "Pause or stop the recording",

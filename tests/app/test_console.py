@@ -16,7 +16,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
-from caris_desktop.live.robot_director import RobotConnection
+from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.annotation.session_tiers import session_tiers
@@ -27,7 +27,7 @@ from caris_desktop.scenario.model import Scenario
 from tests.live import bodies
 
 
-@pytest.mark.logs(r"live\.console: ", r"live\.recorder_feed: ")
+@pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
 def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_next(
     qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -41,7 +41,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
 
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, build_prompt=note_prompt), scenario)
+    console = Console(replace(parts, assistant=replace(parts.assistant, build_prompt=note_prompt)), scenario)
     try:
         happened: list[object] = []
         console.state.event_happened.connect(happened.append)
@@ -56,12 +56,12 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
     assert told[1] == []
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     scenario = replace(scenario, permissions=replace(scenario.permissions, driving=False))
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, save_places=lambda changed: changed), scenario)
+    console = Console(replace(parts, scenario=replace(parts.scenario, save_places=lambda changed: changed)), scenario)
     here = Pose2D(1.0, 2.0, 0.0)
     try:
         told: list[str] = []
@@ -102,9 +102,12 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
     parts = replace(
         parts,
-        inference=None,
-        stream_chat=never_answers,
-        resolve_endpoint=lambda _model, _url: ModelEndpoint("openai", "http://127.0.0.1:1/v1", "small"),
+        people=replace(parts.people, inference=None),
+        assistant=replace(
+            parts.assistant,
+            stream_chat=never_answers,
+            resolve_endpoint=lambda _model, _url: ModelEndpoint("openai", "http://127.0.0.1:1/v1", "small"),
+        ),
     )
     console = Console(parts, scenario)
     state = console.state
@@ -156,7 +159,7 @@ def _robot(camera: str) -> RobotConnection:
 def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, inference=None), scenario)
+    console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     state = console.state
     try:
         console.connect_robot(_robot("front"))
@@ -173,11 +176,11 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         console.shutdown()
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, inference=None), scenario)
+    console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     told: list[str] = []
     console.state.event_happened.connect(lambda event: told.append(event.what) if isinstance(event, Problem) else None)
     try:
@@ -193,7 +196,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
     notes = tmp_path / "notes"
     camera = ProcessBody("camera", bodies.camera_that_notes, (notes,))
     inference = ProcessBody("inference", bodies.brightness, ("test",))
-    console = Console(replace(parts, inference=inference, camera=camera), scenario)
+    console = Console(replace(parts, people=replace(parts.people, inference=inference, camera=camera)), scenario)
     statuses: list[PerceptionStatus] = []
     console.state.perception.changed.connect(statuses.append)
     try:
@@ -208,7 +211,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
 def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(scenario, study=composition.open_study(tmp_path / "study"), camera=None)
-    console = Console(replace(parts, inference=None), scenario)
+    console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     told: list[str] = []
 
     def during(what: str, work: Callable[[], None]) -> None:

@@ -89,7 +89,7 @@ class Bench:
 
     def permit(self, **permissions: bool) -> None:
         everything = Permissions(**dict.fromkeys((each.name for each in fields(Permissions)), True))
-        self.console._scenario = replace(self.console.scenario, permissions=replace(everything, **permissions))
+        self.console._scenario.current = replace(self.console.scenario, permissions=replace(everything, **permissions))
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_what_is_permitted_and_possible_is_done(bench: Bench, asked: Intent) -> 
     assert bench.done == [asked]
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> None:
     for permission in get_args(Permission):
@@ -144,7 +144,7 @@ def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> No
     assert bench.sent == []
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked: Intent) -> None:
     state = bench.console.state
@@ -163,7 +163,7 @@ def test_a_light_is_no_motion(bench: Bench) -> None:
     assert bench.console.do(intents.UseControl("light", True)) == ""
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_without_a_link_nothing_is_asked_of_the_robot(bench: Bench, asked: Intent) -> None:
     state = bench.console.state
@@ -186,7 +186,7 @@ def test_a_replay_does_nothing_but_stop_the_live_robot(qapp: QApplication) -> No
     assert {refusal.what for refusal in refusals.values() if refusal is not None} == {"This is a replay."}
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 def test_a_value_that_cannot_be_is_refused(bench: Bench) -> None:
     for asked in SAMPLES:
         for name, (least, greatest) in INTENTS[type(asked)].bounds.items():
@@ -196,7 +196,7 @@ def test_a_value_that_cannot_be_is_refused(bench: Bench) -> None:
     assert bench.done == [] and bench.sent == []
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Bench, qapp: QApplication) -> None:
     told: list[object] = []
     bench.console.state.event_happened.connect(told.append)

@@ -55,7 +55,7 @@ def lacking(state: LiveState, lenses_before: int) -> list[str]:
     return [name for name, is_there in there.items() if not is_there]
 
 
-@pytest.mark.logs(r"live\.console: ")
+@pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("times", [2, pytest.param(50, marks=[pytest.mark.long, pytest.mark.timeout(3600)])])
 def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall(
     qtbot: QtBot, tmp_path: Path, times: int
@@ -69,7 +69,7 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
         address = (robot.stdout.readline() if robot.stdout else "").removeprefix(once_told_robot.READY).strip()
         for _ in range(2 if times > 2 else 0):
             stack.enter_context(running("-c", "while True: pass"))
-        console = Console(replace(parts, inference=None), scenario)
+        console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
         stack.callback(console.shutdown)
         state = console.state
         troubles: list[str] = []

@@ -6,8 +6,8 @@ from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSiz
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.live.drive_controller import SPEED_STEPS
 from caris_desktop.live.motion_wish import MotionWish
+from caris_desktop.live.services.drive import SPEED_STEPS
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions

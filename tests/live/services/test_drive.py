@@ -21,7 +21,7 @@ from caris_desktop.domain.commands import (
 from caris_desktop.domain.events import DriveEnded, GuardChanged, NavigationSpeedChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan
-from caris_desktop.live.drive_controller import STALE_CAP_FRACTION, DriveController
+from caris_desktop.live.services.drive import STALE_CAP_FRACTION, DriveService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.robot.profile import CameraTopic, MotionLimits, RobotProfile, TopicSource, VelocityTopic
@@ -73,16 +73,20 @@ def state(qtbot: QtBot) -> Iterator[LiveState]:
     state.deleteLater()
 
 
+def _not_told(severity: str, what: str, meaning: str, advice: str, *, until: str = "") -> None:
+    raise AssertionError(what)
+
+
 @pytest.fixture
-def controller(state: LiveState, robot: RecordingRobot) -> DriveController:
-    controller = DriveController(state, robot, _scenario(), state)
+def controller(state: LiveState, robot: RecordingRobot) -> DriveService:
+    controller = DriveService(state, robot, _scenario(), state, publish=state.take, problem=_not_told)
     controller.set_speed_fraction(0.5)
     robot.sent.clear()
     return controller
 
 
 def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
-    qtbot: QtBot, controller: DriveController, robot: RecordingRobot
+    qtbot: QtBot, controller: DriveService, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     assert [command.target for command in robot.of(Drive)] == [Twist2D(0.5, 0, 0)]
@@ -97,7 +101,7 @@ def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
 
 
 def test_nothing_is_sent_while_the_link_is_down_and_old_keys_do_not_drive_when_it_is_back(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     state.link.set(LinkStatus(state="lost"))
@@ -111,7 +115,7 @@ def test_nothing_is_sent_while_the_link_is_down_and_old_keys_do_not_drive_when_i
 
 
 def test_speed_is_capped_without_fresh_sensors_and_the_reason_is_told(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     state.scan.clear()
@@ -123,7 +127,7 @@ def test_speed_is_capped_without_fresh_sensors_and_the_reason_is_told(
 
 
 def test_emergency_stop_latches_until_it_is_cleared(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     assert controller.set_emergency_stop(latched=True)
@@ -137,20 +141,20 @@ def test_emergency_stop_latches_until_it_is_cleared(
 
 
 def test_emergency_stop_latches_here_even_when_nobody_hears_it(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     robot.connected = False
     assert not controller.set_emergency_stop(latched=True)
     assert state.drive.value.emergency_stop and not state.drive.value.allowed
 
 
-def test_stop_is_sent_even_when_nothing_is_held(controller: DriveController, robot: RecordingRobot) -> None:
-    controller.stop()
+def test_stop_is_sent_even_when_nothing_is_held(controller: DriveService, robot: RecordingRobot) -> None:
+    controller.halt()
     assert [type(command) for command in robot.sent] == [StopMotion]
 
 
 def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
-    qtbot: QtBot, controller: DriveController, robot: RecordingRobot, state: LiveState
+    qtbot: QtBot, controller: DriveService, robot: RecordingRobot, state: LiveState
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     controller.on_robot_event(DriveEnded(clock.now_ns(), "no renewal"))
@@ -161,7 +165,7 @@ def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
 
 
 def test_the_lease_is_renewed_before_work_that_may_take_a_while(
-    controller: DriveController, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
+    controller: DriveService, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_ns = clock.now_ns()
 
@@ -184,7 +188,7 @@ def test_the_lease_is_renewed_before_work_that_may_take_a_while(
 
 
 def test_after_a_stall_only_a_new_key_press_drives(
-    controller: DriveController, state: LiveState, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
+    controller: DriveService, state: LiveState, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     late_ns = clock.now_ns() + 200_000_000
@@ -197,7 +201,7 @@ def test_after_a_stall_only_a_new_key_press_drives(
 
 
 def test_a_scenario_without_driving_has_no_way_to_drive(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.use_scenario(_scenario(driving=False))
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
@@ -206,7 +210,7 @@ def test_a_scenario_without_driving_has_no_way_to_drive(
 
 
 def test_the_speed_setting_applies_while_driving(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=-1, left=0, turn=0, source="keyboard")
     controller.set_speed_fraction(0.8)
@@ -223,16 +227,14 @@ PROFILE = RobotProfile(
 )
 
 
-def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed(
-    controller: DriveController, state: LiveState
-) -> None:
+def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed(controller: DriveService, state: LiveState) -> None:
     state.robot.set(replace(PROFILE, velocity=VelocityTopic()))
     assert state.drive.value.max_forward_mps == 0.3
     assert state.drive.value.max_turn_radps == 0.75
 
 
 def test_the_robots_own_limits_hold_where_the_scenario_allows_more(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     assert state.drive.value.max_left_mps == 0.0, "as long as nothing is known of the robot"
     state.robot.set(PROFILE)
@@ -247,7 +249,7 @@ def test_the_robots_own_limits_hold_where_the_scenario_allows_more(
 
 
 def test_another_robot_is_not_driven_by_what_was_held_for_the_one_before(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     state.robot.set(PROFILE)
@@ -255,7 +257,7 @@ def test_another_robot_is_not_driven_by_what_was_held_for_the_one_before(
 
 
 def test_what_limits_driving_limits_goals_too(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     def limits() -> list[float]:
         return [command.forward_mps for command in robot.of(LimitGoals) if isinstance(command, LimitGoals)]
@@ -280,9 +282,7 @@ def test_what_limits_driving_limits_goals_too(
     assert len(limits()) == told + 1, "a new connection is told anew"
 
 
-def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(
-    controller: DriveController, state: LiveState
-) -> None:
+def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(controller: DriveService, state: LiveState) -> None:
     controller.on_robot_event(GuardChanged(clock.now_ns(), "slowing", 0.4))
     assert (state.drive.value.guard, state.drive.value.guard_distance_m) == ("slowing", 0.4)
     controller.on_robot_event(GuardChanged(clock.now_ns(), "blind", None, "no fresh scan from the LIDAR"))
@@ -294,7 +294,7 @@ def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(
 
 
 def test_the_guard_is_switched_at_the_link_and_comes_back_with_another_scenario(
-    controller: DriveController, robot: RecordingRobot
+    controller: DriveService, robot: RecordingRobot
 ) -> None:
     controller.use_scenario(_scenario())
     assert not robot.of(SetGuard), "it is on already"
@@ -306,7 +306,7 @@ def test_the_guard_is_switched_at_the_link_and_comes_back_with_another_scenario(
 
 
 def test_after_a_lost_link_there_is_nothing_to_switch_back(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
+    controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     controller.set_guard(on=False)
     controller.on_robot_event(GuardChanged(clock.now_ns(), "overridden"))
@@ -320,7 +320,7 @@ def test_after_a_lost_link_there_is_nothing_to_switch_back(
 
 
 def test_the_reason_of_the_cap_says_for_how_long(
-    qtbot: QtBot, controller: DriveController, state: LiveState, robot: RecordingRobot
+    qtbot: QtBot, controller: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     now_ns = clock.now_ns()
     state.take(FrameRef(now_ns - 1_200_000_000, None, "front", "r", 0, 1, 4, 3))
@@ -332,7 +332,7 @@ def test_the_reason_of_the_cap_says_for_how_long(
 
 
 def test_a_robot_without_a_lidar_or_a_camera_is_not_capped_for_lack_of_one(
-    controller: DriveController, state: LiveState
+    controller: DriveService, state: LiveState
 ) -> None:
     state.scan.clear()
     assert "LIDAR" in state.drive.value.cap_reason
@@ -347,9 +347,7 @@ def test_a_robot_without_a_lidar_or_a_camera_is_not_capped_for_lack_of_one(
     assert "video" in state.drive.value.cap_reason
 
 
-def test_a_link_that_does_not_answer_refuses(
-    controller: DriveController, state: LiveState, robot: RecordingRobot
-) -> None:
+def test_a_link_that_does_not_answer_refuses(controller: DriveService, state: LiveState, robot: RecordingRobot) -> None:
     controller.drive(forward=1, left=0, turn=0, source="keyboard")
     state.link.set(LinkStatus(state="trouble"))
     assert isinstance(robot.sent[-1], Release)

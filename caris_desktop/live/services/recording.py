@@ -11,11 +11,14 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.ports import TellProblem
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
-from caris_desktop.live.child_process import ChildProcess
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
+from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import RecorderFeed
+from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
+from caris_desktop.live.status import IN_SESSION
 from caris_desktop.recording.recorder.messages import (
     OfferMarkers,
     PauseRecording,
@@ -29,37 +32,48 @@ from caris_desktop.recording.recorder.messages import (
 from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
-RESTARTS_AT_MOST = 3
 # The recorder allows itself a minute for the checksums, and tells the log when it gives up.
 _CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")
 
 
-class RecordingDirector(QObject):
+class RecordingService(Service):
     """Starts and ends sessions, hands everything to the recorder, and keeps ``state.recording``."""
 
     def __init__(
         self,
         state: LiveState,
+        bus: Bus,
+        children: Children,
+        body: ProcessBody,
         *,
-        new_recorder: Callable[[], ChildProcess],
-        problem: TellProblem,
-        parent: QObject | None = None,
+        rings: RingsToRead,
+        parent: QObject,
     ) -> None:
         super().__init__(parent)
         self._state = state
-        self._new_recorder = new_recorder
-        self._problem = problem
-        self._recorder = new_recorder()
+        self._bus = bus
+        self._children = children
+        self._body = replace(body, arguments=(*body.arguments, rings))
+        self._problem = bus.problem
+        bus.tap(self.put)
+        self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
         self._video = self._audio = False
         self._markers_offered = OfferMarkers(False)
-        self._restarts = 0
+        self._restarts = Restarts()
+        self._scenario: Scenario | None = None
+        self._started = False
 
-    @property
-    def recorder(self) -> ChildProcess:
-        return self._recorder
+    def _new_recorder(self) -> ChildProcess:
+        return self._children.new(self._body, ended=self._on_ended, heard=self.on_report, reads=self._read)
+
+    def _read(self, value: Any, _raw: bytes) -> None:  # reader thread
+        if isinstance(value, RecorderReport):
+            self._children.tell(self.on_report, value)
+        else:
+            self._bus.publish_recorded(value)
 
     @property
     def session_folder(self) -> Path | None:
@@ -68,7 +82,7 @@ class RecordingDirector(QObject):
 
     @property
     def idle(self) -> bool:
-        return self._state.recording.value.state not in (*ACTIVE, "stopping")
+        return self._state.recording.value.state not in IN_SESSION
 
     @property
     def announced(self) -> bool:
@@ -76,9 +90,14 @@ class RecordingDirector(QObject):
         status = self._state.recording.value
         return bool(status.state == "starting" and status.folder is None)
 
-    def start(self, scenario: Scenario) -> None:
+    def processes(self) -> dict[str, ChildProcess]:
+        return {"recorder": self._recorder}
+
+    def start(self) -> None:
+        self._started = True
         self._recorder.start()
-        self._offer_markers(scenario)
+        if self._scenario is not None:
+            self._offer_markers(self._scenario)
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """Record a domain value; ``raw`` is the value pickled, where the caller has it. Any thread."""
@@ -105,7 +124,7 @@ class RecordingDirector(QObject):
         """False when it was refused; the wizard knows why then. ``opened`` are events that head the recording."""
         if not (self.idle or self.announced):
             return False
-        if self._restarts > RESTARTS_AT_MOST:
+        if self._restarts.exhausted:
             self._state.recording.set(replace(self._state.recording.value, state="failed"))
             self._problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
             return False
@@ -159,6 +178,9 @@ class RecordingDirector(QObject):
 
     def use_scenario(self, scenario: Scenario) -> None:
         """What it permits holds from now on, in a running session too."""
+        self._scenario = scenario
+        if not self._started:
+            return
         self._offer_markers(scenario)
         recording = self._state.recording.value.state in ACTIVE
         permissions = scenario.permissions
@@ -215,14 +237,12 @@ class RecordingDirector(QObject):
             self._video = self._audio = False
             self._feed.end()
 
-    def on_recorder_ended(self, child: ChildProcess) -> bool:
-        """True when it was the recorder: another one takes its place, unless that was tried too often."""
+    def _on_ended(self, child: ChildProcess) -> None:
+        """Another recorder takes its place, unless that was tried too often."""
         if child is not self._recorder:
-            return False
+            return
         interrupted = not self.idle
-        # Whatever crashes again and again is left alone, instead of keeping the computer busy.
-        self._restarts += 1
-        again = self._restarts <= RESTARTS_AT_MOST
+        again = self._restarts.another()
         if again:
             self._recorder = self._new_recorder()
             self._recorder.start()
@@ -244,11 +264,10 @@ class RecordingDirector(QObject):
             "Start recording again: that makes a new session." if again else "Restart the program to record again.",
             until="recording",
         )
-        return True
 
     # End
 
-    def shutdown(self) -> None:
+    def end(self) -> None:
         """Write out what is queued and end the recorder, which first makes its checksums: of hours of video that takes
         a minute.
         """

@@ -10,10 +10,11 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import MoveHead
 from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.ports import RobotPort
-from caris_desktop.live.service import Handlers
+from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import HeadStatus
 from caris_desktop.robot.profile import HeadInterface, RobotProfile
+from caris_desktop.scenario.model import Scenario
 
 MOVE_EVERY_MS = 50
 # A stalled GUI must not be made up for by one large turn.
@@ -21,7 +22,7 @@ _LONGEST_STEP_S = 0.1
 _TELL_EVERY_NS = 250_000_000
 
 
-class HeadController(QObject):
+class HeadService(Service):
     """Keeps ``state.look``, sends MoveHead at 20 Hz while something is held, and records where the head was sent.
 
     Nothing turns it after release, under the emergency stop, without a link, or once the GUI stalls: each target is
@@ -54,6 +55,10 @@ class HeadController(QObject):
             intents.LookAt: lambda asked: self.look_at(pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad),
             intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt),
         }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        if not scenario.permissions.driving:
+            self.release()
 
     def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
         """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""

@@ -4,6 +4,7 @@ The controller sends each change at once and renews the lease every 50 ms from a
 stops renewing by itself. The link process is the one that ramps, repeats and sends zero.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtCore import QObject, Qt, QTimer
@@ -14,12 +15,14 @@ from caris_desktop.domain.events import (
     CommandSource,
     DriveEnded,
     EmergencyStopChanged,
+    Event,
     GuardChanged,
     NavigationSpeedChanged,
+    StopRequested,
 )
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.ports import RobotPort
-from caris_desktop.live.service import Handlers
+from caris_desktop.domain.ports import RobotPort, TellProblem
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.robot.profile import MotionLimits, RobotProfile
 from caris_desktop.scenario.model import Scenario
@@ -35,13 +38,24 @@ _STANDS = ("connected", "trouble")
 _ANY_SPEED = MotionLimits(forward_mps=float("inf"), backward_mps=float("inf"), left_mps=0.0, turn_radps=float("inf"))
 
 
-class DriveController(QObject):
+class DriveService(Service):
     """Holds what is pressed, decides whether and how fast that may move the robot, and says so in ``state.drive``."""
 
-    def __init__(self, state: LiveState, robot: RobotPort, scenario: Scenario, parent: QObject | None = None) -> None:
+    def __init__(
+        self,
+        state: LiveState,
+        robot: RobotPort,
+        scenario: Scenario,
+        parent: QObject | None = None,
+        *,
+        publish: Callable[[Event], None],
+        problem: TellProblem,
+    ) -> None:
         super().__init__(parent)
         self._state = state
         self._robot = robot
+        self._publish = publish
+        self._problem = problem
         self._forward = self._left = self._turn = 0.0
         self._source: CommandSource = "none"
         self._held = False
@@ -74,7 +88,17 @@ class DriveController(QObject):
             intents.ReleaseDrive: lambda asked: self.release(asked.reason),
             intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction),
             intents.SetGuard: lambda asked: self.set_guard(on=asked.on),
+            intents.Stop: lambda _asked: self._stop(),
+            intents.EmergencyStop: lambda _asked: self._emergency_stop(),
+            intents.ReleaseEmergencyStop: lambda _asked: self._release_emergency_stop(),
         }
+
+    def follows(self) -> Follows:
+        events = (DriveEnded, EmergencyStopChanged, GuardChanged, NavigationSpeedChanged)
+        return dict.fromkeys(events, self.on_robot_event)
+
+    def stop(self) -> None:
+        self.release("The console closes")
 
     def use_scenario(self, scenario: Scenario) -> None:
         self.release("The scenario changed")
@@ -107,7 +131,27 @@ class DriveController(QObject):
         self._sent_target = Twist2D()
         self._show_target()
 
-    def stop(self) -> None:
+    def _stop(self) -> None:
+        self.halt()
+        self._publish(StopRequested(clock.now_ns()))
+
+    def _emergency_stop(self) -> None:
+        heard = self.set_emergency_stop(latched=True)
+        self._publish(EmergencyStopChanged(clock.now_ns(), True, "wizard"))
+        if not heard:
+            self._problem(
+                "error",
+                "The robot could not be told of the emergency stop.",
+                "The console sends no motion. The robot stops by itself if it guards its commands.",
+                "Use the robot's own emergency stop button.",
+                until="connected",
+            )
+
+    def _release_emergency_stop(self) -> None:
+        self.set_emergency_stop(latched=False)
+        self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
+
+    def halt(self) -> None:
         """Zero and cancel goals. Sent whether or not anything is held."""
         self.release("Stop")
         self._robot.send(StopMotion(clock.now_ns()))

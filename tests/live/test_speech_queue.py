@@ -4,7 +4,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.live.speech_director import SpeechDirector
+from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 
 
@@ -27,9 +27,9 @@ class TestVoice:
         return True
 
 
-def _setup() -> tuple[SpeechDirector, TestVoice, list[UtteranceChanged], LiveState]:
+def _setup() -> tuple[SpeechQueue, TestVoice, list[UtteranceChanged], LiveState]:
     voice, published, state = TestVoice(), [], LiveState()
-    director = SpeechDirector(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
+    director = SpeechQueue(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
     return director, voice, published, state
 
 

@@ -11,7 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.commands import MoveHead, RobotCommand
 from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.sensing import HeadState
-from caris_desktop.live.head_controller import HeadController
+from caris_desktop.live.services.head import HeadService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.robot.profile import HeadInterface, RobotProfile
@@ -61,12 +61,12 @@ def state(qtbot: QtBot) -> Iterator[LiveState]:
 
 
 @pytest.fixture
-def head(state: LiveState, robot: RecordingRobot, recorded: list[Any]) -> HeadController:
-    return HeadController(state, robot, recorded.append, state)
+def head(state: LiveState, robot: RecordingRobot, recorded: list[Any]) -> HeadService:
+    return HeadService(state, robot, recorded.append, state)
 
 
 def test_looking_somewhere_stays_within_what_the_neck_can_do(
-    head: HeadController, state: LiveState, robot: RecordingRobot, recorded: list[Any]
+    head: HeadService, state: LiveState, robot: RecordingRobot, recorded: list[Any]
 ) -> None:
     head.look_at(pan_rad=3.0, tilt_rad=-0.1)
     [sent] = robot.sent
@@ -76,7 +76,7 @@ def test_looking_somewhere_stays_within_what_the_neck_can_do(
 
 
 def test_it_turns_at_its_speed_while_held_and_not_longer(
-    qtbot: QtBot, head: HeadController, robot: RecordingRobot, recorded: list[Any]
+    qtbot: QtBot, head: HeadService, robot: RecordingRobot, recorded: list[Any]
 ) -> None:
     begun_ns = clock.now_ns()
     head.turn_head(pan=-1.0, tilt=0.5)
@@ -95,7 +95,7 @@ def test_it_turns_at_its_speed_while_held_and_not_longer(
 
 
 def test_it_turns_to_the_end_of_the_range_and_no_further(
-    qtbot: QtBot, head: HeadController, robot: RecordingRobot
+    qtbot: QtBot, head: HeadService, robot: RecordingRobot
 ) -> None:
     head.look_at(pan_rad=0.95, tilt_rad=0.0)
     head.turn_head(pan=1.0, tilt=0.0)
@@ -104,7 +104,7 @@ def test_it_turns_to_the_end_of_the_range_and_no_further(
     assert max(sent.pan_rad for sent in robot.sent) == 1.0
 
 
-def test_a_turn_begins_where_the_head_is(head: HeadController, state: LiveState, robot: RecordingRobot) -> None:
+def test_a_turn_begins_where_the_head_is(head: HeadService, state: LiveState, robot: RecordingRobot) -> None:
     state.take(HeadState(clock.now_ns(), None, 0.5, 0.1))
     head.turn_head(pan=1.0, tilt=0.0)
     head.release()
@@ -114,7 +114,7 @@ def test_a_turn_begins_where_the_head_is(head: HeadController, state: LiveState,
 
 @pytest.mark.parametrize("ending", ["emergency stop", "link lost", "another robot", "not taken"])
 def test_what_ends_a_turn(
-    qtbot: QtBot, head: HeadController, state: LiveState, robot: RecordingRobot, ending: str
+    qtbot: QtBot, head: HeadService, state: LiveState, robot: RecordingRobot, ending: str
 ) -> None:
     head.turn_head(pan=0.2, tilt=0.0)
     if ending == "emergency stop":
@@ -136,7 +136,7 @@ def test_what_ends_a_turn(
         assert len(robot.sent) == sent, "nothing moves it meanwhile"
 
 
-def test_a_robot_without_a_head_has_none_to_turn(head: HeadController, state: LiveState, robot: RecordingRobot) -> None:
+def test_a_robot_without_a_head_has_none_to_turn(head: HeadService, state: LiveState, robot: RecordingRobot) -> None:
     assert state.look.value.present
     state.robot.set(replace(PROFILE, head=None))
     head.look_at(pan_rad=0.1, tilt_rad=0.0)

@@ -10,8 +10,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
-from caris_desktop.live.assistant_director import AssistantDirector
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.exchanges import Exchanges
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus
 
@@ -33,7 +33,7 @@ class Desk:
         self.published: list[Any] = []
         self.closed = threading.Event()
         self.state = LiveState()
-        self.director = AssistantDirector(
+        self.director = Exchanges(
             self.state, asyncio_thread, self._stream_chat, self._publish, ask_version=self._ask_version
         )
         self.director.use_endpoint(MODEL, shown_as="Small")

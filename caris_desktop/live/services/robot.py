@@ -26,12 +26,14 @@ from caris_desktop.domain.commands import (
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import (
     ControlUsed,
+    Event,
     GoalChanged,
     LinkChanged,
     LinkQuality,
     MapOperation,
     MappingChanged,
     MapRequestChanged,
+    RobotChosen,
     TrafficMeasured,
 )
 from caris_desktop.domain.failure import ToldFailure
@@ -40,11 +42,11 @@ from caris_desktop.domain.ports import TellProblem
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.service import Handlers
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, streams_lost_with
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
-from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.model import Place
+from caris_desktop.robot.profile import RobotProfile, profile_text
+from caris_desktop.scenario.model import Place, Scenario
 
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
@@ -75,7 +77,7 @@ class RobotConnection:
     settle: Callable[[], Coroutine[Any, Any, "RobotConnection"]] | None = None
 
 
-class RobotDirector(QObject):
+class RobotService(Service):
     """Keeps the links running and ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
 
     _settled = Signal(object, object)
@@ -137,6 +139,25 @@ class RobotDirector(QObject):
             intents.UseControl: lambda asked: self.use_control(asked.control, asked.value),
         }
 
+    def follows(self) -> Follows:
+        events = (
+            LinkChanged, LinkQuality, GoalChanged, TrafficMeasured, MappingChanged, MapRequestChanged, ControlUsed,
+        )  # fmt: skip
+        return dict.fromkeys(events, self.on_event)
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return self.links
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        driving = scenario.permissions.driving
+        if not driving:
+            self.cancel_goal()
+        self.offer_controls(scenario.controls, driving_permitted=driving)
+
+    def standing(self) -> list[Event]:
+        """What heads a recording of this robot."""
+        return [] if self._connection is None else [_chosen(self._connection)]
+
     # The links
 
     def connect_robot(self, connection: RobotConnection) -> None:
@@ -146,7 +167,9 @@ class RobotDirector(QObject):
         self.leave_robot()
         self._connection = connection
         self._forget_robot()
-        self._state.robot.set(connection.profile)
+        if connection.profile != self._state.robot.value:
+            self._state.robot.set(connection.profile)
+            self._publish(_chosen(connection))
         self._show_controls()
         self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
         if connection.settle is not None:
@@ -190,7 +213,7 @@ class RobotDirector(QObject):
         if self._connection is asked and not self._closed:
             self.connect_robot(settled)
 
-    def shutdown(self) -> None:
+    def stop(self) -> None:
         """Stop the robot first; blocks two seconds at most."""
         self._closed = True
         if self._settling is not None:
@@ -207,13 +230,11 @@ class RobotDirector(QObject):
         control = self._links.get("control")
         return control is not None and control.send(command)
 
-    def on_child_ended(self, child: ChildProcess) -> bool:
-        """True when it was a link: it is started again, and the other one goes on."""
+    def on_child_ended(self, child: ChildProcess) -> None:
+        """A link ended by itself: it is made again, and the other one goes on."""
         name = child.body.name
-        if name not in ("control", "media"):
-            return False
         if self._closed or self._links.get(name) is not child:
-            return True  # it was replaced while the news of its end was on its way
+            return  # it was replaced while the news of its end was on its way
         del self._links[name]
         address = self._connection.address if self._connection is not None else ""
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, "the link process stopped"))
@@ -228,7 +249,6 @@ class RobotDirector(QObject):
         )
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
         QTimer.singleShot(0 if worked else _RESTART_AFTER_MS, lambda: self._restart_link(name))
-        return True
 
     def _start_link(self, name: str) -> None:
         connection = self._connection
@@ -425,3 +445,8 @@ class RobotDirector(QObject):
             self._problem(
                 "warning", what, "It is not connected.", "Try again when the link is back.", until="connected"
             )
+
+
+def _chosen(connection: RobotConnection) -> RobotChosen:
+    profile = connection.profile
+    return RobotChosen(clock.now_ns(), profile.name, connection.name, connection.address, profile_text(profile))

@@ -15,14 +15,14 @@ from caris_desktop.conversation.microphone import (
     OpenMicrophone,
 )
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import Problem, Severity
+from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.service import Handlers
+from caris_desktop.live.children import Children
+from caris_desktop.live.service import Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import MicrophoneStatus
+from caris_desktop.live.status import IN_SESSION, MicrophoneStatus
+from caris_desktop.scenario.model import Scenario
 
-MicrophoneMessage = MicrophoneList | MicrophoneOpened | MicrophoneLevel | MicrophoneFailed
-_RESTARTS_AT_MOST = 3
 _OPENS_WITHIN_MS = 4000
 
 
@@ -35,30 +35,32 @@ class MicrophoneParts:
     keep: Callable[[str | None], None]
 
 
-class MicrophoneDirector(QObject):
+class MicrophoneService(Service):
     """Runs the microphone's process from the first time that a scenario permits sound."""
 
     def __init__(
         self,
         state: LiveState,
+        bus: Bus,
+        children: Children,
         parts: MicrophoneParts,
         *,
-        start_child: Callable[[ProcessBody], ChildProcess],
-        problem: Callable[[Severity, str, str, str], None],
-        parent: QObject | None = None,
+        parent: QObject,
     ) -> None:
         super().__init__(parent)
         self._state = state
+        self._bus = bus
+        self._children = children
         self._parts = parts
-        self._start_child = start_child
-        self._problem = problem
+        self._problem = bus.problem
         self._child: ChildProcess | None = None
         self._names: tuple[str, ...] = ()
         self._looked = False
         self._chosen = parts.chosen()
         self._listens_to: str | None = None
         self._open = False
-        self._restarts = 0
+        self._restarts = Restarts()
+        self._permitted = self._started = False
         self._then: Callable[[], None] | None = None
         self._missing_since_ns: int | None = None
         self._patience = QTimer(self, singleShot=True, interval=_OPENS_WITHIN_MS)
@@ -76,10 +78,30 @@ class MicrophoneDirector(QObject):
     def handlers(self) -> Handlers:
         return {intents.UseMicrophone: lambda asked: self.use(asked.microphone)}
 
+    def processes(self) -> dict[str, ChildProcess]:
+        return {} if self._child is None else {self._parts.body.name: self._child}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """While nothing is recorded it is only found out which there are."""
+        self._permitted = scenario.permissions.audio_recording
+        if not self._permitted:
+            self.wait_no_longer()
+            self.close()
+        elif self._state.recording.value.state not in IN_SESSION:
+            if self._started:
+                self.get_ready()
+        else:
+            self.open()
+
+    def start(self) -> None:
+        self._started = True
+        if self._permitted:
+            self.get_ready()
+
     def get_ready(self) -> None:
         """Find out which inputs there are."""
-        if self._child is None and self._restarts <= _RESTARTS_AT_MOST:
-            self._child = self._start_child(self._parts.body)
+        if self._child is None and not self._restarts.exhausted:
+            self._child = self._children.start(self._parts.body, ended=self._on_ended, heard=self.on_message)
 
     def use(self, name: str | None) -> None:
         if name != self._chosen:
@@ -139,8 +161,8 @@ class MicrophoneDirector(QObject):
             self._child.send(CloseMicrophone())
         self._state.microphone.set(MicrophoneStatus())
 
-    def on_message(self, message: Any) -> Problem | None:
-        """What the process said; a problem that the wizard shall hear of, if it is one."""
+    def on_message(self, message: Any) -> None:
+        """What the process said."""
         name = self._state.microphone.value.name
         match message:
             case MicrophoneList(names):
@@ -155,8 +177,8 @@ class MicrophoneDirector(QObject):
                 detail = "No microphone is plugged in." if problem is None else problem.what
                 self._state.microphone.set(MicrophoneStatus("failed", name, detail=detail))
                 self.wait_no_longer()
-                return problem
-        return None
+                if problem is not None:
+                    self._bus.publish(problem)
 
     def _tell_missing(self) -> None:
         if self._missing_since_ns is None:
@@ -170,27 +192,28 @@ class MicrophoneDirector(QObject):
             "",
         )
 
-    def on_ended(self, child: ChildProcess) -> bool:
-        """True when it was the microphone's process, which is started again if it is needed."""
+    def _on_ended(self, child: ChildProcess) -> None:
+        """It is started again if it is needed."""
         if child is not self._child:
-            return False
+            return
         self._child = None
-        self._restarts += 1
+        again = self._restarts.another()
         if self._open:
-            again = self._restarts <= _RESTARTS_AT_MOST
             self._problem(
                 "warning",
                 "Listening to the microphone stopped unexpectedly.",
                 "Its sound is missing from the recording from now on."
                 if not again
                 else "A moment of its sound is missing from the recording.",
-                "It is being started again." if again else "It failed too often: restart the program.",
+                self._restarts.advice,
             )
             self._open = False
             self.open()
-        return True
 
-    def shutdown(self) -> None:
+    def stop(self) -> None:
+        if self._child is not None:
+            self._child.ask_to_end()
+
+    def end(self) -> None:
         if self._child is not None:
             self._child.stop(grace_s=1.0)
-            self._child = None

@@ -20,11 +20,10 @@ from caris_desktop.conversation.language_models import (
     server_of,
     takes_seed,
 )
-from caris_desktop.domain import clock, intents
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus
 
@@ -64,7 +63,7 @@ class _Running:
     future: Future[None]
 
 
-class AssistantDirector(QObject):
+class Exchanges(QObject):
     """Owns the exchange under way. ``publish`` receives the recorded events: each exchange once, and of each answer
     what was done with it.
 
@@ -99,9 +98,6 @@ class AssistantDirector(QObject):
         self._last_used = False
         self._answer_grew.connect(self._on_answer_grew)
         self._exchange_ended.connect(self._on_exchange_ended)
-
-    def handlers(self) -> Handlers:
-        return {intents.CancelAnswer: lambda _asked: self.cancel()}
 
     def use_endpoint(self, endpoint: ModelEndpoint, *, shown_as: str) -> None:
         """From now on ask this model; ``shown_as`` is its name for the wizard. What the last one answered is gone."""

@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
-from caris_desktop.live.marks_director import MarksDirector
+from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.state import LiveState
 
 pytestmark = pytest.mark.usefixtures("qapp")
@@ -16,7 +16,7 @@ class Desk:
     def __init__(self) -> None:
         self.state = LiveState()
         self.told: list[Any] = []
-        self.marks = MarksDirector(self.state, self.told.append)
+        self.marks = MarksService(self.state, self.told.append)
 
     def mark(self, label: str, kind: MarkKind = "mark") -> str:
         asked = intents.Mark(label, kind)
@@ -72,8 +72,8 @@ def test_stretches_go_on_until_they_end(desk: Desk) -> None:
     second = desk.begin("Confused")
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [first, second]
     assert desk.told[0].start_ns == desk.told[0].stamp_ns - 2_000_000_000
-    desk.marks.end(first)
-    desk.marks.end(first)
+    desk.marks.end_mark(first)
+    desk.marks.end_mark(first)
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [second]
     assert desk.last.end_ns == desk.last.stamp_ns and len(desk.told) == 3
     desk.marks.end_all()
@@ -86,7 +86,7 @@ def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
     pressed_ns = desk.last.stamp_ns
     desk.marks.stretch(mark_id)
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [mark_id]
-    desk.marks.end(mark_id)
+    desk.marks.end_mark(mark_id)
     desk.marks.stretch(mark_id)
     assert (desk.last.start_ns, desk.last.end_ns) == (pressed_ns, desk.last.stamp_ns)
     assert [mark.state for mark in desk.told] == ["done", "open", "done"]

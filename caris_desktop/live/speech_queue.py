@@ -8,9 +8,8 @@ from typing import Literal, Protocol
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.domain import clock, intents
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
-from caris_desktop.live.service import Handlers
 from caris_desktop.live.state import LiveState
 
 VoiceKind = Literal["robot", "computer"]
@@ -30,7 +29,7 @@ class Voice(Protocol):
         """Interrupt what is being said."""
 
 
-class SpeechDirector(QObject):
+class SpeechQueue(QObject):
     """Queues utterances, hands one at a time to the voice and keeps ``state.speech``."""
 
     def __init__(
@@ -51,15 +50,6 @@ class SpeechDirector(QObject):
     def use_voice(self, kind: VoiceKind) -> None:
         self._kind = kind
         self._state.speech.set(replace(self._state.speech.value, voice=kind))
-
-    def handlers(self) -> Handlers:
-        return {
-            intents.Say: self._say_asked,
-            intents.Silence: lambda _asked: self.silence(),
-        }
-
-    def _say_asked(self, asked: intents.Say) -> None:
-        self.say(asked.text, asked.origin)
 
     def say(self, text: str, origin: UtteranceOrigin) -> str:
         """The new utterance's id; empty text says nothing and gives an empty id."""

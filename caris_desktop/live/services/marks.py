@@ -7,14 +7,14 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import Event, Marked
-from caris_desktop.live.service import Handlers
+from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MarksStatus
 
 _NANOSECONDS = 1_000_000_000
 
 
-class MarksDirector(QObject):
+class MarksService(Service):
     """Makes and changes marks and keeps ``state.marks``."""
 
     def __init__(self, state: LiveState, publish: Callable[[Event], None], parent: QObject | None = None) -> None:
@@ -33,7 +33,7 @@ class MarksDirector(QObject):
             intents.Mark: self.mark,
             intents.BeginMark: self.begin,
             intents.StretchMark: lambda asked: self.stretch(asked.mark_id),
-            intents.EndMark: lambda asked: self.end(asked.mark_id),
+            intents.EndMark: lambda asked: self.end_mark(asked.mark_id),
             intents.ChangeMark: self.change,
             intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id),
         }
@@ -55,7 +55,7 @@ class MarksDirector(QObject):
             start_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
             self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, state="open"))
 
-    def end(self, mark_id: str) -> None:
+    def end_mark(self, mark_id: str) -> None:
         mark = self._marks.get(mark_id)
         if mark is not None and mark.state == "open":
             now_ns = clock.now_ns()
@@ -64,7 +64,7 @@ class MarksDirector(QObject):
     def end_all(self) -> None:
         """The session ends, and with it every stretch that goes on."""
         for mark_id in tuple(self._marks):
-            self.end(mark_id)
+            self.end_mark(mark_id)
 
     def change(self, asked: intents.ChangeMark) -> None:
         mark = self._marks.get(asked.mark_id)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
@@ -13,9 +14,11 @@ from caris_desktop.conversation.microphone import (
     MicrophoneOpened,
     OpenMicrophone,
 )
-from caris_desktop.live import microphone_director
+from caris_desktop.domain.events import Problem
+from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.microphone_director import MicrophoneDirector, MicrophoneParts
+from caris_desktop.live.services import microphone
+from caris_desktop.live.services.microphone import MicrophoneParts, MicrophoneService
 from caris_desktop.live.state import LiveState
 from tests.live.bodies import echo
 
@@ -30,16 +33,29 @@ class FakeChild:
         self.send = self.asked.append
 
 
+class FakeChildren:
+    def __init__(self, child: FakeChild) -> None:
+        self._child = child
+
+    def start(self, _body: ProcessBody, **_told: object) -> FakeChild:
+        return self._child
+
+
 class Bench:
     def __init__(self, chosen: str | None) -> None:
         self.child = FakeChild()
         self.told: list[str] = []
         self.begun = 0
-        self.director = MicrophoneDirector(
-            LiveState(),
+        self.owner = QObject()
+        state = LiveState(self.owner)
+        bus = Bus(state, self.owner)
+        bus.tap(lambda value, _raw: self.told.append(value.what), (Problem,))
+        self.director = MicrophoneService(
+            state,
+            bus,
+            FakeChildren(self.child),  # type: ignore[arg-type]
             MicrophoneParts(ProcessBody("microphone", echo), chosen=lambda: chosen, keep=lambda _name: None),
-            start_child=lambda _body: self.child,  # type: ignore[arg-type,return-value]
-            problem=lambda _severity, what, *_words, **_until: self.told.append(what),  # type: ignore[arg-type]
+            parent=self.owner,
         )
 
     def begin(self) -> None:
@@ -88,7 +104,7 @@ def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
 
 
 def test_sound_that_comes_too_late_is_told_with_what_is_missing(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(microphone_director, "_OPENS_WITHIN_MS", 10)
+    monkeypatch.setattr(microphone, "_OPENS_WITHIN_MS", 10)
     bench = Bench(chosen="")
     bench.director.open_and_then(bench.begin)
     qtbot.waitUntil(lambda: bench.begun == 1)

@@ -1,0 +1,100 @@
+"""Carries domain values from any thread to whoever wants them: before anything is conflated, or in the GUI thread."""
+
+import logging
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem, ProblemEnd, Severity
+from caris_desktop.domain.streams import CARRIER_STREAMS
+from caris_desktop.live.mailbox import Mailbox
+from caris_desktop.live.pace import PassPace
+from caris_desktop.live.service import Follows
+from caris_desktop.live.state import LiveState
+
+_log = logging.getLogger(__name__)
+_CARRIERS = frozenset(spec.value_type for spec in CARRIER_STREAMS)  # for taps alone: no panel reads sound
+Tap = Callable[[Any, bytes | None], None]
+
+
+class Bus(QObject):
+    """``publish`` from any thread. Taps get each value in that thread and at once; then it waits for the GUI thread,
+    where state values replace their predecessors and events do not, and goes to who follows it and into ``state``.
+    """
+
+    _woken = Signal()
+
+    def __init__(self, state: LiveState, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._every_tap: list[Tap] = []
+        self._taps: dict[type[Any], list[Tap]] = {}
+        self._followers: dict[type[Any], list[Callable[[Any], None]]] = {}
+        self._before_work: Callable[[], None] = lambda: None
+        self._mailbox = Mailbox(self._woken.emit)
+        self._woken.connect(self._on_woken, Qt.ConnectionType.QueuedConnection)
+        self._pace = PassPace(self)
+        self._pace.due.connect(self._on_woken)
+
+    def tap(self, take: Tap, types: Iterable[type[Any]] | None = None) -> None:
+        """Give ``take`` every value of these types (None: of all), with its pickled form where there is one, in the
+        publishing thread. For the time before the first value is published.
+        """
+        if types is None:
+            self._every_tap.append(take)
+        else:
+            for each in types:
+                self._taps.setdefault(each, []).append(take)
+
+    def follow(self, follows: Follows) -> None:
+        """Give events of these types to their functions, in the GUI thread and before any panel."""
+        for each, take in follows.items():
+            self._followers.setdefault(each, []).append(take)
+
+    def before_work(self, call: Callable[[], None]) -> None:
+        """What cannot wait for the GUI thread to take in what has come."""
+        self._before_work = call
+
+    def pass_at_most_every(self, seconds: float) -> None:
+        """How often the panels get new state at most; 0 for as often as they can take it."""
+        self._pace.at_most_every(seconds)
+
+    def publish(self, value: Any, raw: bytes | None = None) -> None:
+        """Any thread. ``raw`` is the value pickled, where the caller has it already."""
+        for take in self._every_tap:
+            take(value, raw)
+        for take in self._taps.get(type(value), ()):
+            take(value, raw)
+        if type(value) not in _CARRIERS:
+            self._mailbox.put(value)
+
+    def publish_recorded(self, value: Any) -> None:
+        """Any thread. What its source has put on record already."""
+        self._mailbox.put(value)
+
+    def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
+        """Tell the wizard, and the record."""
+        _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
+        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until))
+
+    def take_in(self) -> None:
+        """Take in everything that waits, now."""
+        events, latest = self._mailbox.drain()
+        self._take_events(events)
+        for value in latest:
+            self._state.take(value)
+
+    def _on_woken(self) -> None:
+        self._before_work()
+        if self._pace.may_begin():
+            self.take_in()
+        else:
+            self._take_events(self._mailbox.drain_events())
+
+    def _take_events(self, events: list[Any]) -> None:
+        for event in events:
+            for take in self._followers.get(type(event), ()):
+                take(event)
+            self._state.take(event)

@@ -1,0 +1,73 @@
+"""The child processes of the services: what they say and that they ended reaches the GUI thread."""
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+
+Heard = Callable[[Any], None]
+
+
+class Children(QObject):
+    """Makes children whose news are told in the GUI thread, until ``close``."""
+
+    _told = Signal(object, object)
+
+    def __init__(self, bus: Bus, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._bus = bus
+        self._closed = False
+        self._told.connect(self._tell, Qt.ConnectionType.QueuedConnection)
+
+    def close(self) -> None:
+        """The program ends: that children end is no news any more."""
+        self._closed = True
+
+    def new(
+        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Any = None
+    ) -> ChildProcess:
+        """A child that is not started yet.
+
+        ``ended(child)`` and ``heard(message)`` are called in the GUI thread, ``heard`` with what is not a value of the
+        stream table: that goes onto the bus. ``reads(value, raw)`` takes everything itself instead, in the thread that
+        reads from the child.
+        """
+
+        def read(value: Any, raw: bytes) -> None:
+            self.pass_on(heard, value, raw)
+
+        def on_exit(_code: int | None) -> None:
+            if not self._closed:
+                self.tell(ended, child)
+
+        child = ChildProcess(body, on_message=reads or read, on_exit=on_exit)
+        return child
+
+    def start(
+        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Any = None
+    ) -> ChildProcess:
+        """The same, started."""
+        child = self.new(body, ended=ended, heard=heard, reads=reads)
+        child.start()
+        return child
+
+    def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
+        """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""
+        # What a voice reports is put on record with what the wizard meant by it, which no voice knows.
+        if type(value) not in BY_TYPE or isinstance(value, UtteranceChanged):
+            self.tell(heard, value)
+        else:
+            self._bus.publish(value, raw)
+
+    def tell(self, take: Callable[[Any], None], value: Any) -> None:
+        """Call ``take(value)`` in the GUI thread, in the order of the calls. Any thread."""
+        self._told.emit(take, value)
+
+    def _tell(self, take: Callable[[Any], None], value: Any) -> None:
+        if not (self._closed and isinstance(value, ChildProcess)):
+            take(value)

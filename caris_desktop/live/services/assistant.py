@@ -1,0 +1,190 @@
+"""The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
+from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import ChatMessage, UtteranceChanged
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.exchanges import Exchanges, StreamChat
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus
+from caris_desktop.scenario.model import Scenario
+
+_UTTERANCES_KEPT = 200
+_EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
+
+
+@dataclass(frozen=True, slots=True)
+class AssistantParts:
+    """``server`` runs the embedded model. ``resolve_endpoint(model, its address)`` raises LanguageModelError."""
+
+    server: ProcessBody
+    stream_chat: StreamChat
+    resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
+    build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
+
+
+class AssistantService(Service):
+    """Asks, remembers what was said, and has answers said."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: Children,
+        parts: AssistantParts,
+        *,
+        asyncio_thread: AsyncioThread,
+        speech: SpeechQueue,
+        scenario: Scenario,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._parts = parts
+        self._speech = speech
+        self._scenario = scenario
+        self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
+        self._exchanges = Exchanges(state, asyncio_thread, parts.stream_chat, bus.publish, self)
+        self._server: ChildProcess | None = None
+        self._server_url: str | None = None
+        self._restarts = Restarts()
+        self._started = False
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.Ask: lambda asked: self._ask(asked.question.strip()),
+            intents.CancelAnswer: lambda _asked: self._exchanges.cancel(),
+            intents.SayAnswer: self._say_answer,
+        }
+
+    def follows(self) -> Follows:
+        return {UtteranceChanged: self._conversation.append}
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {} if self._server is None else {self._parts.server.name: self._server}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        if self._started:
+            self._choose_model()
+
+    def start(self) -> None:
+        self._started = True
+        self._choose_model()
+
+    def stop(self) -> None:
+        self._exchanges.cancel("cancelled as the program closed")
+        if self._server is not None:
+            self._server.ask_to_end()
+
+    def end(self) -> None:
+        if self._server is not None:
+            self._server.stop(grace_s=1.5)
+
+    def forget(self, *, conversation: bool = False) -> None:
+        """Put question and answer away; with ``conversation`` what was said too, as another participant comes."""
+        if conversation:
+            self._conversation.clear()
+        self._exchanges.forget()
+
+    def _ask(self, question: str) -> None:
+        if not question:
+            return
+        too_long = characters_too_long(question)
+        if too_long:
+            raise ToldFailure(
+                f"The question is {too_long} characters too long.",
+                "The assistant was not asked; half a question would get an answer to something else.",
+                f"Ask in {MAX_QUESTION_CHARACTERS:,} characters at most.",
+                severity="warning",
+            )
+        # Neither the record nor a model on another computer gets to know the names.
+        people = [f"person {row.number}" for row in self._state.persons.value]
+        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question)
+        settings = self._scenario.assistant
+        if not self._exchanges.ask(
+            question, messages, max_tokens=settings.max_tokens, temperature=settings.temperature
+        ):
+            status: AssistantStatus = self._state.assistant.value
+            starting = status.state == "starting"
+            raise ToldFailure(
+                "The assistant cannot answer now.",
+                "Your question is kept in the field.",
+                "Its model is still starting: ask again in a moment."
+                if starting
+                else (status.detail or "Check the scenario's model."),
+                severity="warning",
+            )
+
+    def _say_answer(self, asked: intents.SayAnswer) -> None:
+        self._exchanges.note_use(asked.text, self._speech.say(asked.text, "assistant"))
+
+    # The model
+
+    def _choose_model(self) -> None:
+        if not self._scenario.permissions.assistant:
+            self._exchanges.show_status(AssistantStatus(state="off"))
+        elif self._scenario.assistant.model == "embedded" and self._server_url is None:
+            self._exchanges.show_status(AssistantStatus(state="starting", model=_EMBEDDED_MODEL_SHOWN))
+            if self._server is None:
+                self._server = self._children.start(
+                    self._parts.server, ended=self._on_server_ended, heard=self._on_heard
+                )
+        else:
+            self._use_model()
+
+    def _use_model(self) -> None:
+        if not self._scenario.permissions.assistant:
+            return
+        model = self._scenario.assistant.model
+        try:
+            endpoint = self._parts.resolve_endpoint(model, self._server_url)
+        except LanguageModelError as error:
+            self._exchanges.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
+            return
+        self._exchanges.use_endpoint(
+            endpoint, shown_as=_EMBEDDED_MODEL_SHOWN if model == "embedded" else endpoint.model
+        )
+
+    def _on_heard(self, message: Any) -> None:
+        match message:
+            case EmbeddedReady(url):
+                self._server_url = url
+                self._use_model()
+            case EmbeddedFailed(problem):
+                self._bus.publish(problem)
+                self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
+
+    def _on_server_ended(self, child: ChildProcess) -> None:
+        if child is not self._server:
+            return  # it was replaced while the news of its end was on its way
+        self._server = self._server_url = None
+        again = self._restarts.another()
+        if self._scenario.permissions.assistant and self._scenario.assistant.model == "embedded":
+            self._exchanges.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
+            self._bus.problem(
+                "warning",
+                "The language model stopped unexpectedly.",
+                "The assistant gives no answers; everything else works.",
+                self._restarts.advice,
+                until="assistant",
+            )
+            if again:
+                self._choose_model()

@@ -1,0 +1,114 @@
+"""Who pays when the machine is busy: looking for people first, then the panels, then the picture. Driving, stopping,
+sound and the record never do. Decided here alone, in steps, and shown.
+"""
+
+from collections import deque
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, Qt, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.service import Service
+from caris_desktop.live.services.people import PeopleService
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus, LoadStatus
+from caris_desktop.scenario.model import Scenario
+
+LOOK_EVERY_MS = 100
+_WINDOW = 30  # looks, three seconds
+LATE_MS, IN_TIME_MS = 25.0, 10.0
+"""A tenth of the looks later than this: one step more. Earlier than that all the while: one step less."""
+_STEP_AFTER_NS = 2_000_000_000
+_BACK_AFTER_NS = 8_000_000_000
+
+# Of each step: the least time from one look for people to the next, the same of the panels, and what the wizard reads.
+STEPS: tuple[tuple[float, float, str], ...] = (
+    (0.0, 0.0, ""),
+    (0.25, 0.0, "people are looked for less often"),
+    (0.6, 0.07, "people are looked for less often, panels are slower"),
+    (1.2, 0.15, "people are looked for seldom, picture and panels are slower"),
+)
+_ANSWERING = 2
+"""While the language model answers, whoever waits for it comes before boxes."""
+
+
+class LoadSteps:
+    """How many steps are given up, from how late the GUI thread is. Times in ns of one clock."""
+
+    def __init__(self) -> None:
+        self.step = 0
+        self._late_ms: deque[float] = deque(maxlen=_WINDOW)
+        self._changed_ns = 0
+
+    def look(self, late_ms: float, now_ns: int) -> int:
+        """One look; gives the step from now on."""
+        self._late_ms.append(late_ms)
+        if len(self._late_ms) < _WINDOW // 2:
+            return self.step
+        late = sorted(self._late_ms)[-max(1, len(self._late_ms) // 10)]
+        since_ns = now_ns - self._changed_ns
+        if late > LATE_MS and self.step < len(STEPS) - 1 and since_ns >= _STEP_AFTER_NS:
+            self._go(self.step + 1, now_ns)
+        elif late < IN_TIME_MS and self.step > 0 and since_ns >= _BACK_AFTER_NS:
+            self._go(self.step - 1, now_ns)
+        return self.step
+
+    def _go(self, step: int, now_ns: int) -> None:
+        # What was late before says nothing of how it is with this step.
+        self.step, self._changed_ns = step, now_ns
+        self._late_ms.clear()
+
+
+class GovernorService(Service):
+    """Looks how late the GUI thread is, slows down what can wait, and keeps ``state.load``."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        people: PeopleService,
+        *,
+        parent: QObject,
+        now_ns: Callable[[], int] = clock.now_ns,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._people = people
+        self._now_ns = now_ns
+        self._steps = LoadSteps()
+        self._due_ns = 0
+        self._local_model = False
+        self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._look)
+        state.assistant.changed.connect(self._on_assistant_changed)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._local_model = scenario.assistant.model == "embedded"
+
+    def start(self) -> None:
+        self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000
+        self._timer.start()
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def _look(self) -> None:
+        now_ns = self._now_ns()
+        late_ms = max(0.0, (now_ns - self._due_ns) / 1e6)
+        self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
+        self._steps.look(late_ms, now_ns)
+        self._apply()
+
+    def _on_assistant_changed(self, _status: AssistantStatus) -> None:
+        self._apply()
+
+    def _apply(self) -> None:
+        answering = self._local_model and self._state.assistant.value.state == "answering"
+        step = self._steps.step
+        look_every_s = STEPS[max(step, _ANSWERING) if answering else step][0]
+        _, panels_every_s, detail = STEPS[step]
+        self._people.look_at_most_every(look_every_s)
+        self._bus.pass_at_most_every(panels_every_s)
+        self._state.load.set(LoadStatus(step, detail))

@@ -1,0 +1,147 @@
+"""A session from start to end: who is told what as its recording begins, pauses and ends."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, PersonAppeared
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.services.assistant import AssistantService
+from caris_desktop.live.services.marks import MarksService
+from caris_desktop.live.services.microphone import MicrophoneService
+from caris_desktop.live.services.recording import RecordingService
+from caris_desktop.live.services.robot import RobotConnection, RobotService
+from caris_desktop.live.services.scenario import ScenarioService
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import LinkStatus, RecordingStatus
+from caris_desktop.recording.recorder.messages import SessionHeader
+from caris_desktop.scenario.model import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class SessionParts:
+    """``new_session`` raises ToldFailure."""
+
+    suggested_details: Callable[[], TrialDetails]
+    new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
+    expected_bytes_per_hour: Callable[[Scenario], float | None]
+    free_bytes: Callable[[], int | None]
+    photo_file: Callable[[], Path]
+
+
+@dataclass(frozen=True, slots=True)
+class Concerned:
+    """The services that a session concerns."""
+
+    recording: RecordingService
+    microphone: MicrophoneService
+    marks: MarksService
+    assistant: AssistantService
+    robot: RobotService
+    scenario: ScenarioService
+
+
+class SessionService(Service):
+    """Starts, pauses and ends sessions, and takes photos."""
+
+    def __init__(self, state: LiveState, parts: SessionParts, concerned: Concerned, parent: QObject) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._parts = parts
+        self._with = concerned
+        state.recording.changed.connect(self._on_recording_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.StartRecording: lambda asked: self._start_session(asked.details),
+            intents.StopRecording: lambda _asked: self._stop_session("wizard"),
+            intents.PauseRecording: lambda asked: self._pause(paused=asked.paused),
+            intents.TakePhoto: lambda _asked: self._with.recording.take_photo(without_session=self._parts.photo_file()),
+        }
+
+    def stop(self) -> None:
+        self._stop_session("console_closed")
+
+    def _start_session(self, details: TrialDetails) -> None:
+        concerned = self._with
+        if not concerned.recording.idle:
+            return
+        # What was said with one participant is neither told to the model about the next nor in the next one's record.
+        concerned.marks.forget()
+        concerned.assistant.forget(conversation=True)
+        if concerned.scenario.current.permissions.audio_recording:
+            # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
+            concerned.recording.announce_session()
+            concerned.microphone.open_and_then(lambda: self._begin(details))
+        else:
+            self._begin(details)
+
+    def _begin(self, details: TrialDetails) -> None:
+        concerned = self._with
+        scenario, connection = concerned.scenario.current, concerned.robot.connection
+        started = concerned.recording.start_session(
+            lambda: self._parts.new_session(details, scenario, connection), scenario, self._standing(resumed=False)
+        )
+        if not started:
+            concerned.microphone.close()
+
+    def _standing(self, *, resumed: bool) -> list[Event]:
+        """What happened once and holds until it happens again, as it stands now that a recording begins or goes on."""
+        now_ns, state = clock.now_ns(), self._state
+        link: LinkStatus = state.link.value
+        standing: list[Event] = [
+            LinkChanged(now_ns, "control", link.state, link.address, link.detail),
+            *self._with.scenario.standing(now_ns),
+            *self._with.robot.standing(),
+        ]
+        if state.drive.value.emergency_stop:
+            standing.append(EmergencyStopChanged(now_ns, True, "wizard"))
+        goal: GoalChanged | None = state.goal.value
+        if goal is not None and (resumed or goal.state in ("requested", "active")):
+            # One that came to its end before is none of this recording; during a pause its end is still missing.
+            standing.append(replace(goal, stamp_ns=now_ns))
+        standing += [
+            PersonAppeared(now_ns, row.person_id, row.track, row.number) for row in state.persons.value if row.here
+        ]
+        return standing
+
+    def _stop_session(self, reason: str) -> None:
+        concerned = self._with
+        concerned.marks.end_all()
+        if not concerned.recording.idle:
+            # An answer that nobody used is so until the end, and the next participant shall not see it.
+            concerned.assistant.forget()
+        concerned.microphone.close()
+        concerned.recording.stop_session(reason)
+
+    def _pause(self, *, paused: bool) -> None:
+        concerned = self._with
+        # What was asked before belongs to what is recorded, what is asked meanwhile does not.
+        concerned.assistant.forget()
+        if paused:
+            concerned.marks.end_all()
+            concerned.microphone.close()
+        elif concerned.scenario.current.permissions.audio_recording:
+            concerned.microphone.open()
+        concerned.recording.pause_session(self._standing(resumed=True), paused=paused)
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state in ("idle", "failed") and self._state.microphone.value.state != "off":
+            # It ended by itself, as on a full disk.
+            self._with.microphone.close()
+            self._with.marks.forget()
+
+    # What the start dialog shows
+
+    def suggested_details(self) -> TrialDetails:
+        return self._parts.suggested_details()
+
+    def expected_bytes_per_hour(self) -> float | None:
+        return self._parts.expected_bytes_per_hour(self._with.scenario.current)
+
+    def free_bytes(self) -> int | None:
+        return self._parts.free_bytes()
