@@ -58,6 +58,7 @@ Stale data looks stale:
 
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,8 +90,13 @@ def robot() -> Iterator[SimulatedRobot]:
 
 
 @pytest.fixture(scope="module")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    folder = tmp_path_factory.mktemp("safety")
+def environment() -> Iterator[dict[str, str]]:
+    # Short: where replays find the live robots, sockets lie, whose paths have about a hundred characters at most.
+    with tempfile.TemporaryDirectory(prefix="s-") as folder:
+        yield _environment_in(Path(folder))
+
+
+def _environment_in(folder: Path) -> dict[str, str]:
     environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
     # Nobody is to be found here, and looking for people would slow down everything else.
     (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
@@ -119,6 +125,7 @@ def wire(robot: SimulatedRobot) -> Iterator[TwistListener]:
 def console(running: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[ConsoleProcess]:
     """Ready to drive, in the middle of the corridor; quiet again afterwards."""
     robot.fault("clear")
+    running.say("clear")  # a test that failed may have left the emergency stop latched, and the others are to be tried
     robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
     running.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
     wire.seen.clear()
@@ -331,6 +338,7 @@ def running_link(robot: SimulatedRobot) -> Iterator[LinkProcess]:
 @pytest.fixture
 def link(running_link: LinkProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[LinkProcess]:
     robot.fault("clear")
+    running.say("clear")  # a test that failed may have left the emergency stop latched, and the others are to be tried
     robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
     running_link.values.clear()
     wait_for(lambda: len(running_link.of(LaserScan)) > 2, "scans")
