@@ -19,7 +19,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class RobotChoice:
-    """One robot of the list. ``name`` is what ``use_robot`` takes; ``problem`` says why its profile cannot be used."""
+    """One robot of the list. ``name`` is what UseRobot takes; ``problem`` says why its profile cannot be used."""
 
     name: str
     title: str

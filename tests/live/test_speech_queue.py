@@ -29,8 +29,8 @@ class TestVoice:
 
 def _setup() -> tuple[SpeechQueue, TestVoice, list[UtteranceChanged], LiveState]:
     voice, published, state = TestVoice(), [], LiveState()
-    director = SpeechQueue(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
-    return director, voice, published, state
+    queue = SpeechQueue(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
+    return queue, voice, published, state
 
 
 def _report(utterance: UtteranceChanged, what: str) -> UtteranceChanged:
@@ -38,13 +38,13 @@ def _report(utterance: UtteranceChanged, what: str) -> UtteranceChanged:
 
 
 def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> None:
-    director, voice, published, state = _setup()
-    director.say("  Hello\n there ", "phrase")
-    director.say("Goodbye", "typed")
+    queue, voice, published, state = _setup()
+    queue.say("  Hello\n there ", "phrase")
+    queue.say("Goodbye", "typed")
     assert [utterance.text for utterance in voice.said] == ["Hello there"]
     assert state.speech.value.now.text == "Hello there" and len(state.speech.value.waiting) == 1
-    director.on_utterance(_report(voice.said[0], "started"))
-    director.on_utterance(_report(voice.said[0], "finished"))
+    queue.on_utterance(_report(voice.said[0], "started"))
+    queue.on_utterance(_report(voice.said[0], "finished"))
     assert [utterance.text for utterance in voice.said] == ["Hello there", "Goodbye"]
     assert [(event.text, event.state, event.origin) for event in published] == [
         ("Hello there", "requested", "phrase"),
@@ -55,60 +55,60 @@ def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> No
 
 
 def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:
-    director, voice, published, state = _setup()
-    director.say("One", "typed")
-    director.say("Two", "typed")
-    director.silence()
+    queue, voice, published, state = _setup()
+    queue.say("One", "typed")
+    queue.say("Two", "typed")
+    queue.silence()
     assert voice.silenced == 1
     assert ("Two", "interrupted") in [(event.text, event.state) for event in published]
-    director.on_utterance(_report(voice.said[0], "interrupted"))
+    queue.on_utterance(_report(voice.said[0], "interrupted"))
     assert state.speech.value.now is None and state.speech.value.waiting == ()
     assert len(voice.said) == 1
 
 
 def test_a_voice_that_is_not_there_fails_the_sentence_and_says_so(qtbot: QtBot) -> None:
-    director, voice, published, state = _setup()
+    queue, voice, published, state = _setup()
     voice.available = False
-    director.say("Hello", "typed")
+    queue.say("Hello", "typed")
     assert [(event.state, bool(event.detail)) for event in published] == [("requested", False), ("failed", True)]
     assert state.speech.value.now is None
 
 
 def test_what_is_said_while_a_voice_is_held_up_waits_for_it(qtbot: QtBot) -> None:
-    director, voice, published, state = _setup()
-    director.say("One", "typed")
+    queue, voice, published, state = _setup()
+    queue.say("One", "typed")
     voice.held_up = True
-    director.on_utterance(_report(voice.said[0], "finished"))
-    director.say("Two", "typed")
-    director.say("Three", "typed")
+    queue.on_utterance(_report(voice.said[0], "finished"))
+    queue.say("Two", "typed")
+    queue.say("Three", "typed")
     assert [utterance.text for utterance in voice.said] == ["One"]
     assert [utterance.text for utterance in state.speech.value.waiting] == ["Two", "Three"]
     voice.held_up = False
-    director.on_voice_changed()
+    queue.on_voice_changed()
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
     assert "failed" not in [event.state for event in published]
 
 
 def test_what_waited_for_a_voice_that_does_not_come_back_has_failed(qtbot: QtBot) -> None:
-    director, voice, published, state = _setup()
+    queue, voice, published, state = _setup()
     voice.held_up = True
-    director.say("One", "typed")
+    queue.say("One", "typed")
     voice.held_up = voice.available = False
-    director.on_voice_changed()
+    queue.on_voice_changed()
     assert [(event.text, event.state) for event in published] == [("One", "requested"), ("One", "failed")]
     assert state.speech.value.waiting == ()
 
 
 def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> None:
-    director, voice, published, _state = _setup()
-    director.say("One", "typed")
-    director.say("Two", "typed")
-    director.on_voice_lost("robot", "the link was lost")
+    queue, voice, published, _state = _setup()
+    queue.say("One", "typed")
+    queue.say("Two", "typed")
+    queue.on_voice_lost("robot", "the link was lost")
     assert published[-1].state == "failed" and published[-1].text == "One"
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
 
 
 def test_blank_text_says_nothing(qtbot: QtBot) -> None:
-    director, voice, published, _state = _setup()
-    assert director.say("  \n", "typed") == ""
+    queue, voice, published, _state = _setup()
+    assert queue.say("  \n", "typed") == ""
     assert not voice.said and not published

@@ -1,6 +1,6 @@
 """Hold to drive: from what the wizard holds to lease messages, under the safety rules. GUI thread.
 
-The controller sends each change at once and renews the lease every 50 ms from a GUI timer, so that a stalled GUI
+The service sends each change at once and renews the lease every 50 ms from a GUI timer, so that a stalled GUI
 stops renewing by itself. The link process is the one that ramps, repeats and sends zero.
 """
 

@@ -1,5 +1,5 @@
 """The robot as the wizard uses it: its two link processes, goals, maps, head, and the controls of the Robot panel.
-GUI thread. Driving is the drive controller's.
+GUI thread. Driving is a service of its own.
 """
 
 import asyncio

@@ -50,7 +50,7 @@ class Bench:
         state = LiveState(self.owner)
         bus = Bus(state, self.owner)
         bus.tap(lambda value, _raw: self.told.append(value.what), (Problem,))
-        self.director = MicrophoneService(
+        self.service = MicrophoneService(
             state,
             bus,
             FakeChildren(self.child),  # type: ignore[arg-type]
@@ -66,39 +66,39 @@ class Bench:
 def bench(qapp: QApplication) -> Iterator[Bench]:
     bench = Bench(chosen="")
     yield bench
-    bench.director.close()
+    bench.service.close()
 
 
 def test_what_waits_for_the_sound_is_done_when_it_comes(bench: Bench) -> None:
-    bench.director.open_and_then(bench.begin)
-    bench.director.on_message(MicrophoneList(("Headset",)))
+    bench.service.open_and_then(bench.begin)
+    bench.service.on_message(MicrophoneList(("Headset",)))
     assert bench.child.asked == [OpenMicrophone("")]
     assert bench.begun == 0
-    bench.director.on_message(HEADSET)
+    bench.service.on_message(HEADSET)
     assert bench.begun == 1
     assert bench.told == []
-    bench.director.close()
-    bench.director.on_message(HEADSET)
+    bench.service.close()
+    bench.service.on_message(HEADSET)
     assert bench.begun == 1
 
 
 def test_a_microphone_that_fails_keeps_nobody_waiting(bench: Bench) -> None:
-    bench.director.open_and_then(bench.begin)
-    bench.director.on_message(MicrophoneFailed(None))
+    bench.service.open_and_then(bench.begin)
+    bench.service.on_message(MicrophoneFailed(None))
     assert bench.begun == 1
 
 
 def test_without_a_microphone_nothing_waits(qapp: QApplication) -> None:
     bench = Bench(chosen=None)
-    bench.director.open_and_then(bench.begin)
+    bench.service.open_and_then(bench.begin)
     assert bench.begun == 1
     assert OpenMicrophone("") not in bench.child.asked
 
 
 def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
-    bench.director.open_and_then(bench.begin)
-    bench.director.close()
-    bench.director.on_message(HEADSET)
+    bench.service.open_and_then(bench.begin)
+    bench.service.close()
+    bench.service.on_message(HEADSET)
     assert bench.begun == 0
     assert bench.child.asked[-1] == CloseMicrophone()
 
@@ -106,12 +106,12 @@ def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
 def test_sound_that_comes_too_late_is_told_with_what_is_missing(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(microphone, "_OPENS_WITHIN_MS", 10)
     bench = Bench(chosen="")
-    bench.director.open_and_then(bench.begin)
+    bench.service.open_and_then(bench.begin)
     qtbot.waitUntil(lambda: bench.begun == 1)
     assert bench.told == []
-    bench.director.on_message(HEADSET)
-    bench.director.on_message(HEADSET)
+    bench.service.on_message(HEADSET)
+    bench.service.on_message(HEADSET)
     assert bench.begun == 1
     assert len(bench.told) == 1
     assert "after the recording had begun" in bench.told[0]
-    bench.director.close()
+    bench.service.close()
