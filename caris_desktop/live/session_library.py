@@ -3,6 +3,8 @@
 GUI thread, except where a method says otherwise.
 """
 
+from __future__ import annotations
+
 import logging
 import os
 import subprocess
@@ -13,7 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
@@ -21,14 +23,11 @@ from caris_desktop.domain.events import Severity
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
-from caris_desktop.recording.export import (
-    ExportFinished,
-    ExportProgress,
-    ExportRequest,
-    remove_partial_exports,
-    run_exports,
-)
-from caris_desktop.recording.studies.study_index import SessionQuery, StudyIndex
+from caris_desktop.recording.studies.query import SessionQuery
+
+if TYPE_CHECKING:
+    from caris_desktop.recording.studies.study_index import StudyIndex
+# Exporters and the index are imported when the first is asked for: the window stands before, and sooner without them.
 
 _log = logging.getLogger(__name__)
 _THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")
@@ -115,6 +114,8 @@ class LiveSessionLibrary(QObject):
             self._searcher.start()
 
     def _search(self) -> None:  # the index thread
+        from caris_desktop.recording.studies.study_index import StudyIndex
+
         index: StudyIndex | None = None
         try:
             while True:
@@ -203,6 +204,8 @@ class LiveSessionLibrary(QObject):
     ) -> None:
         if self._exporter is not None:
             return
+        from caris_desktop.recording.export import ExportRequest, run_exports
+
         self._out = out
         request = ExportRequest(
             tuple(sessions),
@@ -231,6 +234,8 @@ class LiveSessionLibrary(QObject):
     def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:
         if exporter is not self._exporter:
             return
+        from caris_desktop.recording.export import ExportFinished, ExportProgress
+
         if isinstance(message, ExportProgress):
             self.export.set(ExportStatus("running", message.fraction, message.what))
         elif isinstance(message, ExportFinished):
@@ -262,6 +267,8 @@ class LiveSessionLibrary(QObject):
 
 def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
     exporter.stop(grace_s=0.0)
+    from caris_desktop.recording.export import remove_partial_exports
+
     try:
         remove_partial_exports(out)
     except OSError:

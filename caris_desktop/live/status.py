@@ -6,7 +6,7 @@ from typing import Literal
 
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import GuardState, LinkState, Marked, RequestState, UtteranceChanged
-from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
 

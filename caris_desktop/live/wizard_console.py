@@ -1,9 +1,11 @@
 """The console as the window sees it, running or replayed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from PySide6.QtCore import SignalInstance
 
@@ -11,10 +13,13 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState, LiveValue
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.study_index import SessionQuery
 from caris_desktop.scenario.model import Scenario
+
+if TYPE_CHECKING:
+    # The window stands before anything of a session is read.
+    from caris_desktop.recording.annotation.model import AnnotationDocument
+    from caris_desktop.recording.session.session_reader import Session
+    from caris_desktop.recording.studies.query import SessionQuery
 
 
 @dataclass(frozen=True, slots=True)

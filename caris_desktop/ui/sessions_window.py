@@ -50,7 +50,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
-from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.theme import Theme

@@ -12,7 +12,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live import session_library
 from caris_desktop.live.session_library import LiveSessionLibrary
-from caris_desktop.recording.studies.study_index import SessionQuery, StudyIndex
+from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.live import bodies
 
 Told = list[tuple[str, str, str, str]]

@@ -38,7 +38,7 @@ from caris_desktop.live.status import (
     RecordingStatus,
 )
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.layout import layout_from_data
 from caris_desktop.scenario.model import Place, Scenario
 

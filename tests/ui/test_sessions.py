@@ -15,7 +15,7 @@ from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import ExportStatus, LibraryStatus, RecordingStatus
 from caris_desktop.recording.export import FORMATS
-from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.model import PanelLeaf, Permissions, RecordingSettings, SplitNode
 from caris_desktop.ui.dock_host import panels_in
 from caris_desktop.ui.export_dialog import ExportDialog

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.domain import intents

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from caris_desktop.recording.exporters.drawings import clock_text
-from caris_desktop.recording.studies.study_index import SearchHit, SessionEntry, SessionQuery, StudyIndex
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.study_index import StudyIndex
 
 _CANCELLED = 130
 _FILTERS = (

@@ -20,6 +20,7 @@ from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session.utterances import spoken_of
+from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -67,60 +68,6 @@ CREATE VIRTUAL TABLE item_text USING fts5 (
     text, content = 'item', content_rowid = 'id', tokenize = 'unicode61 remove_diacritics 2', prefix = '2 3'
 );
 """
-
-
-@dataclass(frozen=True, slots=True)
-class SessionEntry:
-    """One session as the list shows it.
-
-    ``losses`` says what was recorded and is not there any more; ``copy_of`` names the session whose copy this one is:
-    it counts once.
-    """
-
-    folder: Path
-    started_utc: str
-    duration_s: float
-    participant: str = ""
-    condition: str = ""
-    trial: str = ""
-    recording: str = ""
-    wizard: str = ""
-    scenario: str = ""
-    purpose: str = ""
-    closed_properly: bool = True
-    size_bytes: int = 0
-    utterances: int = 0
-    marks: int = 0
-    problems: int = 0
-    losses: tuple[str, ...] = ()
-    copy_of: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionQuery:
-    """What to find; empty fields do not matter. ``text`` is searched in everything said, noted and marked.
-
-    The other fields are compared whole, whatever their case; ``*`` stands for anything. Of ``text`` each word must
-    begin a word of one utterance, note or mark.
-    """
-
-    text: str = ""
-    participant: str = ""
-    condition: str = ""
-    wizard: str = ""
-    scenario: str = ""
-    purpose: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SearchHit:
-    """Where a text was found: ``at_ns`` of that session's clock. ``snippet`` has the words around it."""
-
-    folder: Path
-    at_ns: int
-    session_s: float
-    kind: str
-    snippet: str
 
 
 @dataclass(frozen=True, slots=True)

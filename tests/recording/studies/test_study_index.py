@@ -20,13 +20,8 @@ from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import sessions_command, study_index
-from caris_desktop.recording.studies.study_index import (
-    DATABASE_NAME,
-    SessionEntry,
-    SessionQuery,
-    StudyIndex,
-    content_signature,
-)
+from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
+from caris_desktop.recording.studies.study_index import DATABASE_NAME, StudyIndex, content_signature
 from tests.benchmarks.study_search import answers, make_study
 from tests.recording.told_session import TRIAL, at, exchange, heard, said, tell
 
@@ -302,7 +297,8 @@ def test_a_locked_index_does_not_keep_anybody_from_finding(
 _FIND = """
 import sys
 from pathlib import Path
-from caris_desktop.recording.studies.study_index import SessionQuery, StudyIndex
+from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording.studies.study_index import StudyIndex
 index = StudyIndex.of_study(Path(sys.argv[1]))
 index.update()
 print(len(index.sessions()), len(index.search(SessionQuery(text="kitchen"))), index.message)

@@ -1,0 +1,55 @@
+"""What runs in child processes, by functions that import their room in the child alone.
+
+The window is on its way while this is imported: most of what a recorder, a detector or a link needs it does not.
+"""
+
+from multiprocessing.connection import Connection
+from typing import Any
+
+
+def recorder(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.recording.recorder.recorder_process import run_recorder
+
+    run_recorder(connection, *arguments)
+
+
+def inference(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.perception.inference import run_inference
+
+    run_inference(connection, *arguments)
+
+
+def camera(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.perception.cameras import run_camera
+
+    run_camera(connection, *arguments)
+
+
+def speech(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.conversation.speech import run_speech
+
+    run_speech(connection, *arguments)
+
+
+def microphone(connection: Connection) -> None:
+    from caris_desktop.conversation.microphone import run_microphone
+
+    run_microphone(connection)
+
+
+def language_model(connection: Connection) -> None:
+    from caris_desktop.conversation.embedded_server import run_embedded_server
+
+    run_embedded_server(connection)
+
+
+def control_link(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.robot.link import run_control_link
+
+    run_control_link(connection, *arguments)
+
+
+def media_link(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.robot.link import run_media_link
+
+    run_media_link(connection, *arguments)

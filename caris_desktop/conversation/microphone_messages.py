@@ -1,0 +1,48 @@
+"""What the console and the microphone's process tell each other."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.events import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class OpenMicrophone:
+    """Listen to the input of this name, the system's default for an empty one; another one is closed."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class CloseMicrophone:
+    """Listen no longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneList:
+    """The inputs that there are. Sent at the start and before each opening."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneOpened:
+    """Sound comes from now on; sent with the first of it. ``name`` is the input that was really opened."""
+
+    name: str
+    sample_rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneLevel:
+    """How loud it was lately: the largest sample, 0 to 1."""
+
+    peak: float
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneFailed:
+    """No sound comes; it is tried again by itself until it is closed. No ``problem``: there is no microphone at all,
+    and none was asked for by name.
+    """
+
+    problem: Problem | None
