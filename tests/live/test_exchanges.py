@@ -20,7 +20,7 @@ MODEL = ModelEndpoint("ollama", "http://127.0.0.1:11434", "small")
 
 
 class Desk:
-    """The exchanges with a model that says ``pieces`` and then ends, fails, or waits to be cancelled."""
+    """The asking with a model that says ``pieces`` and then ends, fails, or waits to be cancelled."""
 
     def __init__(self, asyncio_thread: AsyncioThread) -> None:
         self.asyncio = asyncio_thread
@@ -33,10 +33,10 @@ class Desk:
         self.published: list[Any] = []
         self.closed = threading.Event()
         self.state = LiveState()
-        self.exchanges = Exchanges(
+        self.asking = Exchanges(
             self.state, asyncio_thread, self._stream_chat, self._publish, ask_version=self._ask_version
         )
-        self.exchanges.use_endpoint(MODEL, shown_as="Small")
+        self.asking.use_endpoint(MODEL, shown_as="Small")
 
     def _publish(self, value: Any) -> None:
         self.published.append(value)
@@ -67,7 +67,7 @@ class Desk:
         return await asyncio.to_thread(self.looks_up)
 
     def ask(self) -> None:
-        assert self.exchanges.ask("Where?", PROMPT, max_tokens=20, temperature=0.5)
+        assert self.asking.ask("Where?", PROMPT, max_tokens=20, temperature=0.5)
 
     @property
     def shown(self) -> AssistantStatus:
@@ -125,7 +125,7 @@ def test_each_question_has_a_seed_of_its_own_where_the_server_takes_one(desk: De
     seeds = [_answered(desk, qtbot).seed for _ in range(3)]
     assert seeds == desk.seeds
     assert len(set(seeds)) == 3
-    desk.exchanges.use_endpoint(
+    desk.asking.use_endpoint(
         ModelEndpoint("openai", "https://somebody:secret@models.example.org:8443/v1", "big"), shown_as="Big"
     )
     exchange = _answered(desk, qtbot)
@@ -143,7 +143,7 @@ def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up
 
     desk.has_run()
     desk.looks_up = look_up
-    desk.exchanges.use_endpoint(MODEL, shown_as="Small")
+    desk.asking.use_endpoint(MODEL, shown_as="Small")
     assert _answered(desk, qtbot).model_version == ""
     told.set()
     qtbot.waitUntil(lambda: _answered(desk, qtbot).model_version == "sha256:0123456789ab")
@@ -162,10 +162,10 @@ def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) 
     second = _answered(desk, qtbot)
     assert desk.uses == [(first.exchange_id, "dismissed", "Straight on.")]
     assert desk.outline == ["answered", "dismissed", "answered"]
-    desk.exchanges.show_status(AssistantStatus(state="off"))
-    desk.exchanges.use_endpoint(MODEL, shown_as="Small")
-    desk.exchanges.forget()
-    desk.exchanges.forget()
+    desk.asking.show_status(AssistantStatus(state="off"))
+    desk.asking.use_endpoint(MODEL, shown_as="Small")
+    desk.asking.forget()
+    desk.asking.forget()
     assert desk.uses[1:] == [(second.exchange_id, "dismissed", "Straight on.")]
 
 
@@ -180,8 +180,8 @@ def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) 
 def test_an_answer_that_was_used_is_not_dismissed(desk: Desk, qtbot: QtBot, answer: str, text: str, use: str) -> None:
     desk.pieces = [answer]
     exchange = _answered(desk, qtbot)
-    desk.exchanges.note_use(text, "u-1")
-    desk.exchanges.forget()
+    desk.asking.note_use(text, "u-1")
+    desk.asking.forget()
     assert desk.uses == [(exchange.exchange_id, use, text)]
 
 
@@ -191,8 +191,8 @@ def test_what_failed_or_was_cancelled_is_not_dismissed(desk: Desk, qtbot: QtBot)
     desk.failure, desk.waits = None, True
     desk.ask()
     qtbot.waitUntil(lambda: desk.shown.answer != "")
-    desk.exchanges.cancel()
-    desk.exchanges.forget()
+    desk.asking.cancel()
+    desk.asking.forget()
     assert desk.outline == ["failed", "cancelled"]
 
 
@@ -200,14 +200,14 @@ def test_forgetting_publishes_the_question_under_way_at_once_and_nothing_afterwa
     desk.waits = True
     desk.ask()
     qtbot.waitUntil(lambda: desk.shown.answer != "")
-    desk.exchanges.forget()
+    desk.asking.forget()
     assert desk.outline == ["cancelled"], "before the next session can begin"
     assert desk.exchanges[0].answer == "Straight on." and desk.exchanges[0].messages == PROMPT
     assert desk.shown == AssistantStatus(state="ready", model="Small")
     assert desk.closed.wait(10.0), "the model was told to stop"
     desk.has_run()
     qtbot.wait(1)
-    desk.exchanges.note_use("Straight on.", "u-1")
+    desk.asking.note_use("Straight on.", "u-1")
     assert desk.outline == ["cancelled"]
     assert desk.shown == AssistantStatus(state="ready", model="Small")
 
@@ -217,7 +217,7 @@ def test_an_answer_that_came_as_all_was_forgotten_is_recorded_as_answered_and_di
 ) -> None:
     desk.ask()
     desk.has_run()
-    desk.exchanges.forget()
+    desk.asking.forget()
     assert desk.outline == ["answered", "dismissed"]
     qtbot.wait(1)
     assert desk.outline == ["answered", "dismissed"]
@@ -227,18 +227,18 @@ def test_an_answer_that_came_as_all_was_forgotten_is_recorded_as_answered_and_di
 def test_another_model_ends_the_question_to_the_last_one(desk: Desk, qtbot: QtBot) -> None:
     desk.waits = True
     desk.ask()
-    desk.exchanges.use_endpoint(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), shown_as="Other")
+    desk.asking.use_endpoint(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), shown_as="Other")
     assert [(exchange.model, exchange.outcome) for exchange in desk.exchanges] == [("Small", "cancelled")]
     assert desk.shown == AssistantStatus(state="ready", model="Other")
 
 
 def test_forgetting_keeps_why_there_is_no_model(desk: Desk, qtbot: QtBot) -> None:
     _answered(desk, qtbot)
-    desk.exchanges.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
-    desk.exchanges.forget()
+    desk.asking.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
+    desk.asking.forget()
     assert desk.shown == AssistantStatus(state="failed", detail="The language model stopped.")
 
 
 def test_a_model_that_is_ready_after_the_console_has_closed_harms_nobody(desk: Desk) -> None:
     desk.asyncio.stop()
-    desk.exchanges.use_endpoint(MODEL, shown_as="Small")
+    desk.asking.use_endpoint(MODEL, shown_as="Small")

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live import session_library
 from caris_desktop.live.session_library import LiveSessionLibrary
+from caris_desktop.recording import export
 from caris_desktop.recording.studies.query import SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.live import bodies
@@ -68,8 +68,8 @@ def test_a_cancelled_export_is_ended_behind_the_window(
 
     out = tmp_path / "out"
     out.mkdir()
-    monkeypatch.setattr(session_library, "run_exports", bodies.deaf_to)
-    monkeypatch.setattr(session_library, "remove_partial_exports", remove)
+    monkeypatch.setattr(export, "run_exports", bodies.deaf_to)
+    monkeypatch.setattr(export, "remove_partial_exports", remove)
     library = make_library()
     library.start_export([tmp_path / "one"], ["csv"], out)
     exporter = library._exporter
@@ -85,13 +85,13 @@ def test_a_cancelled_export_is_ended_behind_the_window(
 def test_what_a_cancelled_export_still_says_is_not_of_the_next(
     make_library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
-    monkeypatch.setattr(session_library, "run_exports", bodies.deaf_to)
+    monkeypatch.setattr(export, "run_exports", bodies.deaf_to)
     library = make_library()
     library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
     first = library._exporter
     library.cancel_export()
     library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
-    library._exporter_spoke.emit(first, session_library.ExportFinished((tmp_path,), ()))
+    library._exporter_spoke.emit(first, export.ExportFinished((tmp_path,), ()))
     qtbot.wait(10)
     assert library.export.value.state == "running"
 
