@@ -40,7 +40,8 @@ from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_scenario, scenario_text
+from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, scenario_text
+from caris_desktop.scenario.file import save_layout as save_layout_in
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
@@ -86,7 +87,7 @@ def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
     path = _own_file(scenario)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_scenario(replace(scenario, layout=layout), path)
+        save_layout_in(replace(scenario, layout=layout), path)
     except (OSError, ScenarioError) as error:
         raise ToldFailure(
             "The panel layout was not saved.", f"{path} cannot be written ({error}).", "It lasts until you close."

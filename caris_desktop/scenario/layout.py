@@ -1,51 +1,58 @@
 """The arrangement of the panels as plain data, as scenario files and recordings hold it."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
-from caris_desktop.domain.shipped import schema_validator
-from caris_desktop.scenario.model import SCENARIO_VERSION, LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.domain.declared import KeyPath, Problem, data_of, value_from
+from caris_desktop.domain.declared_check import allowed_words, problems
+from caris_desktop.scenario.model import LayoutNode
 
 
 def layout_from_data(node: dict[str, Any]) -> LayoutNode:
     """The tree that checked data describe."""
-    if "panel" in node:
-        return PanelLeaf(node["panel"])
-    if "tabs" in node:
-        return TabNode(tuple(node["tabs"]), node.get("current"))
-    children = tuple(layout_from_data(child) for child in node["children"])
-    weights = node.get("weights", [1.0] * len(children))
-    return SplitNode(node["split"], children, tuple(float(weight) for weight in weights))
+    layout: LayoutNode = value_from(LayoutNode, node)
+    return layout
 
 
 def checked_layout(node: Any) -> LayoutNode:
     """As :func:`layout_from_data`, from data that nobody has checked. Raises ValueError."""
-    whole = {"version": SCENARIO_VERSION, "title": "-", "layout": node}
-    error = next(schema_validator("scenario.schema.json").iter_errors(whole), None)
-    if error is not None:
-        raise ValueError(f"not an arrangement of panels: {error.message[:200]}")
+    for _path, problem in problems(LayoutNode, node, ("layout",)):
+        raise ValueError(f"not an arrangement of panels: {problem[:200]}")
     return layout_from_data(node)
+
+
+def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iterator[Problem]:
+    """What the declaration of a tree cannot say. ``seen`` are the panels that stand elsewhere."""
+    if "children" in node:
+        weights = node.get("weights")
+        if weights is not None and len(weights) != len(node["children"]):
+            yield (
+                (*path, "weights"),
+                f"{len(weights)} weights for {len(node['children'])} children. Allowed: one weight for each child.",
+            )
+        for index, child in enumerate(node["children"]):
+            yield from layout_problems(child, (*path, "children", index), seen)
+        return
+    panels: list[tuple[KeyPath, str]] = [((*path, "panel"), node["panel"])] if "panel" in node else []
+    panels += [((*path, "tabs", index), panel) for index, panel in enumerate(node.get("tabs", []))]
+    for place, panel in panels:
+        if panel in seen:
+            yield place, f"the panel '{panel}' is placed twice. Allowed: each panel once."
+        seen.add(panel)
+    if "current" in node and node["current"] not in node["tabs"]:
+        yield (
+            (*path, "current"),
+            f"'{node['current']}' is not one of these tabs. {allowed_words(node['current'], node['tabs'])}",
+        )
 
 
 def layout_data(node: LayoutNode) -> dict[str, Any]:
     """What a file says of the tree."""
-    if isinstance(node, PanelLeaf):
-        return {"panel": node.panel}
-    if isinstance(node, TabNode):
-        data: dict[str, Any] = {"tabs": list(node.tabs)}
-        return data if node.current is None else {**data, "current": node.current}
-    return {
-        "split": node.split,
-        "weights": [plain_number(weight) for weight in node.weights],
-        "children": [layout_data(child) for child in node.children],
-    }
+    data: dict[str, Any] = data_of(LayoutNode, node)
+    return data
 
 
 def layout_text(node: LayoutNode) -> str:
     """The tree as one line of JSON, as records hold it."""
     return json.dumps(layout_data(node))
-
-
-def plain_number(number: float) -> float | int:
-    """Whole numbers without a point."""
-    return int(number) if number == int(number) else number

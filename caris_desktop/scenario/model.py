@@ -1,114 +1,199 @@
-"""What a scenario decides: layout, permissions, phrases, prompts, places. Plain data, never code."""
+"""What a scenario decides: layout, permissions, phrases, prompts, places. Plain data, never code.
 
+These declarations are the only place where a setting is added. The check and its messages, the JSON Schema for editors
+and the page of the guide follow from them; ``python -m caris_desktop.scenario.reference`` writes the latter two anew.
+"""
+
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.declared import NotInFile, Rule, Spread
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.scenario.control_form import CONTROL_FORM
 
-SCENARIO_VERSION = 1
+SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
 
 PanelName = Literal[
     "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics"
 ]  # fmt: skip
 
+_Panel = Annotated[PanelName, Rule(noun="panel")]
+_Label = Annotated[str, Rule(shortest=1, longest=80)]
+_Sentence = Annotated[str, Rule(shortest=1, longest=500)]
+_Coordinate = Annotated[float, Rule(unit="metres", at_least=-10_000, at_most=10_000)]
+
 
 @dataclass(frozen=True, slots=True)
 class PanelLeaf:
     """One panel."""
 
-    panel: PanelName
+    panel: Annotated[_Panel, Rule("Its name.")]
 
 
 @dataclass(frozen=True, slots=True)
 class TabNode:
-    """Panels on top of one another; ``current`` is shown first."""
+    """Panels on top of one another."""
 
-    tabs: tuple[PanelName, ...]
-    current: PanelName | None = None
+    tabs: Annotated[tuple[_Panel, ...], Rule("The panels, from left to right.", shortest=1)]
+    current: Annotated[_Panel | None, Rule("The tab that is shown first.")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SplitNode:
-    """Children side by side (horizontal) or on top of one another (vertical), sized by ``weights``."""
+    """Parts side by side or on top of one another."""
 
-    split: Literal["horizontal", "vertical"]
-    children: tuple["LayoutNode", ...]
-    weights: tuple[float, ...]
+    split: Annotated[
+        Literal["horizontal", "vertical"], Rule("`horizontal`: side by side; `vertical`: on top of one another.")
+    ]
+    children: Annotated[tuple["LayoutNode", ...], Rule("The parts, from left or top.", shortest=2, order=1)]
+    weights: Annotated[
+        tuple[Annotated[float, Rule(more_than=0)], ...],
+        Rule("The size of each part in relation to the others; all the same where they are not given."),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        if not self.weights:
+            object.__setattr__(self, "weights", (1.0,) * len(self.children))
 
 
-LayoutNode = PanelLeaf | TabNode | SplitNode
+LayoutNode = Annotated[
+    PanelLeaf | TabNode | SplitNode,
+    Rule(
+        "One panel, tabs on top of one another, or a split into parts sized by weights.",
+        noun="layout part",
+        needs="a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with 'children'.",
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True)
 class Permissions:
-    """What the wizard may do in this scenario. Whatever is False has no button, no shortcut and no code path."""
+    """What the wizard may do in this scenario. Whatever is false has no button, no shortcut and no effect."""
 
-    photos: bool = True
-    video_recording: bool = True
-    audio_recording: bool = False
-    driving: bool = True
-    assistant: bool = True
-    naming_people: bool = True
-    robot_controls: bool = True
+    photos: Annotated[bool, Rule("Photos of what the robot sees, kept as files.")] = True
+    video_recording: Annotated[bool, Rule("Recordings hold the robot's pictures.")] = True
+    audio_recording: Annotated[bool, Rule("Recordings hold microphones and the robot's voice; off unless set.")] = False
+    driving: Annotated[bool, Rule("Keys, gamepad, places and whatever else moves the robot.")] = True
+    assistant: Annotated[bool, Rule("Questions to a language model.")] = True
+    naming_people: Annotated[bool, Rule("Names for the people that the robot sees.")] = True
+    robot_controls: Annotated[bool, Rule("The Robot panel: gestures, lights, volume and the like.")] = True
+
+
+@dataclass(frozen=True, slots=True)
+class _PoseKeys:
+    """A pose as people write it, with its heading in degrees."""
+
+    x_m: Annotated[_Coordinate, Rule("Along x of the map.")]
+    y_m: Annotated[_Coordinate, Rule("Along y of the map.")]
+    heading_deg: Annotated[
+        float,
+        Rule(
+            "Where the robot looks on arrival: 0 along x, 90 along y, counter-clockwise.",
+            unit="degrees",
+            at_least=-360,
+            at_most=360,
+        ),
+    ] = 0.0
+
+    def pose(self) -> Pose2D:
+        return Pose2D(self.x_m, self.y_m, math.radians(self.heading_deg))
+
+
+def _pose_keys(pose: Pose2D) -> _PoseKeys:
+    return _PoseKeys(round(pose.x_m, 4), round(pose.y_m, 4), round(math.degrees(pose.heading_rad), 3))
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
     """A named place in the map."""
 
-    name: str
-    pose_in_map: Pose2D
+    name: Annotated[_Label, Rule("How the wizard finds it; each name once.")]
+    pose_in_map: Annotated[Pose2D, Spread(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
 @dataclass(frozen=True, slots=True)
 class AssistantSettings:
-    """How the language model is asked. ``model`` is ``embedded``, ``ollama:NAME`` or ``openai:NAME``."""
+    """How the language model is asked."""
 
-    model: str = "embedded"
-    system_prompt: str = ""
-    max_tokens: int = 96
-    temperature: float = 0.4
+    model: Annotated[
+        str,
+        Rule(
+            "The model of this program, or one of an Ollama or OpenAI-compatible server.",
+            pattern="^(embedded|ollama:.+|openai:.+)$",
+            allowed="embedded, ollama:NAME or openai:NAME.",
+        ),
+    ] = "embedded"
+    system_prompt: Annotated[str, Rule("What the model is told before the conversation.", longest=8000)] = ""
+    max_tokens: Annotated[int, Rule("The longest answer, in tokens.", at_least=1, at_most=8192)] = 96
+    temperature: Annotated[float, Rule("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)] = 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class DrivingLimits:
     """Speeds at the full speed setting; the robot profile's own limits still apply."""
 
-    max_forward_mps: float = 0.5
-    max_turn_radps: float = 1.0
+    max_forward_mps: Annotated[float, Rule("Forwards.", unit="metres a second", more_than=0, at_most=3)] = 0.5
+    max_turn_radps: Annotated[float, Rule("Turning.", unit="radians a second", more_than=0, at_most=6)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """``labels`` are those of the mark keys, in this order. With ``lsl`` marks go to Lab Streaming Layer too.
+    """What recordings of this scenario need."""
 
-    ``lsl_words`` lets everything that is said go there with them, for the whole network to hear.
-    """
-
-    labels: tuple[str, ...] = ()
-    lsl: bool = False
-    lsl_words: bool = False
+    labels: Annotated[
+        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
+        Rule("Labels of marks, on Shift+F1 to Shift+F8 in this order.", longest=8, unique=True, quiet=True),
+    ] = ()
+    lsl: Annotated[
+        bool,
+        Rule(
+            "Marks with their labels also go out on a Lab Streaming Layer outlet, for anybody on the network.",
+            quiet=True,
+        ),
+    ] = False
+    lsl_words: Annotated[
+        bool,
+        Rule(
+            "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
+            "them.",
+            quiet=True,
+        ),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One scenario file. ``phrases`` sit on F1..F8 in order, ``filler`` on F9, ``controls`` come after the robot's."""
+    """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
 
-    title: str
-    layout: LayoutNode
-    description: str = ""
-    robot: str = DEFAULT_ROBOT
-    phrases: tuple[str, ...] = ()
-    filler: str = ""
-    places: tuple[Place, ...] = ()
-    controls: tuple[RobotControl, ...] = ()
+    title: Annotated[_Label, Rule("Shown in the window and in the scenario menu.")]
+    layout: Annotated[LayoutNode, Rule("Where the panels are.", order=1)]
+    description: Annotated[str, Rule("What the study is about, for whoever chooses a scenario.", longest=2000)] = ""
+    robot: Annotated[
+        str,
+        Rule(
+            "Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`.",
+            shortest=1,
+            longest=300,
+        ),
+    ] = DEFAULT_ROBOT
+    voice: Annotated[Literal["robot", "computer"], Rule("Who speaks: the robot's own voice, or this computer.")] = (
+        "robot"
+    )
+    phrases: Annotated[tuple[_Sentence, ...], Rule("One-click sentences, on F1 to F8 in this order.", longest=8)] = ()
+    filler: Annotated[str, Rule("What the robot says while the wizard thinks, on F9.", longest=500)] = ""
+    places: Annotated[tuple[Place, ...], Rule("Named places in the map.", longest=100)] = ()
+    controls: Annotated[
+        tuple[Annotated[RobotControl, CONTROL_FORM, Rule(noun="control")], ...],
+        Rule("Controls that this scenario adds to the Robot panel, after the robot's own.", longest=100, quiet=True),
+    ] = ()
     permissions: Permissions = field(default_factory=Permissions)
-    assistant: AssistantSettings = field(default_factory=AssistantSettings)
+    recording: Annotated[RecordingSettings, Rule(quiet=True)] = field(default_factory=RecordingSettings)
     driving: DrivingLimits = field(default_factory=DrivingLimits)
-    recording: RecordingSettings = field(default_factory=RecordingSettings)
-    voice: Literal["robot", "computer"] = "robot"
-    path: Path | None = None
-    sha256: str = ""
+    assistant: AssistantSettings = field(default_factory=AssistantSettings)
+    path: Annotated[Path | None, NotInFile()] = None
+    sha256: Annotated[str, NotInFile()] = ""
+    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION

@@ -5,15 +5,19 @@ import hashlib
 import json
 import math
 import os
+import re
+from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import get_args
 
 import jsonschema
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from caris_desktop.domain.controls import CallService
+from caris_desktop.domain.controls import CallService, Reading, RobotControl
+from caris_desktop.domain.declared import is_group, item_of, keys_of
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario import model
@@ -197,49 +201,137 @@ plain_text = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=60
 labels = plain_text.filter(lambda text: bool(text))
 
 
-@given(
-    title=labels,
-    phrases=st.lists(labels, max_size=8),
-    filler=plain_text,
-    layout=layouts(),
-    names=st.lists(labels, max_size=3, unique_by=str.casefold),
-    x_m=st.floats(-100, 100),
-    heading_rad=st.floats(-math.pi, math.pi),
-    photos=st.booleans(),
+names = st.lists(labels, max_size=3, unique_by=str.casefold)
+poses = st.builds(
+    Pose2D,
+    st.floats(-100, 100).map(lambda x_m: round(x_m, 4)),
+    st.just(0.0),
+    st.integers(-180, 180).map(math.radians),
 )
+CONTROLS = (
+    RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}), confirm=True),
+    RobotControl("heat", "Heat", "readout", None, Reading("/heat", "std_msgs/Float32", "data"), "Motors", "°C"),
+)
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Scenario:
+    """Any scenario that a file can hold, every setting of it."""
+    return Scenario(
+        title=draw(labels),
+        layout=draw(layouts()),
+        description=draw(plain_text),
+        robot=draw(labels),
+        voice=draw(st.sampled_from(["robot", "computer"])),
+        phrases=tuple(draw(st.lists(labels, max_size=8))),
+        filler=draw(plain_text),
+        places=tuple(Place(name, draw(poses)) for name in draw(names)),
+        controls=CONTROLS[: draw(st.integers(0, 2))],
+        permissions=model.Permissions(**{each.name: draw(st.booleans()) for each in fields(model.Permissions)}),
+        recording=model.RecordingSettings(
+            labels=tuple(draw(st.lists(labels.map(lambda text: text[:40]), max_size=8, unique=True))),
+            lsl=draw(st.booleans()),
+            lsl_words=draw(st.booleans()),
+        ),
+        driving=model.DrivingLimits(draw(st.floats(0.01, 3)), draw(st.floats(0.01, 6))),
+        assistant=model.AssistantSettings(
+            draw(st.sampled_from(["embedded", "ollama:llama3.2", "openai:gpt"])),
+            draw(plain_text),
+            draw(st.integers(1, 8192)),
+            draw(st.floats(0, 2)),
+        ),
+    )
+
+
+def as_said(scenario: Scenario) -> Scenario:
+    """What a file says of it: poses to a tenth of a millimetre, nothing of the file itself."""
+    return dataclasses.replace(scenario, places=(), path=None, sha256="")
+
+
+def assert_same(loaded: Scenario, expected: Scenario) -> None:
+    assert as_said(loaded) == as_said(expected)
+    for place, wanted in zip(loaded.places, expected.places, strict=True):
+        assert place.name == wanted.name
+        assert place.pose_in_map.x_m == pytest.approx(wanted.pose_in_map.x_m, abs=1e-4)
+        assert place.pose_in_map.heading_rad == pytest.approx(wanted.pose_in_map.heading_rad, abs=1e-4)
+
+
+@given(scenario=scenarios(), other=scenarios())
 @settings(max_examples=40, deadline=None)
 def test_what_is_saved_loads_again(
-    *,
-    tmp_path_factory: pytest.TempPathFactory,
-    title: str,
-    phrases: list[str],
-    filler: str,
-    layout: model.LayoutNode,
-    names: list[str],
-    x_m: float,
-    heading_rad: float,
-    photos: bool,
+    tmp_path_factory: pytest.TempPathFactory, scenario: Scenario, other: Scenario
 ) -> None:
-    scenario = Scenario(
-        title=title,
-        layout=layout,
-        phrases=tuple(phrases),
-        filler=filler,
-        places=tuple(Place(name, Pose2D(x_m, 0.0, heading_rad)) for name in names),
-        permissions=model.Permissions(photos=photos),
-    )
     path = tmp_path_factory.mktemp("saved") / "s.yaml"
     save_scenario(scenario, path)
     loaded = load_scenario(path)
-    assert dataclasses.replace(loaded, places=(), path=None, sha256="") == dataclasses.replace(scenario, places=())
-    for place, expected in zip(loaded.places, scenario.places, strict=True):
-        assert place.name == expected.name
-        assert place.pose_in_map.x_m == pytest.approx(expected.pose_in_map.x_m, abs=1e-4)
-        assert place.pose_in_map.heading_rad == pytest.approx(expected.pose_in_map.heading_rad, abs=1e-4)
+    assert_same(loaded, scenario)
     first = path.read_bytes()
     save_scenario(loaded, path)
     assert path.read_bytes() == first
     assert [entry.name for entry in path.parent.iterdir()] == ["s.yaml"]
+    save_scenario(other, path)
+    assert_same(load_scenario(path), other)
+
+
+COMPLETE = Scenario(
+    title="Complete",
+    layout=SplitNode("horizontal", (PanelLeaf("video"), TabNode(("map", "speak"), "map")), (2.0, 1.0)),
+    description="Every key",
+    phrases=("Hello",),
+    filler="Well",
+    places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
+    controls=CONTROLS,
+    recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
+    assistant=model.AssistantSettings(system_prompt="Be kind"),
+)
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("complete") / "complete.yaml"
+    save_scenario(COMPLETE, path)
+    return path.read_text(encoding="utf-8")
+
+
+def keys_within(group: type) -> Iterator[str]:
+    for key in keys_of(group):
+        yield key.name
+        form = item_of(key.form.kind) or key.form
+        for inner in (form.kind,) if is_group(form.kind) and form.foreign is None else ():
+            yield from keys_within(inner)
+
+
+def test_the_complete_file_has_every_key(complete: str) -> None:
+    keys = {*keys_within(Scenario), "panel", "tabs", "current", "split", "weights", "children"}
+    assert {key for key in keys if not re.search(rf"^[- ]*{key}:", complete, re.MULTILINE)} == set()
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_misspelled_key_is_told_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
+    lines = complete.splitlines()
+    # Of two letters nobody can tell which word they were.
+    keys = [(number, found) for number, line in enumerate(lines) if (found := re.search(r"^[- ]*([a-z_]{3,}):", line))]
+    assert len(keys) > 40
+    number, found = data.draw(st.sampled_from(keys))
+    key, at = found[1], data.draw(st.integers(1, len(found[1]) - 1))
+    typo = data.draw(
+        st.sampled_from(
+            [
+                key[:at] + key[at + 1 :],
+                key[:at] + key[at] + key[at:],
+                key[: at - 1] + key[at] + key[at - 1] + key[at + 1 :],
+            ]
+        )
+    )
+    assume(typo != key)
+    lines[number] = lines[number].replace(f"{key}:", f"{typo}:", 1)
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario("\n".join(lines), path=Path("mine.yaml"))
+    (told,) = [line for line in str(caught.value).splitlines() if f"unknown key '{typo}'" in line]
+    assert told.startswith(f"mine.yaml, line {number + 1}: unknown key '{typo}'")
+    assert told.endswith(f" Did you mean '{key}'?")
+    assert f"'{key}' is missing" not in str(caught.value)
 
 
 def test_saving_that_fails_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,70 @@
+"""What tells people about the scenario file: its JSON Schema and its page of the guide, both from the declaration.
+
+``python -m caris_desktop.scenario.reference`` writes them into ``resources/``.
+"""
+
+import json
+from pathlib import Path
+
+from caris_desktop.domain.declared_page import reference
+from caris_desktop.domain.declared_schema import file_schema
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.scenario.file import schema_path
+from caris_desktop.scenario.model import Scenario
+
+_PAGE_HEAD = """\
+<!-- Written by `python -m caris_desktop.scenario.reference` from caris_desktop/scenario/model.py: change it there. -->
+# The scenario file
+
+A scenario is one YAML file. It says what a study needs of the console: which panels stand where, what the wizard may
+do, what the robot says with one key, which places it knows. It is data only: nothing in it is ever executed.
+
+The shipped ones are in `layouts`. Yours lie anywhere (`caris-desktop --scenario my-study.yaml`), or in the folder
+`scenarios` of your configuration folder (`~/.config/caris-desktop/scenarios` on Linux), where the console lists them;
+there a file goes before a shipped one of the same name. `caris-desktop check --scenario my-study.yaml` names the file,
+the line and what is allowed when it has a mistake.
+
+```yaml
+version: 1
+title: My study
+layout:
+  split: horizontal
+  weights: [60, 40]
+  children:
+    - panel: video
+    - tabs: [speak, map]
+```
+
+Everything else is optional. Editors that know YAML schemas complete and check every key when the first line is
+`# yaml-language-server: $schema=PATH/scenario.schema.json`; the schema is in `resources/schemas`. When the console
+saves a place or an arrangement of panels, your comments, the order of your keys and every other line stay as they are.
+
+## The file
+
+"""
+
+
+def page_path() -> Path:
+    """The scenario file's page of the guide."""
+    return resources_dir() / "guide" / "scenario-file.md"
+
+
+def schema_text() -> str:
+    """The content of the shipped schema."""
+    schema = file_schema(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario")
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def page_text() -> str:
+    """The content of the page."""
+    return _PAGE_HEAD + reference(Scenario)
+
+
+def main() -> None:
+    """Write both."""
+    for path, text in ((schema_path(), schema_text()), (page_path(), page_text())):
+        path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

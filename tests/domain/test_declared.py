@@ -1,0 +1,217 @@
+"""Files declared once: what is checked, told, read and written follows from the declaration alone."""
+
+import json
+from dataclasses import dataclass, field, make_dataclass
+from typing import Annotated, Any, Literal
+
+import jsonschema
+import pytest
+
+from caris_desktop.domain.declared import NotInFile, Problem, Rule, Spread, data_of, value_from
+from caris_desktop.domain.declared_check import problems
+from caris_desktop.domain.declared_page import reference
+from caris_desktop.domain.declared_schema import file_schema
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """One lamp of ``a shelf``."""
+
+    name: Annotated[str, Rule("How it is called.", shortest=1, longest=20)]
+    brightness: Annotated[float, Rule("How bright it is.", unit="percent", at_least=0, at_most=100)] = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class _SizeKeys:
+    width_cm: Annotated[float, Rule("From left to right.", more_than=0)]
+
+
+@dataclass(frozen=True, slots=True)
+class Book:
+    """One book."""
+
+    book: Annotated[str, Rule("Its title.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Things in a box."""
+
+    things: Annotated[tuple["Thing", ...], Rule("What is in it.", shortest=1, order=1)]
+    lid: Annotated[bool, Rule("Whether it is closed.")] = False
+
+
+Thing = Annotated[Book | Box, Rule("A book, or a box of things.", noun="thing", needs="a thing is a book or a box.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Shelf:
+    """A shelf."""
+
+    boards: Annotated[int, Rule("How many boards it has.", at_least=1)]
+    width_m: Annotated[float, Spread(_SizeKeys, lambda keys: keys.width_cm / 100, lambda m: _SizeKeys(m * 100))]
+    wood: Annotated[Literal["oak", "pine"], Rule("What it is made of.")] = "oak"
+    lamps: Annotated[tuple[Lamp, ...], Rule("Its lamps.", longest=2, quiet=True)] = ()
+    colours: Annotated[tuple[str, ...], Rule("Its colours.", unique=True)] = ()
+    number: Annotated[str, Rule("Where it stands.", pattern="^[A-Z][0-9]$", allowed="a letter and a digit.")] = "A1"
+    top: Annotated[Thing | None, Rule("What stands on it.")] = None
+    light: Lamp = field(default_factory=lambda: Lamp("top"))
+    seen: Annotated[bool, NotInFile()] = False
+
+
+LEAST = {"boards": 3, "width_cm": 80}
+
+
+def told(data: Any, declaration: Any = Shelf) -> list[Problem]:
+    return list(problems(declaration, data))
+
+
+def test_a_setting_that_is_declared_is_checked_told_read_written_and_explained() -> None:
+    colour = Annotated[Literal["red", "green"], Rule("Its colour.")]
+    coloured = make_dataclass("Lamp", [("colour", colour, "red")], bases=(Lamp,), frozen=True)
+    for text_of in (lambda of: json.dumps(file_schema(of, schema_id="x", title="x")), reference):
+        assert "colour" not in text_of(Lamp)
+        assert "colour" in text_of(coloured)
+    properties = file_schema(coloured, schema_id="x", title="x")["properties"]
+    assert properties["colour"] == {"enum": ["red", "green"], "default": "red", "description": "Its colour."}
+    assert "| `colour` | `red` or `green`, `red` | Its colour. |" in reference(coloured)
+
+    lamp = {"name": "a", "colour": "green"}
+    assert told(lamp, Lamp) == [(("colour",), "unknown key 'colour'. Allowed: brightness, name.")]
+    assert told(lamp, coloured) == []
+    assert told({"name": "a", "colour": "gren"}, coloured) == [
+        (("colour",), "unknown colour 'gren'. Allowed: red, green. Did you mean 'green'?")
+    ]
+    assert told({"name": "a", "color": "red"}, coloured) == [
+        (("color",), "unknown key 'color'. Allowed: brightness, colour, name. Did you mean 'colour'?")
+    ]
+    value = value_from(coloured, lamp)
+    assert value.colour == "green"
+    assert data_of(coloured, value) == {"name": "a", "brightness": 50, "colour": "green"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "path", "sentence"),
+    [
+        ({"boards": 0}, ("boards",), "'boards' is 0. Allowed: at least 1."),
+        ({"boards": 1.5}, ("boards",), "'boards' must be a whole number, found 1.5."),
+        ({"boards": True}, ("boards",), "'boards' must be a whole number, found true."),
+        ({"boards": None}, ("boards",), "'boards' must be a whole number, found nothing."),
+        ({"width_cm": 0}, ("width_cm",), "'width_cm' is 0. Allowed: more than 0."),
+        ({"width_cm": float("nan")}, ("width_cm",), "'width_cm' is nan. Allowed: more than 0."),
+        ({"width_cm": "wide"}, ("width_cm",), "'width_cm' must be a number, found 'wide'."),
+        ({"wood": "pin"}, ("wood",), "unknown wood 'pin'. Allowed: oak, pine. Did you mean 'pine'?"),
+        ({"wood": ["oak"]}, ("wood",), "unknown wood ['oak']. Allowed: oak, pine. Did you mean 'oak'?"),
+        ({"number": "a1"}, ("number",), "'number' is 'a1'. Allowed: a letter and a digit."),
+        ({"lamps": "two"}, ("lamps",), "'lamps' must be a list, found 'two'."),
+        ({"lamps": [{"name": "a"}] * 3}, ("lamps",), "'lamps' has 3 entries. Allowed: at most 2."),
+        ({"lamps": ["a"]}, ("lamps", 0), "'lamps[1]' must be a group of 'key: value' lines, found 'a'."),
+        ({"lamps": [{"name": ""}]}, ("lamps", 0, "name"), "'lamps[1].name' is empty."),
+        ({"lamps": [{}]}, ("lamps", 0), "'name' is missing in 'lamps[1]'."),
+        ({"light": {"name": "a" * 21}}, ("light", "name"), "'light.name' has 21 characters. Allowed: at most 20."),
+        (
+            {"light": {"name": "a", "brightness": 101}},
+            ("light", "brightness"),
+            "'light.brightness' is 101. Allowed: at most 100.",
+        ),
+        ({"colours": ["red", "blue", "red"]}, ("colours", 2), "'colours' lists 'red' twice."),
+        ({"top": {}}, ("top",), "a thing is a book or a box."),
+        (
+            {"top": {"boook": "x"}},
+            ("top", "boook"),
+            "unknown key 'boook' in 'top'. Allowed: book, lid, things. Did you mean 'book'?",
+        ),
+        (
+            {"top": {"thigs": [], "lid": True}},
+            ("top", "thigs"),
+            "unknown key 'thigs' in 'top'. Allowed: lid, things. Did you mean 'things'?",
+        ),
+        ({"top": {"things": []}}, ("top", "things"), "'top.things' is empty."),
+        (
+            {"top": {"things": [{"book": 1}]}},
+            ("top", "things", 0, "book"),
+            "'top.things[1].book' must be text, found 1.",
+        ),
+        (
+            {"seen": True},
+            ("seen",),
+            "unknown key 'seen'. Allowed: boards, colours, lamps, light, number, top, width_cm, wood.",
+        ),
+    ],
+)
+def test_a_mistake_is_told_once_with_its_place_and_what_is_allowed(
+    wrong: dict[str, Any], path: tuple[str | int, ...], sentence: str
+) -> None:
+    assert told(LEAST | wrong) == [(path, sentence)]
+
+
+def test_every_mistake_is_told() -> None:
+    assert told({"boards": 0, "wood": "elm"}) == [
+        ((), "'width_cm' is missing."),
+        (("boards",), "'boards' is 0. Allowed: at least 1."),
+        (("wood",), "unknown wood 'elm'. Allowed: oak, pine."),
+    ]
+
+
+def test_a_key_that_is_near_two_is_taken_for_the_one_that_is_not_given_yet() -> None:
+    pair = make_dataclass("Pair", [("x_m", float), ("y_m", float)], frozen=True)
+    assert told({"y_m": 1.0, "_m": 2.0}, pair) == [
+        (("_m",), "unknown key '_m'. Allowed: x_m, y_m. Did you mean 'x_m'?")
+    ]
+
+
+def test_what_is_written_reads_back_the_same() -> None:
+    for shelf in (
+        Shelf(3, 0.8),
+        Shelf(1, 1.25, "pine", (Lamp("a", 1.5), Lamp("b")), ("red",), "B2", Book("Zen")),
+        Shelf(2, 1.0, top=Box((Book("Zen"), Box((Book("a"),), lid=True)))),
+    ):
+        data = data_of(Shelf, shelf)
+        assert told(data) == []
+        assert value_from(Shelf, data) == shelf
+        assert json.loads(json.dumps(data)) == data
+    assert value_from(Shelf, LEAST) == Shelf(3, 0.8)
+    assert data_of(Shelf, Shelf(3, 0.8)) == {
+        "boards": 3,
+        "width_cm": 80,
+        "wood": "oak",
+        "colours": [],
+        "number": "A1",
+        "light": {"name": "top", "brightness": 50},
+    }
+    assert list(data_of(Shelf, Shelf(1, 1.0, top=Box((Book("a"),))))["top"]) == ["lid", "things"]
+
+
+def test_editors_refuse_what_the_program_refuses() -> None:
+    schema = file_schema(Shelf, schema_id="test:shelf", title="A shelf")
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for data in (
+        LEAST,
+        {},
+        LEAST | {"boards": 0},
+        LEAST | {"lamps": [{"name": "a"}, {"name": ""}]},
+        LEAST | {"colours": ["a", "a"]},
+        LEAST | {"number": "b"},
+        LEAST | {"top": {}},
+        LEAST | {"top": {"book": "a"}},
+        LEAST | {"top": {"book": "a", "lid": True}},
+        LEAST | {"top": {"lid": True, "things": [{"things": [{"book": "a"}]}]}},
+        LEAST | {"top": {"things": [{"things": []}]}},
+        LEAST | {"light": {"name": "a", "brightness": -1}},
+    ):
+        assert validator.is_valid(data) == (not told(data)), data
+    assert schema["$defs"]["thing"]["title"] == "thing"
+    assert schema["properties"]["light"]["description"] == "One lamp of `a shelf`."
+
+
+def test_the_page_has_a_section_for_each_group() -> None:
+    page = reference(Shelf)
+    assert "| `boards` | whole number, at least 1, required | How many boards it has. |" in page
+    assert "| `width_cm` | number, more than 0, required | From left to right. |" in page
+    assert "| `number` | a letter and a digit, `A1` | Where it stands. |" in page
+    assert "| `lamps` | list of up to 2 entries: a group, see below, none | Its lamps. |" in page
+    assert "\n## `lamps`\n\nIts lamps.\n\n| key |" in page
+    assert "| `brightness` | number in percent, at least 0, at most 100, `50` | How bright it is. |" in page
+    assert "\n## `top`\n\nWhat stands on it.\n\nOne book.\n\n| key |" in page
+    assert "| `things` | list of at least 1 entry: a thing, required | What is in it. |" in page
