@@ -11,19 +11,22 @@ from pathlib import Path
 
 log = logging.getLogger(__name__)
 
-SCHEMA_VERSION = 1
 # Recognised by `file` and by us: a database of another program is never written to. Reads "CaPe".
 _APPLICATION_ID = 0x43615065
 _BUSY_TIMEOUT_S = 2.0
 
-_SCHEMA = """
-CREATE TABLE people (
-    person_id TEXT PRIMARY KEY NOT NULL,
-    name TEXT NOT NULL DEFAULT '',
-    created_utc_ns INTEGER NOT NULL,
-    last_seen_utc_ns INTEGER NOT NULL
-) STRICT, WITHOUT ROWID;
-"""
+# Each step raises a database by one version; one that was once released is never changed.
+STEPS: tuple[tuple[str, ...], ...] = (
+    (
+        """CREATE TABLE people (
+            person_id TEXT PRIMARY KEY NOT NULL,
+            name TEXT NOT NULL DEFAULT '',
+            created_utc_ns INTEGER NOT NULL,
+            last_seen_utc_ns INTEGER NOT NULL
+        ) STRICT, WITHOUT ROWID""",
+        f"PRAGMA application_id = {_APPLICATION_ID}",
+    ),
+)
 
 
 class PeopleStoreError(Exception):
@@ -119,7 +122,7 @@ class PeopleRegister:
         tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         if tables and application_id != _APPLICATION_ID:
             raise PeopleStoreError(f"{self.path} is a database of another program and was left untouched.")
-        if version > SCHEMA_VERSION:
+        if version > len(STEPS):
             raise PeopleStoreError(
                 f"{self.path} was written by a newer version of this program and was left untouched. "
                 "Update the program."
@@ -129,11 +132,25 @@ class PeopleRegister:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
         database.execute("PRAGMA secure_delete = ON")
-        if version == 0:
-            database.executescript(
-                f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA application_id = {_APPLICATION_ID};"
-                f" PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"
-            )
+        if version < len(STEPS):
+            self._migrate()
+
+    def _migrate(self) -> None:
+        """All steps or none. No copy of the old database is kept: whoever is erased later would stay in it."""
+        database = self._database
+        database.execute("BEGIN IMMEDIATE")
+        try:
+            # Another console may have been here since the version was looked at.
+            version = database.execute("PRAGMA user_version").fetchone()[0]
+            for number, step in enumerate(STEPS[version:], start=version + 1):
+                for statement in step:
+                    database.execute(statement)
+                database.execute(f"PRAGMA user_version = {number}")
+            database.execute("COMMIT")
+        except BaseException:
+            if database.in_transaction:
+                database.execute("ROLLBACK")
+            raise
 
     @contextmanager
     def _explained(self, verb: str) -> Iterator[None]:

@@ -13,10 +13,12 @@ import jsonschema
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from caris_desktop.domain.migrations import Migration, migrated
 from caris_desktop.domain.shipped import schema_validator
 from caris_desktop.robot.profile import ProfileError
 
 PROFILE_VERSION = 1
+MIGRATIONS: Mapping[int, Migration] = {}
 SCHEMA = "robot-profile.schema.json"
 MAX_DEPTH = 30
 MAX_BYTES = 2**20
@@ -109,8 +111,9 @@ class ProfileText:
             raise ProfileError(f"{file_name}: this is not YAML: {error}.") from error
 
     def check(self) -> None:
-        """Version and schema. Raises ProfileError."""
-        self._refuse_other_versions()
+        """Version and schema; the data are those of the newest version from then on. Raises ProfileError."""
+        version = self._known_version()
+        self.data = migrated(self.data, MIGRATIONS, version=version, newest=PROFILE_VERSION)
         problem = jsonschema.exceptions.best_match(schema_validator(SCHEMA).iter_errors(self.data))
         if problem is not None:
             raise self._explained(problem)
@@ -150,7 +153,7 @@ class ProfileText:
             raise ProfileError(f"{self._place(path)}: {node.value} is not a usable number.")
         return value
 
-    def _refuse_other_versions(self) -> None:
+    def _known_version(self) -> int:
         version = self.data.get("version")
         place = self._place(("version",))
         if not isinstance(version, int) or isinstance(version, bool) or version < 1:
@@ -162,6 +165,7 @@ class ProfileText:
                 f"{place}: this profile has version {version}, made for a newer CARIS Desktop; "
                 f"this one reads version {PROFILE_VERSION}. Update the program or use an older profile."
             )
+        return version
 
     def _explained(self, problem: jsonschema.ValidationError) -> ProfileError:
         path: KeyPath = tuple(problem.absolute_path)

@@ -1,11 +1,10 @@
-"""Older scenario files, brought up to the present format one version at a time."""
+"""Which scenario files are read, and what is done to those of older versions."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from caris_desktop.domain.migrations import Migration, migrated
 from caris_desktop.scenario.model import SCENARIO_VERSION
-
-Migration = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
@@ -37,8 +36,4 @@ def migrate(
             f"the file has version {version}, this program reads up to version {newest}. "
             "Update CARIS Desktop, or open an older copy of the file."
         )
-    migrated = dict(data)
-    for step in range(version, newest):
-        migrated = migrations[step](dict(migrated))
-        migrated["version"] = step + 1
-    return migrated
+    return migrated(data, migrations, version=version, newest=newest)

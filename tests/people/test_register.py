@@ -1,11 +1,12 @@
 """The people of a study on disk."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from caris_desktop.people.register import PeopleRegister, PeopleStoreError
+from caris_desktop.people.register import STEPS, PeopleRegister, PeopleStoreError
 
 
 @pytest.fixture
@@ -122,6 +123,57 @@ def test_a_newer_database_is_refused(path: Path) -> None:
     database.close()
     with pytest.raises(PeopleStoreError, match="newer version"):
         PeopleRegister(path)
+
+
+MORE = (
+    ("ALTER TABLE people ADD COLUMN language TEXT NOT NULL DEFAULT ''",),
+    ("UPDATE people SET language = 'en'", "CREATE TABLE groups (group_id TEXT PRIMARY KEY) STRICT"),
+)
+
+
+def content(path: Path) -> tuple[int, list[str]]:
+    """Version and statements of the database."""
+    with closing(sqlite3.connect(path)) as database:
+        statements = [
+            row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql NOT NULL ORDER BY name")
+        ]
+        return database.execute("PRAGMA user_version").fetchone()[0], statements
+
+
+def test_an_older_database_is_raised_step_by_step_and_keeps_its_people(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    register = PeopleRegister(path)
+    ada = register.add()
+    register.rename(ada.person_id, "Ada")
+    register.close()
+    monkeypatch.setattr("caris_desktop.people.register.STEPS", STEPS + MORE)
+    register = PeopleRegister(path)
+    assert [person.name for person in register.everybody()] == ["Ada"]
+    register.close()
+    assert content(path)[0] == len(STEPS) + 2
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("SELECT language FROM people").fetchall() == [("en",)]
+    PeopleRegister(path).close()
+    fresh = path.with_name("fresh.db")
+    PeopleRegister(fresh).close()
+    assert content(fresh) == content(path)
+
+
+@pytest.mark.logs("people database .* could not be")
+def test_a_step_that_fails_leaves_the_database_at_its_version(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    register = PeopleRegister(path)
+    register.add()
+    register.close()
+    before = content(path)
+    monkeypatch.setattr("caris_desktop.people.register.STEPS", (*STEPS, *MORE, ("INSERT INTO nowhere VALUES (1)",)))
+    with pytest.raises(PeopleStoreError, match="cannot be opened"):
+        PeopleRegister(path)
+    assert content(path) == before
+    monkeypatch.setattr("caris_desktop.people.register.STEPS", STEPS)
+    register = PeopleRegister(path)
+    assert len(register.everybody()) == 1
+    register.close()
 
 
 @pytest.mark.logs("people database .* could not be")

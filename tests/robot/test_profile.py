@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
+from caris_desktop.robot import profile_file
 from caris_desktop.robot.profile import (
     ProfileError,
     RobotProfile,
@@ -265,6 +266,28 @@ def test_a_mistake_is_named_with_its_line_and_what_is_allowed(text: str, line: i
     assert f"robot.yaml, line {line}:" in message
     for name in names:
         assert name in message, message
+
+
+def test_a_profile_of_an_older_version_is_raised_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    def name_the_velocity(data: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in data.items() if key != "drive"} | {"velocity": {"topic": data["drive"]}}
+
+    def double_the_rate(data: dict[str, Any]) -> dict[str, Any]:
+        return {**data, "command_rate_hz": data["command_rate_hz"] * 2}
+
+    monkeypatch.setattr(profile_file, "PROFILE_VERSION", 3)
+    monkeypatch.setattr(profile_file, "MIGRATIONS", {1: name_the_velocity, 2: double_the_rate})
+    with pytest.raises(ProfileError, match="line 1: this profile has version 4, made for a newer"):
+        ProfileText("version: 4\nros: 1\n", "robot.yaml").check()
+    text = ProfileText("version: 1\nros: 1\ndrive: /cmd_vel\ncommand_rate_hz: 10\n", "robot.yaml")
+    # The schema is that of version 1, whatever this test calls the newest.
+    with pytest.raises(ProfileError, match="version"):
+        text.check()
+    assert text.data == {"version": 3, "ros": 1, "velocity": {"topic": "/cmd_vel"}, "command_rate_hz": 20}
+
+
+def test_there_is_a_step_from_every_older_version() -> None:
+    assert set(profile_file.MIGRATIONS) == set(range(1, profile_file.PROFILE_VERSION))
 
 
 def test_a_password_in_an_address_is_not_repeated() -> None:
