@@ -129,6 +129,11 @@ class TurnHead(Intent):
         return not (self.pan or self.tilt)
 
 
+@dataclass(frozen=True, slots=True)
+class Nod(Intent):
+    """Nod once: yes, in passing, while somebody speaks."""
+
+
 # Where to
 
 
@@ -422,6 +427,7 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
     TurnHead: IntentSpec(
         "Turning the head", "driving", moves=True, needs_link=True, quiet=True, bounds={"pan": _SHARE, "tilt": _SHARE}
     ),
+    Nod: IntentSpec("Nodding", "driving", moves=True, needs_link=True, proposable=True),
     GoToPlace: _GOAL,
     GoToPoint: _GOAL,
     CancelGoal: IntentSpec("Cancelling the goal"),

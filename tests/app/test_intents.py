@@ -37,6 +37,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.SetGuard(on=False),
     intents.LookAt(0.1, 0.0),
     intents.TurnHead(1.0, 0.0),
+    intents.Nod(),
     intents.GoToPlace("Kitchen"),
     intents.GoToPoint(HERE),
     intents.CancelGoal(),
@@ -209,4 +210,4 @@ def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Benc
 
 def test_a_language_model_may_propose_no_driving_no_release_and_nothing_about_its_own_rights() -> None:
     proposable = {kind.__name__ for kind, spec in INTENTS.items() if spec.proposable}
-    assert proposable == {"LookAt", "GoToPlace", "GoToPoint", "UseControl", "Say", "TakePhoto"}
+    assert proposable == {"LookAt", "Nod", "GoToPlace", "GoToPoint", "UseControl", "Say", "TakePhoto"}

@@ -144,6 +144,9 @@ class FakeConsole:
     def turn_head(self, pan: float, tilt: float) -> None:
         self.calls.append(("turn_head", (pan, tilt)))
 
+    def nod(self) -> None:
+        self.calls.append(("nod", None))
+
     def set_initial_pose(self, pose_in_map: Pose2D) -> None:
         self.calls.append(("set_initial_pose", pose_in_map))
 
@@ -334,6 +337,7 @@ _METHODS: dict[type[Intent], str] = {
     intents.SetGuard: "set_guard",
     intents.LookAt: "look_at",
     intents.TurnHead: "turn_head",
+    intents.Nod: "nod",
     intents.GoToPlace: "go_to_place",
     intents.GoToPoint: "go_to",
     intents.CancelGoal: "cancel_goal",

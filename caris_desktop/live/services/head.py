@@ -20,6 +20,7 @@ MOVE_EVERY_MS = 50
 # A stalled GUI must not be made up for by one large turn.
 _LONGEST_STEP_S = 0.1
 _TELL_EVERY_NS = 250_000_000
+_NOD_RAD, _NOD_MS = 0.25, 450
 
 
 class HeadService(Service):
@@ -45,6 +46,9 @@ class HeadService(Service):
         self._moving.setTimerType(Qt.TimerType.PreciseTimer)
         self._moving.setInterval(MOVE_EVERY_MS)
         self._moving.timeout.connect(self._step)
+        self._nodded_from = (0.0, 0.0)
+        self._nodding = QTimer(self, singleShot=True, interval=_NOD_MS)
+        self._nodding.timeout.connect(self._end_nod)
         self._on_robot_changed(state.robot.value)
         state.robot.changed.connect(self._on_robot_changed)
         state.link.changed.connect(self._on_condition_changed)
@@ -54,15 +58,21 @@ class HeadService(Service):
         return {
             intents.LookAt: lambda asked: self.look_at(pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad),
             intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt),
+            intents.Nod: lambda _asked: self.nod(),
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
         if not scenario.permissions.driving:
             self.release()
 
+    def stop(self) -> None:
+        self._nodding.stop()
+        self.release()
+
     def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
         """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""
         self._moving.stop()
+        self._nodding.stop()
         self._pan = self._tilt = 0.0
         if self._may_move():
             self._move_to(pan_rad, tilt_rad)
@@ -75,6 +85,7 @@ class HeadService(Service):
         if not (self._pan or self._tilt):
             self._end_turn()
         elif self._may_move():
+            self._nodding.stop()
             if not was_turning:
                 self._take_measured_angles()
                 self._stepped_ns = clock.now_ns() - MOVE_EVERY_MS * 1_000_000
@@ -82,6 +93,22 @@ class HeadService(Service):
                 self._step()
         else:
             self._end_turn()
+
+    def nod(self) -> None:
+        """Down and back to where it looks now; whatever turns the head meanwhile ends the nod."""
+        if self._moving.isActive() or self._nodding.isActive() or not self._may_move():
+            return
+        self._take_measured_angles()
+        look = self._state.look.value
+        self._nodded_from = look.pan_rad, look.tilt_rad
+        if self._move_to(look.pan_rad, look.tilt_rad + _NOD_RAD):
+            self._nodding.start()
+
+    def _end_nod(self) -> None:
+        pan_rad, tilt_rad = self._nodded_from
+        if self._may_move():
+            self._move_to(pan_rad, tilt_rad)
+            self._tell()
 
     def release(self) -> None:
         """Nothing is held any more: the head stays where it was sent."""

@@ -75,6 +75,25 @@ def test_looking_somewhere_stays_within_what_the_neck_can_do(
     assert [(e.pan_rad, e.tilt_rad) for e in recorded if isinstance(e, HeadMoved)] == [(1.0, -0.1)]
 
 
+def test_a_nod_goes_down_and_back_to_where_it_looked(
+    qtbot: QtBot, head: HeadService, robot: RecordingRobot, recorded: list[Any]
+) -> None:
+    head.look_at(pan_rad=0.3, tilt_rad=-0.1)
+    robot.sent.clear()
+    head.nod()
+    head.nod()
+    qtbot.waitUntil(lambda: len(robot.sent) == 2)
+    assert [(sent.pan_rad, sent.tilt_rad) for sent in robot.sent] == [(0.3, pytest.approx(0.15)), (0.3, -0.1)]
+    assert (recorded[-1].pan_rad, recorded[-1].tilt_rad) == (0.3, -0.1)
+
+
+def test_what_turns_the_head_ends_a_nod(qtbot: QtBot, head: HeadService, robot: RecordingRobot) -> None:
+    head.nod()
+    head.look_at(pan_rad=0.5, tilt_rad=0.0)
+    qtbot.wait(600)
+    assert (robot.sent[-1].pan_rad, len(robot.sent)) == (0.5, 2)
+
+
 def test_it_turns_at_its_speed_while_held_and_not_longer(
     qtbot: QtBot, head: HeadService, robot: RecordingRobot, recorded: list[Any]
 ) -> None:
