@@ -29,7 +29,8 @@ from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
-from caris_desktop.ui.main_window import MainWindow, ScenarioChoice
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.scenario_choice import ScenarioChoice
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)

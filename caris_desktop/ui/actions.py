@@ -1,6 +1,7 @@
 """The one table of actions and keys, and what binds it to the window.
 
-A permission that a scenario switches off removes the action: no button, no menu entry, no shortcut.
+A row carries the intent that it asks the console for. Only what is purely of the window names a callback. A permission
+that a scenario switches off removes the action: no button, no menu entry, no shortcut.
 """
 
 import logging
@@ -13,8 +14,13 @@ from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import Intent
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.ui.key_positions import modifier_name
+from caris_desktop.ui.speed_steps import fraction_after
 
 logger = logging.getLogger(__name__)
 
@@ -22,6 +28,8 @@ Permission = Literal["photos", "video_recording", "driving", "assistant", "namin
 Kind = Literal["command", "hold", "safety", "mark"]
 Condition = Literal["always", "recording", "video", "photo", "answer"]
 Feature = Literal["sideways", "head"]
+IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
+"""What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
 
 PHRASE_COUNT = 8
 LABEL_COUNT = 8
@@ -35,9 +43,10 @@ class ActionSpec:
 
     ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
     ``safety`` to the application event filter that also works over dialogs. ``mark`` keys are a shortcut too, whose
-    press and release the window hears of, also while Alt is down to drive. ``callback`` names the handler
-    that a command calls, with ``argument`` if there is one. ``by_position``: letters and digits among the keys mean the
-    places of those keys on a US keyboard, whatever the present layout types there; hold-to-drive listens for them.
+    press and release the window hears of, also while Alt is down to drive. ``intent`` is what the console is asked
+    for, or a function that finds it from ``argument``. A row without one is of the window alone: ``callback`` names the
+    method that is called, with ``argument`` if there is one. ``by_position``: letters and digits among the keys mean
+    the places of those keys on a US keyboard, whatever the present layout types there; hold-to-drive listens for them.
     ``needs`` is what the robot must have. ``within`` names the part of the window that listens for the keys itself
     while it has the focus; empty for keys that work anywhere.
     """
@@ -50,12 +59,36 @@ class ActionSpec:
     permission: Permission | None = None
     kind: Kind = "command"
     enabled_when: Condition = "always"
+    intent: Intent | IntentNow | None = None
     callback: str = ""
     argument: Any = None
     group: str = ""
     by_position: bool = False
     needs: Feature | None = None
     within: Literal["", "timeline"] = ""
+
+    @property
+    def runs(self) -> bool:
+        """Whether it does something by itself; what is held drives, and that is another matter."""
+        return self.intent is not None or bool(self.callback)
+
+
+def say_phrase(scenario: Scenario, _state: LiveState, number: int) -> Intent:
+    return intents.Say(scenario.phrases[number - 1], "phrase")
+
+
+def say_filler(scenario: Scenario, _state: LiveState, _argument: None) -> Intent:
+    return intents.Say(scenario.filler, "filler")
+
+
+def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
+    """One of the three steps up (1) or down (-1)."""
+    return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
+
+
+def go_to_nth_place(_scenario: Scenario, state: LiveState, number: int) -> Intent | None:
+    places = state.places.value
+    return intents.GoToPlace(places[number - 1].name) if number <= len(places) else None
 
 
 def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
@@ -66,10 +99,10 @@ def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **
 
 
 ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("stop", "Stop the robot", "hand-palm", ("Esc",), kind="safety", callback="stop", group="Safety"),
+    ActionSpec("stop", "Stop the robot", "hand-palm", ("Esc",), kind="safety", intent=intents.Stop(), group="Safety"),
     ActionSpec(
         "emergency_stop", "Emergency stop", "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
-        callback="emergency_stop", group="Safety",
+        intent=intents.EmergencyStop(), group="Safety",
     ),
     _held("drive_forward", "Drive forward", "arrow-up", "W", "Up", group="Driving (hold)"),
     _held("drive_back", "Drive backward", "arrow-down", "S", "Down", group="Driving (hold)"),
@@ -82,11 +115,11 @@ ACTIONS: tuple[ActionSpec, ...] = (
         "strafe_right", "Move sideways to the right", "arrow-line-right", "C", group="Driving (hold)", needs="sideways"
     ),
     ActionSpec(
-        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", callback="change_speed", argument=-1,
+        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", intent=change_speed, argument=-1,
         group="Driving", by_position=True,
     ),
     ActionSpec(
-        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", callback="change_speed", argument=1,
+        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", intent=change_speed, argument=1,
         group="Driving", by_position=True,
     ),
     _held("look_up", "Look up", "caret-up", "I", group="Head (hold)", needs="head"),
@@ -94,13 +127,13 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _held("look_left", "Look left", "caret-left", "J", group="Head (hold)", needs="head"),
     _held("look_right", "Look right", "caret-right", "L", group="Head (hold)", needs="head"),
     ActionSpec(
-        "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving", callback="look_ahead",
-        group="Head (hold)", by_position=True, needs="head",
+        "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving",
+        intent=intents.LookAt(0.0, 0.0), group="Head (hold)", by_position=True, needs="head",
     ),
     *(
         ActionSpec(
             f"place_{number}", f"Go to place {number}", "flag", (f"Alt+{number}",), (str(number),), "driving",
-            callback="go_to_nth_place", argument=number, group="Places", by_position=True,
+            intent=go_to_nth_place, argument=number, group="Places", by_position=True,
         )
         for number in range(1, PLACE_COUNT + 1)
     ),
@@ -114,16 +147,16 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ),
     *(
         ActionSpec(
-            f"phrase_{number}", f"Say phrase {number}", "chat-text", (f"F{number}",), callback="say_phrase",
+            f"phrase_{number}", f"Say phrase {number}", "chat-text", (f"F{number}",), intent=say_phrase,
             argument=number, group="Speaking",
         )
         for number in range(1, PHRASE_COUNT + 1)
     ),
-    ActionSpec("filler", "Say the filler", "dots-three", ("F9",), callback="say_filler", group="Speaking"),
-    ActionSpec("silence", "Silence", "speaker-slash", ("F12",), callback="silence", group="Speaking"),
+    ActionSpec("filler", "Say the filler", "dots-three", ("F9",), intent=say_filler, group="Speaking"),
+    ActionSpec("silence", "Silence", "speaker-slash", ("F12",), intent=intents.Silence(), group="Speaking"),
     ActionSpec(
-        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo", callback="take_photo",
-        group="Session",
+        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
+        intent=intents.TakePhoto(), group="Session",
     ),
     ActionSpec(
         "mark", "Mark", "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
@@ -239,7 +272,7 @@ def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
     """The rows that exist in this scenario, with its phrases as texts."""
     rows = []
     for spec in permitted(ACTIONS, scenario.permissions):
-        if spec.callback == "say_phrase":
+        if spec.intent is say_phrase:
             if spec.argument > len(scenario.phrases):
                 continue
             spec = _with_text(spec, scenario.phrases[spec.argument - 1])  # noqa: PLW2901
@@ -312,17 +345,23 @@ def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: st
 
 
 class Actions(QObject):
-    """The table as it stands: runs actions, binds shortcuts, and knows which key works now."""
+    """The table as it stands: runs actions, binds shortcuts, and knows which key works now.
 
+    ``handlers`` has the callbacks of every row that nobody else brings along or answers for.
+    """
+
+    asking = Signal(object)  # Intent; it is about to be asked for
     rebuilt = Signal()
     rows_changed = Signal()  # robot or places have other rows now
     keys_changed = Signal()
     availability_changed = Signal()
 
-    def __init__(self, window: QWidget, handlers: object) -> None:
+    def __init__(self, window: QWidget, console: WizardConsole, handlers: object) -> None:
         super().__init__(window)
         self._window = window
+        self._console = console
         self._handlers = handlers
+        self._answering: dict[str, object] = {}
         self._specs: dict[str, ActionSpec] = {}
         self._shortcuts: list[QAction] = []
         self._panel_shortcuts: list[QShortcut] = []
@@ -353,7 +392,7 @@ class Actions(QObject):
     def _as_it_is(self, spec: ActionSpec) -> ActionSpec | None:
         if spec.needs is not None and spec.needs not in self._features:
             return None
-        if spec.callback == "go_to_nth_place":
+        if spec.intent is go_to_nth_place:
             if spec.argument > len(self._places):
                 return None
             return _with_text(spec, f"Go to {self._places[spec.argument - 1]}")
@@ -407,6 +446,10 @@ class Actions(QObject):
     def keep_only(self, groups: Iterable[str]) -> None:
         """From the next ``rebuild`` on only rows of these groups are there, besides those that were brought along."""
         self._groups = frozenset(groups)
+
+    def answer_for(self, group: str, handlers: object) -> None:
+        """Rows of this group call methods of ``handlers``."""
+        self._answering[group] = handlers
 
     def add_rows(self, specs: Iterable[ActionSpec], handlers: object) -> None:
         """Rows that a part of the window brings along, whatever the scenario; ``handlers`` has their callbacks."""
@@ -465,9 +508,26 @@ class Actions(QObject):
     def run(self, action_id: str) -> None:
         """Do it, if the scenario has it and it is available now."""
         spec = self.spec(action_id)
-        if spec is None or not spec.callback or not self.available(action_id):
+        if spec is None or not self.available(action_id):
             return
-        handlers = self._brought[action_id][1] if action_id in self._brought else self._handlers
+        intent = self.intent_of(spec)
+        if intent is not None:
+            self.asking.emit(intent)
+            self._console.do(intent)
+        elif spec.callback:
+            self._call(spec)
+
+    def intent_of(self, spec: ActionSpec) -> Intent | None:
+        """What the row would ask the console for now."""
+        if spec.intent is None or isinstance(spec.intent, Intent):
+            return spec.intent
+        return spec.intent(self._console.scenario, self._console.state, spec.argument)
+
+    def _call(self, spec: ActionSpec) -> None:
+        if spec.id in self._brought:
+            handlers = self._brought[spec.id][1]
+        else:
+            handlers = self._answering.get(spec.group, self._handlers)
         handler = getattr(handlers, spec.callback)
         if spec.argument is None:
             handler()

@@ -37,6 +37,7 @@ class Marking(QObject):
         self._console = console
         self._actions = actions
         self._hold = hold
+        actions.answer_for("Marks", self)
         self._held: dict[str, _Held] = {}
         self.card = MarkCard(theme, console, actions, window)
         self.card.earlier_requested.connect(self.mark_earlier)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Literal
 
 from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
@@ -15,6 +16,8 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.painted_once import PaintedOnce
 
 TITLE_HEIGHT_PX = 38
+WindowName = Literal["start", "export", "sessions"]
+"""Windows that a panel can ask for: start recording, export the last session, all sessions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +42,7 @@ class Panel(QWidget):
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
     title_changed = Signal(str)
+    window_wanted = Signal(str)  # WindowName
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__()
@@ -89,6 +93,16 @@ class Panel(QWidget):
 
     def catch_up(self) -> None:
         """The panel is seen again: show everything as it is now."""
+
+    def what_lasts(self) -> Any:
+        """What the next panel of this kind takes over, when all are built anew; None for nothing."""
+        return None
+
+    def take_over(self, lasting: Any) -> None:
+        """Go on from ``what_lasts`` of the panel before."""
+
+    def use_library(self, *, present: bool) -> None:
+        """Whether there is a list of all sessions to open."""
 
     def every(self, interval_ms: int, slot: Callable[[], None]) -> QTimer:
         """Call ``slot`` again and again while the panel is in view."""

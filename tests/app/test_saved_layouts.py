@@ -36,10 +36,10 @@ def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: Consol
     own = user_scenarios_dir() / "tour-guide.yaml"
     assert load_scenario(own).layout == run.console.scenario.layout == ARRANGED
     run.window.layout_save_requested.emit(PanelLeaf("map"))
-    run.window._put_panels_back()
+    run.window.layout_keeper.put_back()
     assert load_scenario(own).layout == run.console.scenario.layout == shipped
     assert set(run.window.panels) == set(panels_in(shipped))
-    run.window._put_panels_back()
+    run.window.layout_keeper.put_back()
     assert load_scenario(own).layout == shipped, "there is nothing more to undo"
 
 
@@ -48,7 +48,7 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun) -
     own = user_scenarios_dir() / "tour-guide.yaml"
     own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
     run.console.do(intents.OpenScenario(own))
-    run.window._put_panels_back()
+    run.window.layout_keeper.put_back()
     assert panels_in(load_scenario(own).layout) == ("video", "session")
 
 
@@ -58,5 +58,5 @@ def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, kept
     own = user_scenarios_dir() / "tour-guide.yaml"
     run.window.layout_save_requested.emit(PanelLeaf("map"))
     settings.setValue("layouts_before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
-    run.window._put_panels_back()
+    run.window.layout_keeper.put_back()
     assert load_scenario(own).layout == PanelLeaf("map")

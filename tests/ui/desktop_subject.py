@@ -111,7 +111,7 @@ class Subject(QObject):
         print("RESET", number, flush=True)
 
     def do_dialog(self) -> None:
-        self.window.open_start_dialog()
+        self.window.sessions.open_start_dialog()
 
     def do_combo(self) -> None:
         self.combo.show()

@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.live.state import LiveState, LiveValue
+from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus, PlaybackStatus
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.history import EditHistory
@@ -31,6 +31,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
+from tests.ui.fake_console import FakeConsole
 
 STARTED_NS = 5_000_000_000
 _UTC_NS = int(datetime(2026, 11, 21, 10, 14, tzinfo=UTC).timestamp()) * 1_000_000_000
@@ -162,11 +163,11 @@ class ReplayScene(QWidget):
     def __init__(self, theme: Theme, replay: FakeReplay, *, height_px: int = 620) -> None:
         super().__init__()
         self.theme, self.replay = theme, replay
-        self.actions_table = Actions(self, self)
         scenario = Scenario("Tour guide", PanelLeaf("video"), recording=RecordingSettings(("greeting", "question")))
+        self.console = FakeConsole(scenario)
+        self.state = self.console.state
+        self.actions_table = Actions(self, self.console, self)
         self.actions_table.rebuild(scenario)
-        self.state = LiveState(self)
-        self.state.scenario.set(scenario)
         self.timeline = TimelineView(theme, replay, self.state, self.actions_table)
         self.bar = ReplayBar(theme, replay, self.state, self.actions_table)
         column = QVBoxLayout(self)

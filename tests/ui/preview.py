@@ -23,6 +23,7 @@ from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.theme import ThemeChoice
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
@@ -120,9 +121,9 @@ def states(scene: Scene, out: Path) -> None:
     spin(1500)
     scene.save(out / "connection.png")
     window.hold.escape_pressed.emit()
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     spin(300)
-    dialog = window.findChild(type(window._dialog))
+    dialog = window.findChild(StartDialog)
     dialog.grab().save(str(out / "dialog.png"))
     dialog.reject()
     map_panel = window.panels["map"]

@@ -73,12 +73,12 @@ def test_a_closed_panel_leaves_the_tree_and_comes_back(qtbot: QtBot, window: Mai
     host = window.dock_host
     with qtbot.waitSignal(host.layout_changed):
         host.docks["map"].close()
-    tree = window.current_layout()
+    tree = window.dock_host.tree
     assert tree is not None
     assert "map" not in panels_in(tree)
     with qtbot.waitSignal(host.layout_changed):
         host.show_panel("map")
-    tree = window.current_layout()
+    tree = window.dock_host.tree
     assert tree is not None
     assert "map" in panels_in(tree)
 

@@ -147,7 +147,7 @@ def test_moving_between_driving_panels_keeps_driving(window: MainWindow, view: Q
 
 def test_a_dialog_releases(window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot) -> None:
     QTest.keyPress(view, Qt.Key.Key_W)
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     qtbot.waitUntil(lambda: bool(console.named("release_drive")))
     dialog = find(window, "start_dialog")
     QTest.keyPress(dialog, Qt.Key.Key_S, ALT)
@@ -234,7 +234,7 @@ def test_a_key_held_through_a_stop_does_not_drive_on(view: QWidget, console: Fak
 def test_escape_stops_before_a_dialog_and_a_popup_see_it(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     dialog = find(window, "start_dialog")
     QTest.keyClick(dialog, Qt.Key.Key_Escape)
     assert console.calls == [("stop", None)]
@@ -511,7 +511,7 @@ def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console:
     assert reason.property("text") == "Alt+W A S D while you type"
     find(window, "phrase_1").setFocus()
     assert chip.accessibleName() == "Alt drives"
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     qtbot.waitUntil(lambda: chip.accessibleName() == "No keys: dialog open")
     assert reason.property("text") == "No keys: dialog open"
     find(window, "start_dialog").close()

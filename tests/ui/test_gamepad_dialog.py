@@ -45,7 +45,7 @@ def pad(qtbot: QtBot, gamepads: Gamepads) -> Iterator[VirtualGamepad]:
 
 @pytest.fixture
 def dialog(window: MainWindow, gamepads: Gamepads) -> GamepadDialog:
-    window.open_gamepad_dialog()
+    window.gamepad.open()
     dialog = window.findChild(GamepadDialog)
     assert dialog is not None
     return dialog

@@ -13,8 +13,9 @@ from caris_desktop.domain.events import GoalChanged, Marked, TopicTraffic, Traff
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import AssistantStatus, MicrophoneStatus, PerceptionStatus, SpeechStatus
 from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.main_window import PANELS, MainWindow
+from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel_table import PANELS
 from tests.ui import samples
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.domain.controls import CallService, RobotControl
 from caris_desktop.live.status import LiveRobotsStatus, RecordingStatus
+from caris_desktop.ui.actions import go_to_nth_place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlays import CommandPalette, Entry, matching
 from tests.ui.conftest import find
@@ -44,9 +45,9 @@ def test_a_guess_never_speaks_or_moves(window: MainWindow, console: FakeConsole,
 def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWindow, console: FakeConsole) -> None:
     call = CallService("/do", "std_srvs/Trigger", {})
     console.state.controls.set((RobotControl("wave", "Wave", "button", call),))
-    acting = {entry.text for entry in window._entries() if entry.acts}
+    acting = {entry.text for entry in window.palette_entries() if entry.acts}
     assert {"Please follow me.", "Hmm, good question.", "Go to Kitchen", "Robot: Wave"} <= acting
-    for entry in window._entries():
+    for entry in window.palette_entries():
         before = list(console.calls)
         if entry.acts or entry.text in (RELEASE, "Start recording", "All shortcuts"):
             continue
@@ -128,7 +129,7 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
     state = console.state
     state.goal.set(None)
     state.recording.set(RecordingStatus())
-    shown = {entry.text for entry in window._entries()}
+    shown = {entry.text for entry in window.palette_entries()}
     assert not {text for text in shown if text.startswith(("Mark", "Write a note", "Wizard error"))}, "nothing records"
     assert "Start recording" in shown
     console.go_to_place("Kitchen")
@@ -137,9 +138,9 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
     state.camera.set("front")
     drive = state.drive.value
     state.drive.set(dataclasses.replace(drive, guard="clear", emergency_stop=True))
-    shown = {entry.text for entry in window._entries()}
+    shown = {entry.text for entry in window.palette_entries()}
     for spec in window.actions_table.specs:
-        if spec.callback and spec.callback != "go_to_nth_place" and spec.id != "find":
+        if spec.runs and spec.intent is not go_to_nth_place and spec.id != "find":
             assert (spec.text in shown) == window.actions_table.available(spec.id), spec.text
     assert shown >= {
         RELEASE, "Stop going to Kitchen", "Show the camera rear", "Put the panels back", "Save this panel layout",
@@ -147,10 +148,10 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
     }  # fmt: skip
     assert "Show the camera front" not in shown
     for text in ("Stop going to Kitchen", "Show the camera rear"):
-        next(entry for entry in window._entries() if entry.text == text).do()
+        next(entry for entry in window.palette_entries() if entry.text == text).do()
     assert console.named("cancel_goal") == [None]
     assert state.camera.value == "rear"
-    off = next(entry for entry in window._entries() if entry.text == "Switch the obstacle guard off")
+    off = next(entry for entry in window.palette_entries() if entry.text == "Switch the obstacle guard off")
     assert off.deliberate, "as the button, which has to be held"
 
 
@@ -158,13 +159,13 @@ def test_a_replay_finds_what_a_replay_can_do(window: MainWindow, console: FakeCo
     replay = FakeReplay()
     window.use_replay(replay)
     console.emergency_stop()  # as the record says
-    entries = window._entries()
+    entries = window.palette_entries()
     assert not [entry.text for entry in entries if entry.acts or entry.deliberate]
     shown = {entry.text for entry in entries}
     assert {"Play or pause", "Map"} <= shown
     assert not {"Stop the robot", "Emergency stop", "Silence"} & shown, "there is no robot"
     replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
-    assert {"Stop the robot", "Emergency stop"} <= {entry.text for entry in window._entries()}
+    assert {"Stop the robot", "Emergency stop"} <= {entry.text for entry in window.palette_entries()}
     assert not {text for text in shown if "record" in text or text.startswith(("Open scenario", "Save", "Connect to"))}
 
 

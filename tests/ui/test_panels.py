@@ -646,7 +646,7 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
     panel.show_category("Session")
     console.state.take(Marked(now_ns + 1, "between"))
     assert panel.log_lines()[-5:] == [expected[0], "Marked: between", *expected[1:]]
-    panel.restore_log(list(reversed(panel.log_entries())))
+    panel.take_over(list(reversed(panel.what_lasts())))
     assert panel.log_lines()[-3] == "Marked: two"
 
 

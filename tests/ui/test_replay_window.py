@@ -53,7 +53,7 @@ def past(qtbot: QtBot, settings: MemorySettings, theme: Theme, replay: FakeRepla
     window.use_replay(replay)
     window.resize(1366, 768)
     window.show()
-    for name in window.possible_panels():
+    for name in window.board.possible():
         window.open_panel(name)
     return window
 
@@ -131,7 +131,7 @@ def test_over_a_dialog_the_button_says_the_same(qtbot: QtBot, window: MainWindow
 
 def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeConsole) -> None:
     assert console.state.recording.value.state == "recording", "then"
-    assert window._what_closing_ends() == []
+    assert window.closing.what_ends() == []
     assert samples.TOUR.title in window.windowTitle()
 
 

@@ -70,12 +70,12 @@ def dialog(qtbot: QtBot, window: MainWindow, console: FakeConsole, explorer: Mem
     console.state.drive.set(type(console.state.drive.value)(allowed=True, reason=""))
     console.calls.clear()
     window.use_explorer(explorer)
-    window.open_robot_dialog()
+    window.robots.open_dialog()
     found = window.findChild(RobotDialog)
     assert isinstance(found, RobotDialog)
     qtbot.waitUntil(found.isVisible)
     yield found
-    if window._robot_dialog is not None:
+    if window.robots.dialog_open:
         found.close()
 
 
@@ -194,5 +194,5 @@ def test_escape_closes_the_dialog_and_stops_the_robot(
     assert console.named("stop") == [None]
     assert not dialog.isVisible()
     assert explorer.cancelled
-    window.open_robot_dialog()
+    window.robots.open_dialog()
     assert [each for each in window.findChildren(RobotDialog) if each.isVisible()]

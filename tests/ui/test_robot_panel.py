@@ -121,7 +121,7 @@ def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
     click(qtbot, find(panel, "control_wave_button"))
     click(qtbot, find(panel, "control_lamp_button"))
     assert console.named("use_control") == [("lamp", True)]
-    found = {entry.text for entry in window._entries()}
+    found = {entry.text for entry in window.palette_entries()}
     assert "Robot: Lamp" in found
     assert "Robot: Wave" not in found
     console.state.drive.set(replace(console.state.drive.value, emergency_stop=False))

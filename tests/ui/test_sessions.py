@@ -195,7 +195,7 @@ def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, co
     console.bytes_per_hour, console.free = 1.2e9, 64_000_000_000
     console.inputs, console.input = ("", "Desk microphone"), "Desk microphone"
     console.stop_session()
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     kept, room = find(window, "start_kept"), find(window, "start_room")
     assert isinstance(kept, QLabel)
     assert isinstance(room, QLabel)
@@ -217,7 +217,7 @@ def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, co
 
 def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, console: FakeConsole) -> None:
     console.inputs = ("", "Desk microphone")
-    window.open_start_dialog()
+    window.sessions.open_start_dialog()
     assert window.findChild(QWidget, "start_microphone") is None
     find(window, "start_dialog").close()
     assert kept_words(Permissions(audio_recording=False), "x").endswith("No sound.")
@@ -482,7 +482,7 @@ def test_a_folder_is_chosen_without_a_system_dialog(qtbot: QtBot, dialog: Export
 def test_the_window_opens_sessions_and_exports(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, library: FakeLibrary
 ) -> None:
-    assert "All sessions…" not in [each.text for each in window._entries()]
+    assert "All sessions…" not in [each.text for each in window.palette_entries()]
     window.use_library(library)
     console.stop_session()
     choose_from_window_menu(qtbot, window, "All sessions…")
@@ -515,10 +515,10 @@ def test_the_window_opens_sessions_and_exports(
 
 def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     def settle() -> None:
-        qtbot.waitUntil(lambda: not window._layout_rest.isActive(), timeout=5000)
+        qtbot.waitUntil(lambda: not window.layout_keeper.rest.isActive(), timeout=5000)
 
-    assert window._layout_rest.interval() == 1000
-    window._layout_rest.setInterval(100)
+    assert window.layout_keeper.rest.interval() == 1000
+    window.layout_keeper.rest.setInterval(100)
     settle()
     assert console.named("keep_layout") == [], "as the scenario says, whatever the sizes on this screen"
     for name in ("diagnostics", "motion"):
@@ -527,7 +527,7 @@ def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWin
     (tree,) = console.named("keep_layout")
     assert isinstance(tree, SplitNode)
     assert {"diagnostics", "motion"} <= set(panels_in(tree))
-    window._tell_layout()
+    window.layout_keeper.tell()
     assert len(console.named("keep_layout")) == 1, "nothing has changed since"
     window.show_scenario(console.scenario)
     settle()

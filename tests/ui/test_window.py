@@ -374,7 +374,7 @@ def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_ag
     window.layout_save_requested.connect(saved.append)
     choose_from_window_menu(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" in window.panels)
-    tree = window.current_layout()
+    tree = window.dock_host.tree
     assert tree is not None
     tabs = next(node for node in nodes_of(tree) if isinstance(node, TabNode) and "diagnostics" in node.tabs)
     assert tabs == TabNode(("assistant", "session", "diagnostics"), "diagnostics")
@@ -383,7 +383,7 @@ def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_ag
     assert "diagnostics" in panels_in(saved[0])  # type: ignore[arg-type]
     choose_from_window_menu(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" not in window.panels)
-    tree = window.current_layout()
+    tree = window.dock_host.tree
     assert tree is not None
     assert "diagnostics" not in panels_in(tree)
     assert set(window.panels) == set(panels_in(samples.TOUR.layout))
@@ -417,10 +417,10 @@ def test_what_is_switched_off_cannot_be_added(qtbot: QtBot, settings: MemorySett
     window = open_window(
         qtbot, FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions)), settings, theme
     )
-    assert not {"drive", "assistant", "robot"} & set(window.possible_panels())
+    assert not {"drive", "assistant", "robot"} & set(window.board.possible())
     window.open_panel("robot")
     assert "robot" not in window.panels
-    assert not [entry.text for entry in window._entries() if entry.text.startswith(("Robot", "Drive", "Go to"))]
+    assert not [entry.text for entry in window.palette_entries() if entry.text.startswith(("Robot", "Drive", "Go to"))]
 
 
 def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end(
@@ -451,7 +451,7 @@ def test_a_robot_whose_profile_is_broken_is_listed_with_the_reason(
 ) -> None:
     broken = RobotChoice("mine", "mine", "", "line 3: 'speed' is not known")
     monkeypatch.setattr(console, "robots", lambda: [broken])
-    window._open_robot_menu()
+    window.menus.open_robot_menu()
     menu = window.findChild(QMenu, "robot_menu")
     assert menu is not None
     action = menu.actions()[0]
@@ -463,7 +463,7 @@ def test_at_rest_another_robot_is_connected_at_once(window: MainWindow, console:
     console.state.goal.set(None)
     console.state.recording.set(RecordingStatus())
     console.state.drive.set(DriveStatus(allowed=True, reason=""))
-    window.choose_robot(console.robots()[1])
+    window.robots.choose(console.robots()[1])
     assert console.named("use_robot") == ["tiago"]
 
 
@@ -513,7 +513,7 @@ def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: Fak
         (RobotControl("wave", "Wave", "button", call), RobotControl("dock", "Dock", "button", call, confirm=True))
     )
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True, mapping=False))
-    entries = window._entries()
+    entries = window.palette_entries()
     best = {query: matching(entries, query)[0] for query in ("robot wave", "tiago", "start mapping", "diagnostics")}
     assert {query: entry.text for query, entry in best.items()} == {
         "robot wave": "Robot: Wave", "tiago": "Connect to TIAGo", "start mapping": "Start mapping",
@@ -552,7 +552,7 @@ def test_saving_the_layout_keeps_what_is_typed(qtbot: QtBot, settings: MemorySet
     console = FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
     window = open_window(qtbot, console, settings, theme)
     window.open_panel("diagnostics")
-    tree = window.current_layout()
+    tree = window.dock_host.tree
     assert tree is not None
     copy = dataclasses.replace(samples.TOUR, layout=tree, path=Path("/own/tour_guide.yaml"), sha256="other")
     console._others[Path("/own/tour_guide.yaml")] = copy

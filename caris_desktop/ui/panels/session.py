@@ -16,7 +16,6 @@ from PySide6.QtCore import (
     QSize,
     Qt,
     QUrl,
-    Signal,
 )
 from PySide6.QtGui import QDesktopServices, QFont, QFontMetrics, QHelpEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
@@ -66,15 +65,9 @@ class LogEntry:
 
 
 class SessionPanel(Panel):
-    """Start, pause and stop, labels to mark with, and the log.
-
-    The signals ask the window for what is a window of its own: start dialog, export and all sessions.
-    """
+    """Start, pause and stop, labels to mark with, and the log."""
 
     title = "Session"
-    start_requested = Signal()
-    export_requested = Signal()
-    sessions_requested = Signal()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -93,11 +86,11 @@ class SessionPanel(Panel):
         self._export = ActionButton(self.theme, "Export…", icon="export")
         self._export.setObjectName("session_export")
         self._export.setToolTip("Write the last session as tables, for ELAN, as a report, …")
-        self._export.clicked.connect(self.export_requested)
+        self._export.clicked.connect(lambda: self.window_wanted.emit("export"))
         self._sessions = ActionButton(self.theme, "All sessions", icon="archive")
         self._sessions.setObjectName("session_all")
         self._sessions.setToolTip("Find, replay and export the sessions of this study")
-        self._sessions.clicked.connect(self.sessions_requested)
+        self._sessions.clicked.connect(lambda: self.window_wanted.emit("sessions"))
         self._has_library = False
         self._pause = ActionButton(self.theme, "Pause", icon="pause")
         self._pause.setObjectName("session_pause")
@@ -165,16 +158,14 @@ class SessionPanel(Panel):
         """The sentences of the log, of the chosen category, oldest first."""
         return [entry.sentence for entry in self._model.chosen()]
 
-    def restore_log(self, entries: Sequence[LogEntry]) -> None:
-        """Take over what another instance of this panel had (the scenario was switched)."""
-        self._model.replace(entries)
-        self._log.scrollToBottom()
-
-    def log_entries(self) -> list[LogEntry]:
+    def what_lasts(self) -> list[LogEntry]:
         return self._model.entries()
 
+    def take_over(self, lasting: Sequence[LogEntry]) -> None:
+        self._model.replace(lasting)
+        self._log.scrollToBottom()
+
     def use_library(self, *, present: bool) -> None:
-        """Whether there is a list of all sessions to open."""
         self._has_library = present
         self._refresh()
 
@@ -221,7 +212,7 @@ class SessionPanel(Panel):
         if self.state.recording.value.state in IN_SESSION:
             self.console.do(intents.StopRecording())
         else:
-            self.start_requested.emit()
+            self.window_wanted.emit("start")
 
     def _on_pause(self) -> None:
         self.console.do(intents.PauseRecording(paused=self.state.recording.value.state == "recording"))

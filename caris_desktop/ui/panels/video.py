@@ -26,6 +26,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox, RobotPose
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow
@@ -161,6 +162,7 @@ class VideoPanel(Panel):
         state.cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_cameras_changed)
         self.table.keys_changed.connect(self._refresh)
+        self.table.asking.connect(self._on_asking)
         self.every(250, self._refresh)
         self.catch_up()
 
@@ -387,8 +389,10 @@ class VideoPanel(Panel):
             kept = "Photo kept with the session" if in_session else "Photo kept in the study’s folder"
             self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
 
-    def remember_photo(self) -> None:
-        """The picture that is being kept now: it is shown small once it is."""
+    def _on_asking(self, intent: Intent) -> None:
+        """The picture of a photo is shown small once it is kept; the one on show now is a good guess which."""
+        if not isinstance(intent, intents.TakePhoto):
+            return
         frame: FrameRef | None = self.state.frame.value
         image_bgr = self.console.frames.read(frame) if frame is not None else None
         if frame is not None and image_bgr is not None:

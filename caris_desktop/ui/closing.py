@@ -1,0 +1,74 @@
+"""Closing the window: asks a person first where that ends something, and says why it stays open."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QObject
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.events import Problem
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.overlays import Overlay
+from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.robot_choice import motion_that_ends
+
+
+class Closing(QObject):
+    """``overlays`` would cover the question."""
+
+    def __init__(
+        self,
+        window: QWidget,
+        console: WizardConsole,
+        question: QuestionBand,
+        problems: ProblemCards,
+        overlays: Sequence[Overlay],
+    ) -> None:
+        super().__init__(window)
+        self._window = window
+        self._console = console
+        self._question = question
+        self._problems = problems
+        self._overlays = overlays
+        self._replay = False
+
+    def use_replay(self) -> None:
+        """It was recorded and driven long ago: closing ends nothing."""
+        self._replay = True
+
+    def asks_first(self, event: QCloseEvent) -> bool:
+        """Whether a person, not the program itself, closes the window and is now asked about what ends with it."""
+        ends = self.what_ends() if event.spontaneous() else []
+        if ends:
+            self._ask(ends)
+        return bool(ends)
+
+    def what_ends(self) -> list[str]:
+        if self._replay:
+            return []
+        saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
+        return [*(["The recording ends and is saved."] if saved else []), *motion_that_ends(self._console.state)]
+
+    def _ask(self, ends: list[str]) -> None:
+        for overlay in self._overlays:
+            overlay.close_overlay()
+        if self._window.isMinimized():
+            self._window.showNormal()
+        self._question.ask(f"Close the console? {' '.join(ends)}", "Close the console", lambda: self._on_agreed(ends))
+
+    def _on_agreed(self, asked: list[str]) -> None:
+        ends = self.what_ends()
+        if set(ends) <= set(asked):
+            self._window.close()
+        else:
+            self._ask(ends)
+
+    def tell_refused(self) -> None:
+        """Something drives: the window was asked to close, and stays."""
+        self._problems.show_problem(
+            Problem(
+                self._console.state.present.now_ns(), "info", "The window stays open while you drive.", "",
+                "Let go of the drive keys and of Alt, then close it.",
+            )
+        )  # fmt: skip

@@ -1,0 +1,47 @@
+"""The gamepad of the window: it drives, and its own window shows it and what its parts do."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.theme import Theme
+
+if TYPE_CHECKING:  # imported when it is first opened
+    from caris_desktop.ui.gamepad_dialog import GamepadDialog
+
+
+class GamepadWindow:
+    """Lets the gamepad drive once there is one, and opens its window where the scenario drives."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget) -> None:
+        self._theme = theme
+        self._console = console
+        self._hold = hold
+        self._window = window
+        self._gamepads: Gamepads | None = None
+        self._dialog: GamepadDialog | None = None
+
+    @property
+    def offered(self) -> bool:
+        return self._gamepads is not None and self._console.scenario.permissions.driving
+
+    def use_gamepads(self, gamepads: Gamepads) -> None:
+        """Let the gamepad drive, stop and do what its buttons are set to, and its window be opened."""
+        if gamepads is not self._gamepads:
+            self._gamepads = gamepads
+            self._hold.use_gamepads(gamepads)
+
+    def open(self) -> None:
+        """Show the gamepad, live, and what its parts do. Not modal: the robot can be stopped meanwhile."""
+        if self._gamepads is None:
+            return
+        from caris_desktop.ui.gamepad_dialog import GamepadDialog
+
+        if self._dialog is None:
+            self._dialog = GamepadDialog(self._theme, self._console.state, self._gamepads, self._window)
+        self._dialog.show()
+        self._dialog.raise_()
+        self._dialog.activateWindow()

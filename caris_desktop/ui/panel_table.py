@@ -1,0 +1,58 @@
+"""The one table of panels: where each is programmed, its icon, its neighbours, and without what it makes no sense."""
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from caris_desktop.domain.intents import Permission
+from caris_desktop.scenario.model import PanelName, Permissions
+from caris_desktop.ui.panel import Panel
+
+
+@dataclass(frozen=True, slots=True)
+class PanelSpec:
+    """One row.
+
+    ``module`` and ``class_name`` say where the panel is programmed: one that no scenario shows is never imported.
+    ``neighbours``: a panel that the scenario's layout does not have is put in a tab with the first of these that is
+    open. Without ``permission`` the panel is absent, whatever the layout says.
+    """
+
+    title: str
+    module: str
+    class_name: str
+    icon: str
+    neighbours: tuple[PanelName, ...]
+    permission: Permission | None = None
+
+    def load(self) -> type[Panel]:
+        """The panel's class, imported when it is first needed."""
+        panel: type[Panel] = getattr(importlib.import_module(f"caris_desktop.ui.panels.{self.module}"), self.class_name)
+        return panel
+
+
+PANELS: Mapping[PanelName, PanelSpec] = {
+    "video": PanelSpec("Video", "video", "VideoPanel", "video-camera", ("map", "people")),
+    "map": PanelSpec("Map", "map", "MapPanel", "map-trifold", ("people", "session", "drive")),
+    "drive": PanelSpec("Drive", "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"),
+    "people": PanelSpec("People", "people", "PeoplePanel", "users", ("session", "drive", "map")),
+    "speak": PanelSpec("Speak", "speak", "SpeakPanel", "chat-text", ("assistant",)),
+    "assistant": PanelSpec(
+        "Assistant", "assistant", "AssistantPanel", "sparkle", ("people", "session", "map"), "assistant"
+    ),
+    "session": PanelSpec("Session", "session", "SessionPanel", "list-bullets", ("people", "drive", "assistant", "map")),
+    "robot": PanelSpec(
+        "Robot", "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
+    ),
+    "motion": PanelSpec("Motion", "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")),
+    "diagnostics": PanelSpec(
+        "Diagnostics", "diagnostics", "DiagnosticsPanel", "gauge", ("session", "people", "assistant", "drive", "map")
+    ),
+}
+
+
+def possible_panels(permissions: Permissions) -> tuple[PanelName, ...]:
+    """Every panel that these permissions allow, whether the layout has it or not."""
+    return tuple(
+        name for name, spec in PANELS.items() if spec.permission is None or getattr(permissions, spec.permission)
+    )

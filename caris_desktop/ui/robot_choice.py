@@ -1,0 +1,130 @@
+"""Which robot to connect to: asks first where another one ends something, and looks for robots without a profile."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject
+from PySide6.QtGui import QActionGroup
+from PySide6.QtWidgets import QMenu, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import DriveStatus, LinkStatus
+from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
+from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.words import UNDER_WAY, shortened
+
+if TYPE_CHECKING:  # imported when it is first opened
+    from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
+
+
+def motion_that_ends(state: LiveState) -> list[str]:
+    """What moves the robot now and would end with its link."""
+    drive: DriveStatus = state.drive.value
+    goal: GoalChanged | None = state.goal.value
+    present = shortened(state.link.value.robot, 40) or "The present robot"
+    if goal is not None and goal.state in UNDER_WAY:
+        place = shortened(goal.place or "", 40) or "a point on the map"
+        return [f"{present} is on its way to {place} and will stop."]
+    if drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps:
+        return [f"{present} is being driven and will stop."]
+    return []
+
+
+class RobotChooser(QObject):
+    """Connects to another robot. Robots without a profile can be looked for once there is an explorer."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, question: QuestionBand, window: QWidget) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._console = console
+        self._question = question
+        self._window = window
+        self._explorer: RobotExplorer | None = None
+        self._dialog: RobotDialog | None = None
+
+    @property
+    def can_look(self) -> bool:
+        """Whether robots without a profile can be looked for."""
+        return self._explorer is not None
+
+    @property
+    def dialog_open(self) -> bool:
+        return self._dialog is not None
+
+    def use_explorer(self, explorer: "RobotExplorer") -> None:
+        """Let the wizard look for robots and save profiles of them."""
+        self._explorer = explorer
+
+    def choose(self, choice: RobotChoice) -> None:
+        """Connect to another robot; asks first where that ends something."""
+        ends = self._what_ends()
+        if not ends:
+            self._use(choice)
+            return
+        self._question.ask(
+            f"Connect to {choice.title} now? {ends}", f"Connect to {choice.title}", lambda: self._use(choice)
+        )
+
+    def chooser(self, choice: RobotChoice) -> Callable[[], None]:
+        return lambda: self.choose(choice)
+
+    def others(self) -> list[RobotChoice]:
+        """The robots that can be connected to instead of the present one."""
+        return [choice for choice in self._console.robots() if not self._is_current(choice) and not choice.problem]
+
+    def fill_menu(self, menu: QMenu) -> None:
+        """A line for each robot, and one to look for others."""
+        menu.clear()
+        menu.setToolTipsVisible(True)
+        group = QActionGroup(menu)
+        for choice in self._console.robots():
+            action = menu.addAction(f"{choice.title} · cannot be used" if choice.problem else choice.title)
+            action.setCheckable(True)
+            action.setChecked(self._is_current(choice))
+            action.setActionGroup(group)
+            action.setEnabled(not choice.problem)
+            action.setToolTip(choice.problem or choice.address)
+            action.triggered.connect(self.chooser(choice))
+        if self.can_look:
+            menu.addSeparator()
+            menu.addAction("Connect another robot…").triggered.connect(self.open_dialog)
+
+    def open_dialog(self) -> None:
+        """Look at a robot that has no profile yet. One dialog at a time."""
+        if self._explorer is None:
+            return
+        from caris_desktop.ui.robot_dialog import RobotDialog
+
+        if self._dialog is not None:
+            self._dialog.raise_()
+            self._dialog.activateWindow()
+            return
+        link: LinkStatus = self._console.state.link.value
+        self._dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
+        self._dialog.saved.connect(self.choose)
+        self._dialog.finished.connect(self._on_dialog_finished)
+        self._dialog.show()
+
+    def _on_dialog_finished(self, _result: int) -> None:
+        if self._dialog is not None:
+            self._dialog.deleteLater()
+        self._dialog = None
+
+    def _use(self, choice: RobotChoice) -> None:
+        # A profile that was refused has told why.
+        self._console.do(intents.UseRobot(choice.name))
+
+    def _what_ends(self) -> str:
+        ends = motion_that_ends(self._console.state)
+        if self._console.state.recording.value.state in ("recording", "starting"):
+            ends.append("The recording goes on with the other robot.")
+        return " ".join(ends)
+
+    def _is_current(self, choice: RobotChoice) -> bool:
+        robot = self._console.state.robot.value
+        if robot is not None:
+            return bool(robot.name == choice.name)
+        return bool(self._console.state.link.value.robot == choice.title)

@@ -1,0 +1,45 @@
+"""Which scenarios there are to choose from, and what changes in the window when another one is opened."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.ui.dock_host import panels_in
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioChoice:
+    """A line of the scenario menu."""
+
+    title: str
+    path: Path
+
+
+def shipped_scenarios() -> list[ScenarioChoice]:
+    """The scenario files that come with the program, named after their files."""
+    return [
+        ScenarioChoice(path.stem.replace("_", " ").replace("-", " ").capitalize(), path)
+        for path in sorted(layouts_dir().glob("*.yaml"))
+    ]
+
+
+def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
+    """Whether no panel has to be built anew, so that what is typed and not yet said stays.
+
+    So it is where only a place was saved or removed (panels follow ``state.places``), or the present arrangement.
+    """
+    return _only_other_places(before, after) or _only_saves_the_layout(before, after, arranged)
+
+
+def _only_other_places(before: Scenario, after: Scenario) -> bool:
+    moved = replace(after, places=before.places, path=before.path, sha256=before.sha256)
+    return before.places != after.places and moved == before
+
+
+def _only_saves_the_layout(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
+    return (
+        arranged is not None
+        and set(panels_in(after.layout)) == set(panels_in(arranged))
+        and replace(after, layout=before.layout, path=before.path, sha256=before.sha256, places=before.places) == before
+    )

@@ -1,0 +1,142 @@
+"""The windows about sessions: the dialog before a recording, the list of all sessions, the export."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, QPoint, Signal
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.status import IN_SESSION, RecordingStatus
+from caris_desktop.live.wizard_console import SessionLibrary, WizardConsole
+from caris_desktop.ui.layout_keeper import WINDOW_FRAME
+from caris_desktop.ui.theme import Theme
+
+if TYPE_CHECKING:  # imported when they are first opened
+    from caris_desktop.ui.export_dialog import ExportDialog
+    from caris_desktop.ui.sessions_window import SessionsWindow
+    from caris_desktop.ui.start_dialog import StartDialog
+
+
+class SessionWindows(QObject):
+    """Opens them beside ``window``, one of each; all but the first need a library."""
+
+    begun = Signal(object)  # TrialDetails, of the recording that is being started
+
+    def __init__(self, theme: Theme, console: WizardConsole, window: QWidget) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._console = console
+        self._window = window
+        self._library: SessionLibrary | None = None
+        self._start: StartDialog | None = None
+        self._sessions: SessionsWindow | None = None
+        self._export: ExportDialog | None = None
+        self._last: TrialDetails | None = None
+        console.state.recording.changed.connect(self._on_recording_changed)
+
+    @property
+    def has_library(self) -> bool:
+        return self._library is not None
+
+    def use_library(self, library: SessionLibrary) -> None:
+        self._library = library
+
+    def open(self, name: str) -> None:
+        """What a panel asks for, a WindowName."""
+        match name:
+            case "start":
+                self.open_start_dialog()
+            case "export":
+                self.export_last_session()
+            case "sessions":
+                self.open_sessions()
+
+    def open_start_dialog(self) -> None:
+        """Ask who takes part, then start recording. One dialog at a time."""
+        if self._start is not None:
+            self._start.raise_()
+            return
+        from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
+
+        console, suggested = self._console, self._console.suggested_details()
+        offer = RecordingOffer(
+            console.scenario.permissions, last_details(suggested, self._last), console.expected_bytes_per_hour(),
+            console.free_bytes(), console.microphones(), console.microphone,
+        )  # fmt: skip
+        self._start = StartDialog(self._theme, suggested, self._window, offer)
+        self._start.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))
+        self._start.begin.connect(self._on_begin)
+        self._start.finished.connect(self._on_start_finished)
+        self._start.open()
+
+    def _on_begin(self, details: TrialDetails) -> None:
+        self._last = details
+        self.begun.emit(details)
+        self._console.do(intents.StartRecording(details))
+
+    def _on_start_finished(self, _result: int) -> None:
+        self._start = None
+
+    def open_sessions(self) -> None:
+        """Show all sessions, in a window beside this one."""
+        if self._library is None:
+            return
+        from caris_desktop.ui.sessions_window import SessionsWindow
+
+        if self._sessions is None:
+            self._sessions = SessionsWindow(self._theme, self._library, self._window)
+            self._sessions.export_requested.connect(self.open_export)
+            self._on_recording_changed(self._console.state.recording.value)
+        _bring_up(self._sessions)
+
+    def open_export(self, sessions: Sequence[Path]) -> None:
+        """Ask in which formats to write these sessions, in a window beside this one."""
+        if self._library is None:
+            return
+        from caris_desktop.ui.export_dialog import ExportDialog
+
+        if self._export is None:
+            self._export = ExportDialog(self._theme, self._library, sessions, self._window)
+        else:
+            self._export.show_sessions(sessions)
+        _bring_up(self._export)
+
+    def export_last_session(self) -> None:
+        folder = self._console.state.recording.value.folder
+        if folder is not None:
+            self.open_export([folder])
+
+    def close(self) -> None:
+        for window in (self._export, self._sessions):
+            if window is not None:
+                window.close()
+
+    def close_the_active_one(self) -> None:
+        """Who stops the robot from the main window keeps them."""
+        for window in (self._export, self._sessions):
+            if window is not None and window.isActiveWindow():
+                window.close()
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if self._sessions is None:
+            return
+        self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
+        if status.state == "idle" and self._sessions.isVisible():
+            self._sessions.refresh()  # one more
+
+
+def _bring_up(window: QWidget) -> None:
+    parent = window.parentWidget()
+    if parent is not None and not window.isVisible():
+        # A window manager would put it into a corner.
+        room = window.screen().availableGeometry()
+        place = window.geometry()
+        place.moveCenter(parent.frameGeometry().center())
+        place.moveTopLeft(QPoint(max(room.left(), place.left()), max(room.top() + WINDOW_FRAME.height(), place.top())))
+        window.move(place.topLeft())
+    window.show()
+    window.raise_()
+    window.activateWindow()

@@ -1,0 +1,34 @@
+"""What the menus of the window and its palette offer, part by part."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.gamepad_window import GamepadWindow
+from caris_desktop.ui.layout_keeper import LayoutKeeper
+from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.scenario_choice import ScenarioChoice
+from caris_desktop.ui.session_windows import SessionWindows
+from caris_desktop.ui.theme import Theme, ThemeChoice
+
+THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
+
+
+@dataclass(frozen=True, slots=True)
+class WindowParts:
+    """``scenarios`` gives what there is to choose from each time it is asked."""
+
+    console: WizardConsole
+    theme: Theme
+    actions: Actions
+    panels: PanelBoard
+    layout: LayoutKeeper
+    sessions: SessionWindows
+    robots: RobotChooser
+    gamepad: GamepadWindow
+    scenarios: Callable[[], Sequence[ScenarioChoice]]
+    open_scenario: Callable[[Path], None]
+    choose_theme: Callable[[ThemeChoice], None]
