@@ -1,126 +1,33 @@
 """All sessions of the study: find them by what heads them or by what was said, replay and export them."""
 
-import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import (
-    QAbstractListModel,
-    QAbstractTableModel,
-    QItemSelectionModel,
-    QModelIndex,
-    QPersistentModelIndex,
-    QRect,
-    QRectF,
-    QSize,
-    Qt,
-    QTimer,
-    QUrl,
-    Signal,
-)
-from PySide6.QtGui import (
-    QCloseEvent,
-    QDesktopServices,
-    QFontMetrics,
-    QIcon,
-    QKeyEvent,
-    QPainter,
-    QPaintEvent,
-    QShowEvent,
-)
+from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, Qt, QTimer, QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QKeyEvent, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
     QLineEdit,
-    QListView,
     QSplitter,
-    QStyle,
-    QStyledItemDelegate,
-    QStyleOptionViewItem,
-    QTableView,
     QVBoxLayout,
     QWidget,
 )
 
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.icons import icon
+from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
+from caris_desktop.ui.session_table import COLUMNS, SessionsModel, SessionTable, lacks_words, natural_order
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 _TYPING_PAUSE_MS = 120
-_ROW_PX = 36
-_HIT_ROLE = int(Qt.ItemDataRole.UserRole)
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One column of the list: its title, what it says of a session, and what it is sorted by."""
-
-    title: str
-    text: Callable[[SessionEntry], str]
-    key: Callable[[SessionEntry], Any]
-    width_px: int
-    right: bool = False
-
-
-def local_time(started_utc: str) -> str:
-    """2026-11-21 14:02, in the time of this computer; the text as it is where it is no time."""
-    try:
-        return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
-    except ValueError:
-        return started_utc
-
-
-def state_words(entry: SessionEntry) -> str:
-    """Whether the session is whole and counts, and what went wrong in it."""
-    whole = "Copy" if entry.copy_of else "Complete"
-    parts = ["Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else whole]
-    if entry.purpose:
-        parts.insert(0, entry.purpose.capitalize())
-    if entry.problems:
-        parts.append(words.counted(entry.problems, "problem"))
-    return " · ".join(parts)
-
-
-def lacks_words(entry: SessionEntry) -> str:
-    """What a session lacks, and that it is a copy of another one; empty for most."""
-    copy = f"This is a copy of {entry.copy_of}: it counts once. " if entry.copy_of else ""
-    return f"{copy}{' '.join(entry.losses)}".strip()
-
-
-def _natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """P7 before P12."""
-    parts = re.findall(r"\d+|\D+", text.casefold())
-    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
-
-
-def _doubtful(entry: SessionEntry) -> bool:
-    return not entry.closed_properly or bool(entry.losses or entry.copy_of)
-
-
-COLUMNS: tuple[Column, ...] = (
-    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
-    Column("Participant", lambda entry: entry.participant, lambda entry: _natural(entry.participant), 100),
-    Column("Condition", lambda entry: entry.condition, lambda entry: _natural(entry.condition), 88),
-    Column("Trial", lambda entry: entry.trial, lambda entry: _natural(entry.trial), 62),
-    Column("Recording", lambda entry: entry.recording, lambda entry: _natural(entry.recording), 90),
-    Column("Wizard", lambda entry: entry.wizard, lambda entry: _natural(entry.wizard), 84),
-    Column("Scenario", lambda entry: entry.scenario, lambda entry: _natural(entry.scenario), 160),
-    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 76, right=True),
-    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True),
-    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
-    Column("State", state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
-)
 _FILTERS = (
     ("participant", "All participants"),
     ("condition", "All conditions"),
@@ -128,209 +35,6 @@ _FILTERS = (
     ("scenario", "All scenarios"),
     ("purpose", "All kinds of runs"),
 )
-
-
-class SessionsModel(QAbstractTableModel):
-    """The sessions as rows, sorted by one column."""
-
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._theme = theme
-        self._entries: list[SessionEntry] = []
-        self.recording: Path | None = None
-        self._column, self._order = 0, Qt.SortOrder.DescendingOrder
-
-    def show_entries(self, entries: Sequence[SessionEntry]) -> None:
-        self.beginResetModel()
-        self._entries = list(entries)
-        self._sort()
-        self.endResetModel()
-
-    def entry(self, row: int) -> SessionEntry:
-        return self._entries[row]
-
-    def row_of(self, folder: Path) -> int | None:
-        return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
-
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._entries)
-
-    def columnCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(COLUMNS)
-
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        entry, column = self._entries[index.row()], COLUMNS[index.column()]
-        goes_on = entry.folder == self.recording
-        if role == Qt.ItemDataRole.DisplayRole:
-            return "Recording now" if goes_on and column.title == "State" else column.text(entry)
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
-            return int(side | Qt.AlignmentFlag.AlignVCenter)
-        if role == Qt.ItemDataRole.ToolTipRole:
-            said = (str(entry.folder), "Recording now" if goes_on else state_words(entry), lacks_words(entry))
-            return "\n".join(part for part in said if part)
-        if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
-            return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
-        return None
-
-    def headerData(
-        self, section: int, orientation: Qt.Orientation, role: int = int(Qt.ItemDataRole.DisplayRole)
-    ) -> Any:
-        if orientation == Qt.Orientation.Horizontal:
-            if role == Qt.ItemDataRole.DisplayRole:
-                return COLUMNS[section].title
-            if role == Qt.ItemDataRole.TextAlignmentRole:
-                side = Qt.AlignmentFlag.AlignRight if COLUMNS[section].right else Qt.AlignmentFlag.AlignLeft
-                return int(side | Qt.AlignmentFlag.AlignVCenter)
-        return None
-
-    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
-        self.layoutAboutToBeChanged.emit()
-        before = self.persistentIndexList()
-        entries = [(self._entries[index.row()], index.column()) for index in before]
-        self._column, self._order = column, order
-        self._sort()
-        rows = {id(entry): row for row, entry in enumerate(self._entries)}
-        self.changePersistentIndexList(before, [self.index(rows[id(entry)], place) for entry, place in entries])
-        self.layoutChanged.emit()
-
-    def _sort(self) -> None:
-        key = COLUMNS[self._column].key
-        self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
-
-
-def _warning_icon(theme: Theme) -> QIcon:
-    return icon("warning", theme.color("amber"), 16)
-
-
-class HitsModel(QAbstractListModel):
-    """Where the text was found."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._hits: tuple[SearchHit, ...] = ()
-        self._whose: dict[Path, str] = {}
-        self.pattern: re.Pattern[str] | None = None
-
-    def show_hits(self, status: LibraryStatus) -> None:
-        if status.updating and status.hits == self._hits:
-            return  # those of the search before, until there are others
-        self.beginResetModel()
-        self._hits = status.hits
-        self._whose = {
-            entry.folder: " · ".join(part for part in (entry.participant, local_time(entry.started_utc)[:10]) if part)
-            for entry in status.sessions
-        }
-        found = [re.escape(word.strip("\"'*")) for word in status.query.text.split() if word.strip("\"'*")]
-        self.pattern = re.compile("|".join(found), re.IGNORECASE) if found else None
-        self.endResetModel()
-
-    def hit(self, row: int) -> SearchHit:
-        return self._hits[row]
-
-    def whose(self, hit: SearchHit) -> str:
-        return self._whose.get(hit.folder, hit.folder.name)
-
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._hits)
-
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        hit = self._hits[index.row()]
-        if role == Qt.ItemDataRole.DisplayRole:
-            return hit.snippet
-        if role == _HIT_ROLE:
-            return hit
-        if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
-        if role == Qt.ItemDataRole.ToolTipRole:
-            return f"{hit.snippet}\nDouble click to replay from here"
-        return None
-
-
-_KINDS = {
-    "robot": "Robot", "participant": "Participant", "wizard": "Wizard", "mark": "Mark", "note": "Note",
-    "wizard_error": "Wizard error", "assistant": "Assistant", "problem": "Problem", "annotation": "Annotation",
-    "session": "Session",
-}  # fmt: skip
-
-
-def kind_words(kind: str) -> str:
-    return _KINDS.get(kind, kind.replace("_", " ").capitalize())
-
-
-class HitDelegate(QStyledItemDelegate):
-    """Whose session, when in it, who, and the words around what was searched, which stands out."""
-
-    _WHOSE_PX, _TIME_PX, _KIND_PX = 170, 62, 100
-
-    def __init__(self, theme: Theme, model: HitsModel, view: QListView) -> None:
-        super().__init__(view)
-        self._theme = theme
-        self._model = model
-
-    def sizeHint(self, _option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
-        return QSize(300, 32)
-
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
-        hit: SearchHit = index.data(_HIT_ROLE)
-        rect: QRect = option.rect
-        theme = self._theme
-        painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if option.state & QStyle.StateFlag.State_Selected:
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(theme.color("blue_soft"))
-            painter.drawRoundedRect(QRectF(rect).adjusted(0, 1, 0, -1), 6, 6)
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(theme.color("dim"))
-        metrics, left = QFontMetrics(theme.font(tokens.STATUS_PX)), rect.left() + 10
-        for text, width in (
-            (self._model.whose(hit), self._WHOSE_PX),
-            (words.elapsed(hit.session_s), self._TIME_PX),
-            (kind_words(hit.kind), self._KIND_PX),
-        ):
-            box = QRect(left, rect.top(), width - 8, rect.height())
-            painter.drawText(
-                box, int(Qt.AlignmentFlag.AlignVCenter), metrics.elidedText(text, Qt.TextElideMode.ElideRight, width)
-            )
-            left += width
-        self._draw_snippet(painter, QRect(left, rect.top(), rect.right() - left - 8, rect.height()), hit.snippet)
-        painter.restore()
-
-    def _draw_snippet(self, painter: QPainter, rect: QRect, snippet: str) -> None:
-        theme, left = self._theme, rect.left()
-        for text, found in _pieces(snippet, self._model.pattern):
-            font = theme.font(tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL)
-            metrics = QFontMetrics(font)
-            room = rect.right() - left
-            if room <= 0:
-                return
-            shown = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
-            painter.setFont(font)
-            painter.setPen(theme.color("blue" if found else "text"))
-            painter.drawText(
-                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), shown
-            )
-            left += metrics.horizontalAdvance(shown)
-            if shown != text:
-                return
-
-
-def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
-    """The text cut where a searched word begins and ends."""
-    if pattern is None:
-        return [(text, False)]
-    pieces, at = [], 0
-    for match in pattern.finditer(text):
-        if match.start() > at:
-            pieces.append((text[at : match.start()], False))
-        pieces.append((match.group(), True))
-        at = match.end()
-    if at < len(text):
-        pieces.append((text[at:], False))
-    return pieces
 
 
 class SessionsWindow(QWidget):
@@ -367,7 +71,7 @@ class SessionsWindow(QWidget):
             choice.currentIndexChanged.connect(self._find)
             self._filters[name] = choice
         self.model = SessionsModel(theme, self)
-        self.table = _Table()
+        self.table = SessionTable()
         self.table.setModel(self.model)
         self.table.setObjectName("sessions_table")
         self.table.setAccessibleName("Sessions")
@@ -378,7 +82,7 @@ class SessionsWindow(QWidget):
             self.table.setColumnWidth(number, column.width_px)
         self.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         self.hits = HitsModel(self)
-        self.hit_list = _HitList()
+        self.hit_list = HitList()
         self.hit_list.setObjectName("sessions_hits")
         self.hit_list.setAccessibleName("Found")
         self.hit_list.setModel(self.hits)
@@ -526,7 +230,7 @@ class SessionsWindow(QWidget):
                 choice.blockSignals(True)
                 while choice.count() > 1:
                     choice.removeItem(1)
-                for value in sorted(self._known[name], key=_natural):
+                for value in sorted(self._known[name], key=natural_order):
                     choice.addItem(value.capitalize() if name == "purpose" else value, value)
                 choice.setCurrentIndex(max(0, choice.findData(current)))
                 choice.blockSignals(False)
@@ -668,47 +372,3 @@ class SessionsWindow(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self._theme.color("window"))
-
-
-class _Table(QTableView):
-    """Whole rows, several at once; Enter chooses."""
-
-    chosen = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setSortingEnabled(True)
-        self.setShowGrid(False)
-        self.setWordWrap(False)
-        self.setTabKeyNavigation(False)
-        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.verticalHeader().hide()
-        # One height for all: Qt need not ask 500 rows for theirs.
-        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        self.verticalHeader().setDefaultSectionSize(_ROW_PX)
-        header = self.horizontalHeader()
-        header.setHighlightSections(False)
-        header.setStretchLastSection(True)
-        header.setSectionsClickable(True)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.chosen.emit()
-        else:
-            super().keyPressEvent(event)
-
-
-class _HitList(QListView):
-    """Enter chooses."""
-
-    chosen = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.chosen.emit()
-        else:
-            super().keyPressEvent(event)

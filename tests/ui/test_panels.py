@@ -32,11 +32,11 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.session import LOG_LINE_PX, LOG_ROWS, SessionPanel
-from caris_desktop.ui.panels.video import (
+from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.widgets.frame_view import (
     BOXES_GONE_S,
     BOXES_SOLID_S,
     FrameView,
-    VideoPanel,
     box_strength,
     boxes_fit,
     moved_since,

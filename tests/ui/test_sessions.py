@@ -21,7 +21,8 @@ from caris_desktop.ui.dock_host import panels_in
 from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session import SessionPanel
-from caris_desktop.ui.sessions_window import COLUMNS, SessionsWindow
+from caris_desktop.ui.session_table import COLUMNS
+from caris_desktop.ui.sessions_window import SessionsWindow
 from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, kept_words, last_details
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

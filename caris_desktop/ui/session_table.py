@@ -1,0 +1,185 @@
+"""The list of sessions as a table: its columns, what they say of a session, and the order of the rows."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
+from PySide6.QtGui import QIcon, QKeyEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
+
+from caris_desktop.recording.studies.query import SessionEntry
+from caris_desktop.ui import words
+from caris_desktop.ui.icons import icon
+from caris_desktop.ui.theme import Theme
+
+_ROW_PX = 36
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of the list: its title, what it says of a session, and what it is sorted by."""
+
+    title: str
+    text: Callable[[SessionEntry], str]
+    key: Callable[[SessionEntry], Any]
+    width_px: int
+    right: bool = False
+
+
+def local_time(started_utc: str) -> str:
+    """2026-11-21 14:02, in the time of this computer; the text as it is where it is no time."""
+    try:
+        return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
+    except ValueError:
+        return started_utc
+
+
+def state_words(entry: SessionEntry) -> str:
+    """Whether the session is whole and counts, and what went wrong in it."""
+    whole = "Copy" if entry.copy_of else "Complete"
+    parts = ["Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else whole]
+    if entry.purpose:
+        parts.insert(0, entry.purpose.capitalize())
+    if entry.problems:
+        parts.append(words.counted(entry.problems, "problem"))
+    return " · ".join(parts)
+
+
+def lacks_words(entry: SessionEntry) -> str:
+    """What a session lacks, and that it is a copy of another one; empty for most."""
+    copy = f"This is a copy of {entry.copy_of}: it counts once. " if entry.copy_of else ""
+    return f"{copy}{' '.join(entry.losses)}".strip()
+
+
+def natural_order(text: str) -> tuple[tuple[int, int, str], ...]:
+    """P7 before P12."""
+    parts = re.findall(r"\d+|\D+", text.casefold())
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
+
+
+def _doubtful(entry: SessionEntry) -> bool:
+    return not entry.closed_properly or bool(entry.losses or entry.copy_of)
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
+    Column("Participant", lambda entry: entry.participant, lambda entry: natural_order(entry.participant), 100),
+    Column("Condition", lambda entry: entry.condition, lambda entry: natural_order(entry.condition), 88),
+    Column("Trial", lambda entry: entry.trial, lambda entry: natural_order(entry.trial), 62),
+    Column("Recording", lambda entry: entry.recording, lambda entry: natural_order(entry.recording), 90),
+    Column("Wizard", lambda entry: entry.wizard, lambda entry: natural_order(entry.wizard), 84),
+    Column("Scenario", lambda entry: entry.scenario, lambda entry: natural_order(entry.scenario), 160),
+    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 76, right=True),
+    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True),
+    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
+    Column("State", state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
+)
+
+
+class SessionsModel(QAbstractTableModel):
+    """The sessions as rows, sorted by one column."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._entries: list[SessionEntry] = []
+        self.recording: Path | None = None
+        self._column, self._order = 0, Qt.SortOrder.DescendingOrder
+
+    def show_entries(self, entries: Sequence[SessionEntry]) -> None:
+        self.beginResetModel()
+        self._entries = list(entries)
+        self._sort()
+        self.endResetModel()
+
+    def entry(self, row: int) -> SessionEntry:
+        return self._entries[row]
+
+    def row_of(self, folder: Path) -> int | None:
+        return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
+
+    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._entries)
+
+    def columnCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        entry, column = self._entries[index.row()], COLUMNS[index.column()]
+        goes_on = entry.folder == self.recording
+        if role == Qt.ItemDataRole.DisplayRole:
+            return "Recording now" if goes_on and column.title == "State" else column.text(entry)
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
+            return int(side | Qt.AlignmentFlag.AlignVCenter)
+        if role == Qt.ItemDataRole.ToolTipRole:
+            said = (str(entry.folder), "Recording now" if goes_on else state_words(entry), lacks_words(entry))
+            return "\n".join(part for part in said if part)
+        if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
+            return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
+        return None
+
+    def headerData(
+        self, section: int, orientation: Qt.Orientation, role: int = int(Qt.ItemDataRole.DisplayRole)
+    ) -> Any:
+        if orientation == Qt.Orientation.Horizontal:
+            if role == Qt.ItemDataRole.DisplayRole:
+                return COLUMNS[section].title
+            if role == Qt.ItemDataRole.TextAlignmentRole:
+                side = Qt.AlignmentFlag.AlignRight if COLUMNS[section].right else Qt.AlignmentFlag.AlignLeft
+                return int(side | Qt.AlignmentFlag.AlignVCenter)
+        return None
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        self.layoutAboutToBeChanged.emit()
+        before = self.persistentIndexList()
+        entries = [(self._entries[index.row()], index.column()) for index in before]
+        self._column, self._order = column, order
+        self._sort()
+        rows = {id(entry): row for row, entry in enumerate(self._entries)}
+        self.changePersistentIndexList(before, [self.index(rows[id(entry)], place) for entry, place in entries])
+        self.layoutChanged.emit()
+
+    def _sort(self) -> None:
+        key = COLUMNS[self._column].key
+        self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
+
+
+def _warning_icon(theme: Theme) -> QIcon:
+    return icon("warning", theme.color("amber"), 16)
+
+
+class SessionTable(QTableView):
+    """Whole rows, several at once; Enter chooses."""
+
+    chosen = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSortingEnabled(True)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.setTabKeyNavigation(False)
+        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.verticalHeader().hide()
+        # One height for all: Qt need not ask 500 rows for theirs.
+        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.verticalHeader().setDefaultSectionSize(_ROW_PX)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setStretchLastSection(True)
+        header.setSectionsClickable(True)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.chosen.emit()
+        else:
+            super().keyPressEvent(event)

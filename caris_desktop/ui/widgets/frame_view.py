@@ -1,0 +1,452 @@
+"""The picture of a camera with boxes around people, chips and words over it, painted to fit."""
+
+import math
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
+from PySide6.QtGui import QColor, QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.panel import Panel, draw_card_edge
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
+from caris_desktop.ui.widgets.painted_once import PaintedOnce
+
+BOXES_SOLID_S = 0.25
+BOXES_GONE_S = 0.8
+"""Between these ages, next to the picture on show, boxes fade away."""
+
+_FORESEEN_S = 0.25
+_STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
+_CHIP_COLORS = {
+    "hint": "box_unnamed", "warning": "box_warning", "good": "box_named", "blocked": "box_warning",
+    "slowing": "box_warning", "override": "box_warning",
+}  # fmt: skip
+_CHIP_ICONS = {
+    "warning": "warning", "good": "check", "blocked": "prohibit", "slowing": "shield-warning",
+    "override": "shield-slash",
+}  # fmt: skip
+_CLICK_PX = 6
+_DASH_PX, _DASH_ON_PX = 18, 10
+_STRIP_PX = 4320  # the height of the largest screens
+
+
+def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
+    """Whether the boxes were found in about the frame that is on show.
+
+    By time: the numbers of frames are shared by all cameras.
+    """
+    if people is None or frame is None:
+        return False
+    return people.camera == frame.camera and abs(frame.stamp_ns - people.stamp_ns) < BOXES_GONE_S * 1e9
+
+
+def box_strength(people: People, frame: FrameRef) -> float:
+    """How strongly boxes are drawn, 0 to 1: full while they are about what is on show, less as they fall behind."""
+    behind_s = (frame.stamp_ns - people.stamp_ns) / 1e9
+    return min(1.0, max(0.0, (BOXES_GONE_S - behind_s) / (BOXES_GONE_S - BOXES_SOLID_S)))
+
+
+def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[int, float]:
+    """How far each track has probably moved, pixels to the right, from its box to the frame on show.
+
+    People are found in a frame while newer ones are shown already: while the robot turns, boxes that stay where
+    they were found trail behind. The movement between the last two finds goes on for a quarter of a second at most.
+    """
+    ahead_s = min((frame.stamp_ns - people.stamp_ns) / 1e9, _FORESEEN_S)
+    between_s = (people.stamp_ns - before.stamp_ns) / 1e9 if before is not None else 0.0
+    if before is None or ahead_s <= 0.0 or not 0.0 < between_s <= 2 * _FORESEEN_S:
+        return {}
+    earlier = {box.track: box for box in before.boxes}
+    moved = {}
+    for box in people.boxes:
+        old = earlier.get(box.track)
+        if old is None:
+            continue
+        right = (box.left_px + box.width_px / 2 - old.left_px - old.width_px / 2) / between_s
+        if abs(right) > _STILL_PER_S * people.frame_width_px:
+            moved[box.track] = right * ahead_s
+    return moved
+
+
+class FrameView(QWidget):
+    """Paints the newest frame to fit, with boxes over it. Never shows an old frame as if it were live."""
+
+    clicked = Signal()
+    hovered = Signal(object)  # QPointF in pixels of the frame, None outside
+    floor_clicked = Signal(QPointF, QPointF)  # pixels of the frame, of the view
+
+    def __init__(self, theme: Theme, panel: Panel) -> None:
+        super().__init__(panel)
+        self._theme = theme
+        self._panel = panel
+        self._image: QImage | None = None
+        self._pixels: NDArray[np.uint8] | None = None
+        self._frame: FrameRef | None = None
+        self._people: People | None = None
+        self._people_before: People | None = None
+        self._names: dict[str, tuple[str, bool]] = {}
+        self._freshness = "none"
+        self._age_s: float | None = None
+        self._lost_reason = ""
+        self._out_of_reach = False
+        self._chips: list[tuple[str, str]] = []
+        self._model: CameraModel | None = None
+        self._spot: FloorSpot | None = None
+        self._press: QPointF | None = None
+        self.setMouseTracking(True)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAccessibleName("Picture from the robot's camera")
+        # Everything is painted, corners included: nothing that lies below is painted first.
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self._painted = PaintedOnce()
+        self._dash_strips: dict[str, QPixmap] = {}
+        theme.changed.connect(self._on_theme_changed)
+
+    @property
+    def frame(self) -> FrameRef | None:
+        """The frame on show, None when words are shown instead."""
+        return self._frame if self._freshness in ("fresh", "stale") else None
+
+    def _on_theme_changed(self) -> None:
+        self._painted.clear()
+        self._dash_strips.clear()
+        self.update()
+
+    def show_frame(self, image_bgr: NDArray[np.uint8], frame: FrameRef) -> None:
+        height, width = image_bgr.shape[:2]
+        # The QImage borrows the array's memory, so the array lives as long as the image does.
+        self._pixels = image_bgr
+        self._image = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
+        self._frame = frame
+        self.update()
+
+    @property
+    def model(self) -> CameraModel | None:
+        """How pixels of the frame on show look at the floor, where a click may send the robot."""
+        return self._model if self.frame is not None else None
+
+    @property
+    def spot(self) -> FloorSpot | None:
+        return self._spot
+
+    def show_model(self, model: CameraModel | None) -> None:
+        self._model = model
+        if model is None:
+            self._spot = None
+
+    def show_spot(self, spot: FloorSpot | None) -> None:
+        """A ring on the floor."""
+        if spot != self._spot:
+            self._spot = spot
+            self.setCursor(Qt.CursorShape.ArrowCursor if spot is None else Qt.CursorShape.PointingHandCursor)
+            self.update()
+
+    def to_frame(self, point: QPointF) -> QPointF | None:
+        """Pixels of the frame under a point of the view; None beside the picture."""
+        picture, frame = self.picture_rect(), self.frame
+        if frame is None or not picture.contains(point):
+            return None
+        return QPointF(
+            (point.x() - picture.left()) / picture.width() * frame.width_px,
+            (point.y() - picture.top()) / picture.height() * frame.height_px,
+        )
+
+    def to_view(self, u_px: float, v_px: float) -> QPointF:
+        """Where a pixel of the frame is in the view."""
+        picture, frame = self.picture_rect(), self.frame
+        if frame is None:
+            return picture.center()
+        return QPointF(
+            picture.left() + u_px / frame.width_px * picture.width(),
+            picture.top() + v_px / frame.height_px * picture.height(),
+        )
+
+    def show_people(self, people: People) -> None:
+        self._people_before, self._people = self._people, people
+        # With a running video the next frame paints them, a moment later and once instead of twice.
+        if self._freshness != "fresh":
+            self.update()
+
+    def show_names(self, names: dict[str, tuple[str, bool]]) -> None:
+        """Words for each person id, and whether they are a given name."""
+        self._names = names
+        self.update()
+
+    def show_freshness(self, freshness: str) -> None:
+        self._freshness = freshness
+        if freshness in ("lost", "none"):
+            self._image = self._pixels = self._frame = self._spot = None
+        self.update()
+
+    @property
+    def chips(self) -> list[tuple[str, str]]:
+        return self._chips
+
+    def show_lost_reason(self, reason: str) -> None:
+        """What to add when the picture is lost."""
+        self._lost_reason = reason
+
+    def show_out_of_reach(self, out_of_reach: bool) -> None:
+        """Whether waiting for a picture is waiting for the robot."""
+        if out_of_reach != self._out_of_reach:
+            self._out_of_reach = out_of_reach
+            self.update()
+
+    @property
+    def out_of_reach(self) -> bool:
+        return self._out_of_reach
+
+    def show_chips(self, chips: list[tuple[str, str]]) -> None:
+        if chips != self._chips:
+            self._chips = chips
+            self.update()
+
+    def show_age(self, age_s: float | None) -> None:
+        self._age_s = age_s
+        if self._freshness != "fresh":
+            self.update()
+
+    def visible_boxes(self) -> list[tuple[str, bool]]:
+        """The words on each box that is drawn now, and whether that person has a name."""
+        if self._people is None or not boxes_fit(self._people, self.frame):
+            return []
+        return [self._words_for(box) for box in self._people.boxes]
+
+    def _words_for(self, box: PersonBox) -> tuple[str, bool]:
+        return self._names.get(box.person_id, (f"Person {box.track}", False))
+
+    def picture_rect(self) -> QRectF:
+        """Where the picture is painted: as large as fits, undistorted."""
+        room = QRectF(self.rect())
+        if self._image is None:
+            return room
+        scale = min(room.width() / self._image.width(), room.height() / self._image.height())
+        width, height = self._image.width() * scale, self._image.height() * scale
+        return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        whole, ground = QRectF(self.rect()), self._theme.color("video_ground")
+        if self._image is None or self._freshness in ("lost", "none"):
+            painter.fillRect(whole, ground)
+            self._paint_words(painter)
+        else:
+            picture = self.picture_rect()
+            if self._freshness == "stale":
+                painter.fillRect(whole, ground)
+                painter.setOpacity(0.4)
+            else:
+                for beside in (
+                    QRectF(whole.left(), whole.top(), whole.width(), picture.top() - whole.top()),
+                    QRectF(whole.left(), picture.bottom(), whole.width(), whole.bottom() - picture.bottom()),
+                    QRectF(whole.left(), picture.top(), picture.left() - whole.left(), picture.height()),
+                    QRectF(picture.right(), picture.top(), whole.right() - picture.right(), picture.height()),
+                ):
+                    painter.fillRect(beside, ground)
+            painter.drawImage(picture, self._image)
+            painter.setOpacity(1.0)
+            if self._freshness == "stale":
+                self._paint_stale(painter)
+            elif boxes_fit(self._people, self._frame):
+                self._paint_boxes(painter)
+            if self._freshness == "fresh":
+                self._paint_spot(painter)
+        self._paint_chips(painter)
+        draw_card_edge(painter, self._theme, whole, self._painted, active=self._panel.active)
+
+    def words_without_picture(self) -> tuple[str, str]:
+        """What stands in the place of the picture: in short, and what it means."""
+        if not self._panel.state.present.live:
+            return "No picture", "None was recorded at this moment."
+        if self._freshness == "lost":
+            silent = words.age(self._age_s or 0.0)
+            return "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
+        if self._out_of_reach:
+            return "No picture", "The robot is out of reach. The console keeps trying."
+        return "Waiting for the camera", "The picture appears here as soon as the robot sends it."
+
+    def _paint_words(self, painter: QPainter) -> None:
+        theme = self._theme
+        center = QRectF(self.rect()).center()
+        head, sub = self.words_without_picture()
+        draw_icon(
+            painter, QRectF(center.x() - 20, center.y() - 66, 40, 40), "video-camera-slash", theme.color("video_dim")
+        )
+        painter.setPen(theme.color("video_text"))
+        painter.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        painter.drawText(QRectF(8, center.y() - 18, self.width() - 16, 28), Qt.AlignmentFlag.AlignCenter, head)
+        painter.setPen(theme.color("video_dim"))
+        painter.setFont(theme.font(tokens.BODY_PX))
+        painter.drawText(
+            QRectF(16, center.y() + 12, self.width() - 32, 48),
+            int(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop | Qt.TextFlag.TextWordWrap), sub,
+        )  # fmt: skip
+
+    def _paint_stale(self, painter: QPainter) -> None:
+        text = f"Picture is {words.age(self._age_s or 0.0)} old"
+        font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
+        width = QFontMetricsF(font).horizontalAdvance(text) + 32
+        rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(self._theme.color("video_chip"))
+        painter.drawRoundedRect(rect, 8, 8)
+        painter.setFont(font)
+        painter.setPen(self._theme.color("video_text"))
+        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+
+    def _paint_boxes(self, painter: QPainter) -> None:
+        people, frame = self._people, self._frame
+        if people is None or frame is None or people.frame_width_px <= 0:
+            return
+        moved = moved_since(self._people_before, people, frame)
+        painter.setOpacity(box_strength(people, frame))
+        picture = self.picture_rect()
+        scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
+        for box in people.boxes:
+            label, named = self._words_for(box)
+            right_px = moved.get(box.track, 0.0)
+            rect = QRectF(
+                picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
+                box.width_px * scale_x, box.height_px * scale_y,
+            ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
+            self._paint_box_edge(painter, rect, named=named)
+            top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
+            self._paint_tag(painter, QPointF(rect.left() - 1, top), label, named=named)
+        painter.setOpacity(1.0)
+
+    def _paint_box_edge(self, painter: QPainter, rect: QRectF, *, named: bool) -> None:
+        """A line around somebody, dashed where the wizard gave no name.
+
+        As a pen's dashes and round corners are worked out anew for each box of each frame, it is four bars, and the
+        dashes are copied from strips of them.
+        """
+        color = self._theme.color("box_named" if named else "box_unnamed")
+        edge = rect.toRect().adjusted(-1, -1, 1, 1)
+        inner = edge.height() - 4
+        for bar in (
+            QRect(edge.left(), edge.top(), edge.width(), 2), QRect(edge.left(), edge.bottom() - 1, edge.width(), 2),
+            QRect(edge.left(), edge.top() + 2, 2, inner), QRect(edge.right() - 1, edge.top() + 2, 2, inner),
+        ):  # fmt: skip
+            if named:
+                painter.fillRect(bar, color)
+            elif bar.width() > 0 and bar.height() > 0:
+                across = bar.height() == 2
+                strip = self._dashes("across" if across else "down", color)
+                painter.drawPixmap(bar.topLeft(), strip, QRect(0, 0, bar.width(), bar.height()))
+
+    def _dashes(self, direction: Literal["across", "down"], color: QColor) -> QPixmap:
+        strip = self._dash_strips.get(direction)
+        if strip is None:
+            across = direction == "across"
+            strip = QPixmap(*((_STRIP_PX, 2) if across else (2, _STRIP_PX)))
+            strip.fill(Qt.GlobalColor.transparent)
+            onto = QPainter(strip)
+            for first in range(0, _STRIP_PX, _DASH_PX):
+                onto.fillRect(QRect(*((first, 0, _DASH_ON_PX, 2) if across else (0, first, 2, _DASH_ON_PX))), color)
+            onto.end()
+            self._dash_strips[direction] = strip
+        return strip
+
+    def _tag_size(self, text: str) -> QSizeF:
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        return QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 14, 21)
+
+    def _paint_tag(self, painter: QPainter, at: QPointF, text: str, *, named: bool) -> None:
+        """Words on their own ground, 21 pixels high; a picture kept for as long as somebody is called so."""
+        size = self._tag_size(text)
+
+        def paint(onto: QPainter) -> None:
+            onto.setPen(Qt.PenStyle.NoPen)
+            onto.setBrush(self._theme.color("box_named" if named else "box_unnamed"))
+            onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
+            onto.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+            onto.setPen(self._theme.color("on_box"))
+            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
+
+        self._painted.draw(painter, at, size, ("tag", text, named), paint)
+
+    def _paint_spot(self, painter: QPainter) -> None:
+        spot, model, theme = self._spot, self.model, self._theme
+        corners = ring_px(model, spot) if spot is not None and model is not None else []
+        if spot is None or not corners:
+            return
+        painter.save()
+        painter.setClipRect(self.picture_rect())
+        ring = QPolygonF([self.to_view(u_px, v_px) for u_px, v_px in corners])
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for color, width in (("video_ground", 4.5), ("box_named", 2.5)):
+            painter.setPen(QPen(theme.color(color), width))
+            painter.drawPolygon(ring)
+        text, bounds = f"{spot.distance_m:.1f} m", ring.boundingRect()
+        middle = bounds.center().x() - self._tag_size(text).width() / 2
+        self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, named=True)
+        painter.restore()
+
+    def _paint_chips(self, painter: QPainter) -> None:
+        metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
+        left, top = 12.0, self.height() - 46.0
+        for text, role in self._chips:
+            width = math.ceil(metrics.horizontalAdvance(text)) + 24.0 + (22 if role in _CHIP_ICONS else 0)
+            if left + width > self.width() - 8:
+                if left <= 12.0:
+                    continue
+                if top < self.height() - 50:
+                    break
+                left, top = 12.0, top - 40
+                if width > self.width() - 20:
+                    continue
+            self._painted.draw(
+                painter,
+                QPointF(left, top),
+                QSizeF(width, 34),
+                ("chip", text, role),
+                partial(self._paint_chip, text, role, width),
+            )
+            left += width + 8
+
+    def _paint_chip(self, text: str, role: str, width: float, painter: QPainter) -> None:
+        theme = self._theme
+        rect = QRectF(0, 0, width, 34)
+        painter.setPen(QPen(theme.color("video_line"), 1))
+        painter.setBrush(theme.color("video_chip"))
+        painter.drawRoundedRect(rect.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        color = theme.color(_CHIP_COLORS.get(role, "video_text"))
+        if role in _CHIP_ICONS:
+            draw_icon(painter, QRectF(10, 8, 18, 18), _CHIP_ICONS[role], color)
+            rect = rect.adjusted(22, 0, 0, 0)
+        painter.setFont(theme.font(tokens.BODY_PX))
+        painter.setPen(color)
+        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.setFocus(Qt.FocusReason.MouseFocusReason)
+        self.clicked.emit()
+        self._press = event.position() if event.button() == Qt.MouseButton.LeftButton else None
+        super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._model is not None:
+            self.hovered.emit(self.to_frame(event.position()))
+        super().mouseMoveEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        press, self._press = self._press, None
+        where = event.position()
+        if press is not None and (where - press).manhattanLength() <= _CLICK_PX and self._model is not None:
+            at = self.to_frame(where)
+            if at is not None:
+                self.floor_clicked.emit(at, where)
+        super().mouseReleaseEvent(event)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        self.hovered.emit(None)
+        super().leaveEvent(event)
