@@ -208,7 +208,7 @@ class MainWindow(QWidget):
         parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)
         self._replay_parts = parts
         replay.noticed.connect(self._problems.show_problem)
-        self.hold.escape_pressed.connect(parts.timeline.give_up)
+        self.hold.escape_pressed.connect(parts.timeline.acts.give_up)
         self._place.use_replay()
         self._focus_first()
         self.setWindowTitle(self._title(self._console.scenario))

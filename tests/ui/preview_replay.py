@@ -62,7 +62,7 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     canvas.setFocus()
     canvas.zoom(4.0)
     first = scene.timeline.document.annotations[5]
-    rect = canvas.rect_of(first)
+    rect = canvas.places.rect_of(first)
     assert rect is not None
     QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint())
     spin(100)
@@ -78,21 +78,21 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     QTest.keyClick(canvas, Qt.Key.Key_Return)
     spin(100)
     save(scene, out / f"renaming-{choice}.png")
-    timeline.give_up()
+    timeline.acts.give_up()
     scene.bar.scrubber.setFocus()
     middle = QPoint(round(scene.bar.scrubber.x_of(scene.replay.playback.value.position_ns)) + 260, 16)
     QTest.mouseMove(scene.bar.scrubber, middle)
     spin(250)
     save(scene, out / f"scrubbing-{choice}.png")
     QTest.mouseMove(scene.bar.scrubber, QPoint(0, 200))
-    timeline.open_tier_dialog()
+    timeline.rows.open_tier_dialog()
     spin(200)
     _dialog(scene, "tier_dialog", out / f"tier-{choice}.png")
-    timeline.open_import()
+    timeline.rows.open_import()
     spin(200)
     _dialog(scene, "import_dialog", out / f"import-{choice}.png")
     try:
-        timeline.open_agreement()
+        timeline.rows.open_agreement()
     except NotImplementedError:
         print("agreement is not there yet")
     else:
@@ -102,7 +102,7 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     canvas.setFocus()
     scene.replay.play()
     scene.replay.at_ms(41_000)
-    timeline.code(2)
+    timeline.acts.code(2)
     scene.replay.at_ms(41_900)
     QTest.mouseMove(canvas, QPoint(NAMES_PX // 2, 200))
     spin(100)

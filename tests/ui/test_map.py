@@ -136,27 +136,27 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     cells[500:3500:100, 500:3500] = 100
     grid = OccupancyGrid(clock.now_ns(), None, 0.05, Pose2D(-100.0, -100.0, 0.0), cells)
     view = panel.view
-    view.slowest_band_ms = 0.0
+    view.grid.slowest_band_ms = 0.0
     began = time.perf_counter()
     console.state.take(grid)
-    qtbot.waitUntil(lambda: view._shown_grid is grid, timeout=5000)
+    qtbot.waitUntil(lambda: view.grid.shown is grid, timeout=5000)
     whole_s = time.perf_counter() - began
-    slowest_whole_ms = view.slowest_band_ms
+    slowest_whole_ms = view.grid.slowest_band_ms
     changed = cells.copy()
     changed[2000:2010, 600:700] = 50
-    view.slowest_band_ms = 0.0
+    view.grid.slowest_band_ms = 0.0
     update = dataclasses.replace(grid, cells=changed)
     began = time.perf_counter()
     console.state.take(update)
-    qtbot.waitUntil(lambda: view._shown_grid is update, timeout=5000)
+    qtbot.waitUntil(lambda: view.grid.shown is update, timeout=5000)
     print(
         f"\n4000x4000: shown after {whole_s * 1e3:.0f} ms in goes of at most {slowest_whole_ms:.1f} ms; "
-        f"a change after {(time.perf_counter() - began) * 1e3:.0f} ms, at most {view.slowest_band_ms:.1f} ms"
+        f"a change after {(time.perf_counter() - began) * 1e3:.0f} ms, at most {view.grid.slowest_band_ms:.1f} ms"
     )
     # A busy machine makes all of it slower; held up would be the window that gets the map in one go.
     assert slowest_whole_ms < 0.5 * whole_s * 1e3
-    assert view._raster is not None
-    assert view._raster.rows_changed <= 32
+    assert view.grid.raster is not None
+    assert view.grid.raster.rows_changed <= 32
 
 
 def test_painting_all_layers_is_quick(qtbot: QtBot, panel: MapPanel, console: FakeConsole, theme: Theme) -> None:
@@ -323,9 +323,9 @@ def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console:
 
 def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     click(qtbot, find(window, "map_tool_goal"))
-    assert panel.view._raster is not None
-    rows, columns = np.nonzero(panel.view._raster.grid.cells >= 100)
-    grid = panel.view._raster.grid
+    assert panel.view.grid.raster is not None
+    rows, columns = np.nonzero(panel.view.grid.raster.grid.cells >= 100)
+    grid = panel.view.grid.raster.grid
     middle = len(rows) // 2
     wall = (
         grid.origin_in_map.x_m + (columns[middle] + 0.5) * grid.resolution_m,
@@ -444,13 +444,13 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
 def test_the_wheel_zooms_about_the_pointer(panel: MapPanel) -> None:
     view = panel.view
     point = QPointF(view.width() * 0.7, view.height() * 0.3)
-    before, scale = view.to_map(point), view._scale
+    before, scale = view.to_map(point), view.viewport.scale
     turn = QWheelEvent(
         point, view.mapToGlobal(point), QPoint(), QPoint(0, 240), Qt.MouseButton.NoButton,
         Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
     )  # fmt: skip
     QApplication.sendEvent(view, turn)
-    assert view._scale > scale * 1.3
+    assert view.viewport.scale > scale * 1.3
     after = view.to_map(point)
     assert (after.x(), after.y()) == pytest.approx((before.x(), before.y()), abs=1e-6)
 
@@ -462,7 +462,7 @@ def test_turning_with_the_robot_puts_its_heading_up(panel: MapPanel, console: Fa
     here = view.to_view(6.6, 3.4)
     ahead = view.to_view(6.6 + math.cos(0.8), 3.4 + math.sin(0.8))
     assert (ahead - here).x() == pytest.approx(0.0, abs=1e-6)
-    assert (ahead - here).y() == pytest.approx(-view._scale)
+    assert (ahead - here).y() == pytest.approx(-view.viewport.scale)
     click_back = view.to_map(ahead)
     assert (click_back.x(), click_back.y()) == pytest.approx((6.6 + math.cos(0.8), 3.4 + math.sin(0.8)))
     QTest.keyClick(view, Qt.Key.Key_R)

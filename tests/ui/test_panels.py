@@ -29,7 +29,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel, distinct_dots, scan_points_in_map
+from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.session import LOG_LINE_PX, LOG_ROWS, SessionPanel
 from caris_desktop.ui.panels.video import VideoPanel
@@ -41,6 +41,7 @@ from caris_desktop.ui.widgets.frame_view import (
     boxes_fit,
     moved_since,
 )
+from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
@@ -730,7 +731,7 @@ def test_a_large_map_is_drawn_in_pieces(qtbot: QtBot, window: MainWindow, consol
     cells[700:1300, 200:260] = 100
     grid = OccupancyGrid(clock.now_ns(), None, 0.02, Pose2D(-2.0, -12.0, 0.0), cells)
     console.state.take(grid)
-    qtbot.waitUntil(lambda: panel.view._shown_grid is grid)
+    qtbot.waitUntil(lambda: panel.view.grid.shown is grid)
     panel.view.fit()
     image = panel.view.grab().toImage()
     expected = {"map_wall": (2.6, 3.0), "map_free": (5.0, 12.5), "map_unknown": (1.0, 3.0)}

@@ -28,9 +28,10 @@ from caris_desktop.ui.replay.agreement_dialog import UNIT_MS, AgreementDialog
 from caris_desktop.ui.replay.label_card import LabelCard
 from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.tier_dialog import SCENARIO_LABELS, TierDialog
+from caris_desktop.ui.replay.timeline_acts import NUDGE_MS
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import TimeScale
-from caris_desktop.ui.replay.timeline_view import NUDGE_MS, TimelineView
+from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
@@ -59,9 +60,9 @@ class Coder:
         return [(item.start_ms, item.end_ms, item.value) for item in self.document.of_tier(tier_id)]
 
     def y_of(self, tier_id: str) -> int:
-        index = self.canvas.index_of(f"tier {tier_id}")
+        index = self.canvas.places.index_of(f"tier {tier_id}")
         assert index is not None, f"{tier_id} is not on show"
-        return self.canvas.row_top(index) + self.canvas.rows[index].height_px // 2
+        return self.canvas.shown.row_top(index) + self.canvas.rows[index].height_px // 2
 
     def point(self, tier_id: str, at_ms: float) -> QPoint:
         return QPoint(NAMES_PX + round(self.canvas.scale.to_px(at_ms)), self.y_of(tier_id))
@@ -145,7 +146,7 @@ def test_a_new_annotation_ends_where_its_neighbour_begins(coder: Coder) -> None:
     first, second = coder.values(ANA)[0], coder.values(ANA)[1]
     assert first[1] + 1000 < second[0]
     coder.drag(coder.point(ANA, first[1] + 600), coder.point(ANA, second[0] + 2000))
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     assert coder.values(ANA)[1][1:] == (second[0], "")
 
 
@@ -211,20 +212,20 @@ def test_what_would_overlap_is_refused_in_words_beside_it(coder: Coder) -> None:
     assert coder.document == before
     assert "lies there already" in coder.timeline.words
     bubble = find(coder.canvas, "words_bubble")
-    rect = coder.canvas.rect_of(coder.document.of_tier(ANA)[0])
+    rect = coder.canvas.places.rect_of(coder.document.of_tier(ANA)[0])
     assert rect is not None
     assert abs(bubble.geometry().top() - rect.bottom()) < 60
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     assert coder.timeline.words == ""
 
 
 def test_the_record_can_be_looked_at_but_not_changed(qtbot: QtBot, coder: Coder) -> None:
     row = next(row for row in coder.canvas.rows if row.name == "Robot speech")
-    index = coder.canvas.index_of(row.key)
+    index = coder.canvas.places.index_of(row.key)
     assert index is not None
-    item = coder.canvas.track_of(row).annotations[3]
+    item = coder.canvas.shown.track_of(row).annotations[3]
     x = NAMES_PX + round(coder.canvas.scale.to_px((item.start_ms + item.end_ms) / 2))
-    at = QPoint(x, coder.canvas.row_top(index) + 12)
+    at = QPoint(x, coder.canvas.shown.row_top(index) + 12)
     before = coder.document
     coder.drag(at, at + QPoint(80, 0))
     qtbot.waitUntil(lambda: coder.replay.position_ms == item.start_ms)
@@ -272,7 +273,7 @@ def test_a_text_that_no_vocabulary_has_is_not_taken(coder: Coder) -> None:
     card = coder.timeline.window().findChild(LabelCard)
     assert card is not None
     assert card.isVisible(), "nothing fits, so it still asks"
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     assert coder.document == before
 
 
@@ -309,7 +310,7 @@ def test_label_keys_start_and_end_while_it_plays(coder: Coder) -> None:
     coder.key(Qt.Key.Key_3)
     assert coder.values(ANA)[-2:] == [(95_000, 97_500, "neutral"), (97_500, 99_000, "reserved")]
     coder.key(Qt.Key.Key_1)
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     coder.replay.at_ms(101_000)
     coder.key(Qt.Key.Key_1)
     coder.key(Qt.Key.Key_Delete)
@@ -357,7 +358,7 @@ def test_keys_change_the_ends_and_the_place_of_an_annotation(coder: Coder) -> No
     assert coder.values(ANA)[-1][:2] == (last[0] + 800 + NUDGE_MS, last[1] + 300 + NUDGE_MS)
     coder.replay.at_ms(110_000)
     coder.key(Qt.Key.Key_N)
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     assert coder.values(ANA)[-1] == (110_000, 111_000, "")
 
 
@@ -424,7 +425,7 @@ def test_who_drags_over_the_edge_sees_on(coder: Coder) -> None:
     QTest.mouseMove(coder.canvas, end)
     end_ms = coder.ms_at(end)
     QTest.mouseRelease(coder.canvas, LEFT, pos=end)
-    coder.timeline.give_up()
+    coder.timeline.acts.give_up()
     assert coder.values(ANA)[-1] == (round(began_ms), round(end_ms), "")
 
 
@@ -441,9 +442,9 @@ def test_rows_are_filtered_hidden_and_moved(coder: Coder) -> None:
     QTest.keyClicks(field, "stance")
     assert [(row.name, row.coder) for row in coder.canvas.rows] == [("Stance", "Ana"), ("Stance", "Ben")]
     field.clear()
-    coder.timeline.set_row_shown("speed", shown=False)
+    coder.timeline.rows.set_row_shown("speed", shown=False)
     assert [row.name for row in coder.canvas.rows] == [name for name in names if name != "Speed"]
-    index = coder.canvas.index_of(f"tier {BEN}")
+    index = coder.canvas.places.index_of(f"tier {BEN}")
     assert index is not None
     grip = QPoint(60, coder.y_of(BEN))
     coder.drag(grip, QPoint(60, coder.y_of(ANA) - 12))
@@ -499,7 +500,7 @@ def test_a_tier_is_added_with_labels_of_the_scenario_and_changed(qtbot: QtBot, c
 
 def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbot: QtBot) -> None:
     before = [value for _, _, value in coder.values(ANA)]
-    coder.timeline._open_tier_dialog(coder.document.tiers[0])
+    coder.timeline.rows._open_tier_dialog(coder.document.tiers[0])
     dialog = coder.timeline.findChild(TierDialog)
     assert dialog is not None
     labels = dialog.findChild(QPlainTextEdit)
@@ -513,7 +514,7 @@ def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbo
 
 
 def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: Coder) -> None:
-    coder.timeline.open_tier_dialog()
+    coder.timeline.rows.open_tier_dialog()
     dialog = coder.timeline.findChild(TierDialog)
     assert dialog is not None
     name = dialog.findChild(QLineEdit, "tier_name")
@@ -526,7 +527,7 @@ def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: C
 
 
 def test_a_tier_is_removed_from_its_menu_and_comes_back(coder: Coder) -> None:
-    coder.timeline.open_row_menu(f"tier {BEN}", QPoint(10, 10))
+    coder.timeline.rows.open_row_menu(f"tier {BEN}", QPoint(10, 10))
     menu = coder.timeline.findChild(QMenu, "row_menu")
     assert menu is not None
     remove = next(action for action in menu.actions() if action.text().startswith("Remove the tier"))
@@ -609,7 +610,7 @@ def test_an_uncoded_session_asks_for_a_tier(qtbot: QtBot, theme: Theme) -> None:
     dialog = scene.timeline.findChild(TierDialog)
     assert dialog is not None
     dialog.reject()
-    scene.timeline.code(1)
+    scene.timeline.acts.code(1)
     assert scene.timeline.words == "Add a tier to code on first."
 
 
@@ -626,9 +627,9 @@ def test_thirty_tiers_scroll(qtbot: QtBot, theme: Theme) -> None:
     scene = open_scene(qtbot, theme, replay)
     canvas = scene.timeline.canvas
     canvas.show_row("record record-29")
-    index = canvas.index_of("record record-29")
+    index = canvas.places.index_of("record record-29")
     assert index is not None
-    assert canvas.row_top(index) + canvas.rows[index].height_px <= canvas.height()
+    assert canvas.shown.row_top(index) + canvas.rows[index].height_px <= canvas.height()
     assert scene.timeline._down.value() == canvas.scroll_y > 0
 
 

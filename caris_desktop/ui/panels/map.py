@@ -20,10 +20,8 @@ from caris_desktop.ui import words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
-from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
-from caris_desktop.ui.widgets.map_view import REPAINT_MS, MapView, Tool
-
-__all__ = ["REPAINT_MS", "MapPanel", "MapView", "distinct_dots", "scan_points_in_map"]
+from caris_desktop.ui.widgets.map_drawing import Tool
+from caris_desktop.ui.widgets.map_view import MapView
 
 GOAL_ENDED_SHOWN_S = 8.0
 _UNDO_SHOWN_MS = 10_000
@@ -347,14 +345,14 @@ class MapPanel(Panel):
         if not self._card.isHidden():
             self._card.hide()
             return
-        refusal = self.view.refusal_at(at)
+        refusal = self.view.grid.refusal_at(at)
         pose = self._pose_now()
         line = refusal
         if not refusal and pose is not None:
             speed, _as_drive_says = words.goal_speed(self.state.robot.value, self.state.drive.value)
             away = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
             line = " · ".join(part for part in (away, speed if self._can_navigate() else "") if part)
-            if self.state.map.value is not None and self.view.occupancy_at(at) is None:
+            if self.state.map.value is not None and self.view.grid.value_at(at) is None:
                 line += ", not on the map yet"
         choices = []
         if not refusal:

@@ -8,8 +8,8 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import CODE_COUNT, Actions
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.replay.plain_tip import plain_tip
-from caris_desktop.ui.replay.timeline_canvas import OpenStretch
 from caris_desktop.ui.replay.timeline_model import Row, exact_text
+from caris_desktop.ui.replay.timeline_overlay import OpenStretch
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 

@@ -52,7 +52,7 @@ _RECORD_ICONS = (
 
 @dataclass(slots=True)
 class Shown:
-    """What is on show: rows from above, as far as they are scrolled, under a ruler."""
+    """What is on show: rows from above, as far as they are scrolled, under a ruler; and where the playhead is."""
 
     rows: list[Row] = field(default_factory=list)
     tops: list[int] = field(default_factory=lambda: [0])
@@ -65,6 +65,7 @@ class Shown:
     duration_ms: float = 1.0
     scale: TimeScale = field(default_factory=lambda: TimeScale(0.0, 0.01))
     scroll_y: int = 0
+    position_ms: float = 0.0
     active: str = ""
     words: str = ""
     width_px: int = NAMES_PX + 1

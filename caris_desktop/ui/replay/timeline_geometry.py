@@ -1,0 +1,203 @@
+"""What lies where on the timeline, and what a drag of the pointer makes of it."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF
+
+from caris_desktop.recording.annotation.model import Annotation
+from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
+from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Track, exact_text, length_text, snapped
+
+_SNAP_PX = 6
+_EDGE_PX = 6
+
+Part = Literal["corner", "names", "ruler", "row", "below"]
+DragKind = Literal["create", "move", "start", "end", "seek", "pan", "row"]
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """What lies under a point."""
+
+    part: Part
+    row: int = -1
+    annotation: Annotation | None = None
+    edge: Literal["", "start", "end"] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drag:
+    """What the pointer is doing. ``moving`` once it went far enough to be no click."""
+
+    kind: DragKind
+    origin: QPointF
+    origin_ms: float
+    row: int = -1
+    annotation: Annotation | None = None
+    start_ms: float = 0.0
+    end_ms: float = 0.0
+    target: int = -1
+    moving: bool = False
+
+
+class TimelineGeometry:
+    """Reads ``shown`` and changes nothing."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+
+    def index_of(self, key: str) -> int | None:
+        return next((number for number, row in enumerate(self._shown.rows) if row.key == key), None)
+
+    def find(self, annotation_id: str) -> Annotation | None:
+        return next(
+            (
+                item
+                for track in self._shown.tracks.values()
+                for item in track.annotations
+                if item.annotation_id == annotation_id
+            ),
+            None,
+        )
+
+    def rect_of(self, annotation: Annotation) -> QRectF | None:
+        """Where it is drawn; None where its row is not on show."""
+        for index, row in enumerate(self._shown.rows):
+            if row.tier is not None and row.tier.tier_id == annotation.tier_id:
+                return self.stretch_rect(index, annotation.start_ms, annotation.end_ms)
+        return None
+
+    def stretch_rect(self, index: int, start_ms: float, end_ms: float) -> QRectF:
+        left, right = self._shown.scale.to_px(start_ms), self._shown.scale.to_px(end_ms)
+        top = self._shown.row_top(index) + PAD_PX
+        return QRectF(NAMES_PX + left, top, max(2.0, right - left), self._shown.rows[index].height_px - 2 * PAD_PX)
+
+    def hit(self, point: QPointF) -> Hit:
+        if point.y() < RULER_PX:
+            return Hit("ruler" if point.x() >= NAMES_PX else "corner")
+        y = point.y() - RULER_PX + self._shown.scroll_y
+        index = int(np.searchsorted(self._shown.tops, y, "right")) - 1
+        if not 0 <= index < len(self._shown.rows):
+            return Hit("below")
+        if point.x() < NAMES_PX:
+            return Hit("names", index)
+        row = self._shown.rows[index]
+        if row.kind != "tier":
+            return Hit("row", index)
+        at_ms = self._shown.scale.to_ms(point.x() - NAMES_PX)
+        track = self._shown.track_of(row)
+        found = track.at(at_ms)
+        if found is None:
+            near_ms = 3 / self._shown.scale.px_per_ms
+            found = track.at(at_ms - near_ms) or track.at(at_ms + near_ms)
+            if found is None:
+                return Hit("row", index)
+        if not row.own:
+            return Hit("row", index, found)
+        left, right = self._shown.scale.to_px(found.start_ms), self._shown.scale.to_px(found.end_ms)
+        x, zone = point.x() - NAMES_PX, min(_EDGE_PX, (right - left) / 3)
+        if x <= left + zone:
+            return Hit("row", index, found, "start")
+        return Hit("row", index, found, "end" if x >= right - zone else "")
+
+    def tip_at(self, point: QPointF) -> str:
+        """What is under the point, in full."""
+        hit = self.hit(point)
+        if hit.annotation is not None:
+            item = hit.annotation
+            times = f"{exact_text(item.start_ms)} to {exact_text(item.end_ms)}"
+            line = f"{times} · {length_text(item.end_ms - item.start_ms)}"
+            return f"{item.value or 'No label yet'}\n{line}"
+        if hit.part == "names":
+            row = self._shown.rows[hit.row]
+            if not row.own:
+                return f"{row.name}, from the record"
+            vocabulary = row.tier.vocabulary if row.tier is not None else ""
+            return f"{row.name} of {row.coder} · " + (f"labels of {vocabulary}" if vocabulary else "free text")
+        return ""
+
+    def row_slot(self, y: float) -> int:
+        """Between which rows a dragged one would be put."""
+        inside = y - RULER_PX + self._shown.scroll_y
+        middles = [(top + bottom) / 2 for top, bottom in zip(self._shown.tops, self._shown.tops[1:], strict=False)]
+        return sum(1 for middle in middles if inside > middle)
+
+    def ms_at(self, point: QPointF) -> float:
+        return self._shown.scale.to_ms(point.x() - NAMES_PX)
+
+    def bounded(self, at_ms: float) -> float:
+        return min(max(0.0, at_ms), self._shown.duration_ms)
+
+    def snap(self, at_ms: float, row: int, *, without: Annotation | None = None) -> float:
+        """To the playhead, or to where a neighbour on the row begins or ends."""
+        reach_ms = _SNAP_PX / self._shown.scale.px_per_ms
+        track = self._shown.track_of(self._shown.rows[row])
+        moments = [self._shown.position_ms]
+        for index in track.between(at_ms - reach_ms - 1, at_ms + reach_ms + 1):
+            item = track.annotations[index]
+            if without is None or item.annotation_id != without.annotation_id:
+                moments += [item.start_ms, item.end_ms]
+        return snapped(at_ms, moments, within_ms=reach_ms)
+
+    def dragged(self, drag: Drag, point: QPointF, at_ms: float) -> Drag:
+        """What a drag has made of a new or an existing annotation."""
+        track, item = self._shown.track_of(self._shown.rows[drag.row]), drag.annotation
+        if drag.kind == "create":
+            anchor_ms = self.snap(drag.origin_ms, drag.row)
+            other_ms = self.bounded(self.snap(at_ms, drag.row))
+            before, after = self._free_around(track, anchor_ms)
+            low, high = min(anchor_ms, other_ms), max(anchor_ms, other_ms)
+            return replace(drag, start_ms=max(low, before), end_ms=min(high, after))
+        if item is None:
+            return drag
+        moved_ms = at_ms - drag.origin_ms
+        if drag.kind == "move":
+            length = item.end_ms - item.start_ms
+            start_ms = self.snap(item.start_ms + moved_ms, drag.row, without=item)
+            if start_ms == item.start_ms + moved_ms:
+                start_ms = self.snap(item.end_ms + moved_ms, drag.row, without=item) - length
+            start_ms = min(max(0.0, start_ms), self._shown.duration_ms - length)
+            return replace(drag, start_ms=start_ms, end_ms=start_ms + length, target=self._target_row(drag, point))
+        edge_ms = self.bounded(
+            self.snap((item.start_ms if drag.kind == "start" else item.end_ms) + moved_ms, drag.row, without=item)
+        )
+        before, after = self._free_around(track, (item.start_ms + item.end_ms) / 2, without=item)
+        if drag.kind == "start":
+            return replace(drag, start_ms=min(max(edge_ms, before), item.end_ms - SHORTEST_MS))
+        return replace(drag, end_ms=max(min(edge_ms, after), item.start_ms + SHORTEST_MS))
+
+    def _target_row(self, drag: Drag, point: QPointF) -> int:
+        """The row that an annotation is dragged to: another tier of the same coder, or its own."""
+        under = self.hit(QPointF(NAMES_PX + 1, point.y())).row
+        if (
+            under >= 0
+            and self._shown.rows[under].own
+            and self._shown.rows[under].coder == self._shown.rows[drag.row].coder
+        ):
+            return under
+        return drag.row
+
+    def _free_around(self, track: Track, at_ms: float, *, without: Annotation | None = None) -> tuple[float, float]:
+        """How far the free room around a moment reaches."""
+        items = track.annotations
+        index = int(np.searchsorted(track.starts_ms, at_ms, "left"))
+        skip = "" if without is None else without.annotation_id
+        earlier = next((items[n] for n in range(index - 1, -1, -1) if items[n].annotation_id != skip), None)
+        later = next((items[n] for n in range(index, len(items)) if items[n].annotation_id != skip), None)
+        return (
+            0.0 if earlier is None else float(earlier.end_ms),
+            self._shown.duration_ms if later is None else float(later.start_ms),
+        )
+
+    def overlaps(self, drag: Drag) -> bool:
+        if drag.kind != "move" or drag.annotation is None:
+            return False
+        track = self._shown.track_of(self._shown.rows[drag.target])
+        return any(
+            track.annotations[index].annotation_id != drag.annotation.annotation_id
+            and track.annotations[index].end_ms > round(drag.start_ms)
+            and track.annotations[index].start_ms < round(drag.end_ms)
+            for index in track.between(drag.start_ms, drag.end_ms)
+        )

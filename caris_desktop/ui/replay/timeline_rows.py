@@ -1,0 +1,230 @@
+"""The rows of the timeline: which are shown and in which order, tiers of coders, and what comes from other files."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QPoint, Qt, Signal
+from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
+
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.replay.agreement_dialog import AgreementDialog
+from caris_desktop.ui.replay.import_dialog import ImportDialog
+from caris_desktop.ui.replay.tier_dialog import TierDialog, TierWish, with_tier
+from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
+from caris_desktop.ui.replay.timeline_model import Row, all_rows, arranged, moved_key
+from caris_desktop.ui.theme import Theme
+
+
+class TimelineRows(QObject):
+    """Asks for tiers, their names and their order; ``filter`` is the field that leaves rows out by their words."""
+
+    changed = Signal()  # other rows are to be shown
+
+    def __init__(
+        self,
+        view: QWidget,
+        canvas: TimelineCanvas,
+        acts: TimelineActs,
+        *,
+        theme: Theme,
+        replay: ReplayControls,
+        state: LiveState,
+        actions: Actions,
+    ) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._replay = replay
+        self._state = state
+        self._actions = actions
+        self._acts = acts
+        self._canvas = canvas
+        self._view = view
+        self._order: list[str] = []
+        self._hidden: set[str] = set()
+        self.filter = QLineEdit()
+        self.filter.setObjectName("tier_filter")
+        self.filter.setPlaceholderText("Filter tiers")
+        self.filter.setAccessibleName("Show only tiers with these words")
+        self.filter.setClearButtonEnabled(True)
+        self.filter.setFixedWidth(136)
+        self.filter.setFixedHeight(30)
+        self.filter.textChanged.connect(lambda _text: self.changed.emit())
+        canvas.row_menu_wanted.connect(self.open_row_menu)
+        canvas.row_opened.connect(self._on_row_opened)
+        canvas.row_moved.connect(self.move_row)
+
+    def shown(self) -> list[Row]:
+        """The rows to show, in their order."""
+        return arranged(self._every_row(), self._order, self._hidden, self.filter.text())
+
+    def words(self) -> str:
+        """Why no row is shown, where there are some."""
+        return "No row has these words." if self.filter.text().strip() else "All rows are hidden."
+
+    def _runner(self, action_id: str) -> Callable[[], None]:
+        return lambda: self._actions.run(action_id)
+
+    def open_tier_dialog(self) -> None:
+        """A new tier, of a coder that is there already or of another one."""
+        self._open_tier_dialog(None)
+
+    def _open_tier_dialog(self, tier: Tier | None) -> None:
+        active = self._canvas.active
+        scenario = self._state.scenario.value
+        dialog = TierDialog(
+            self._theme,
+            self._acts.document,
+            self._view,
+            apply=lambda wish: self._apply_tier(wish, tier),
+            tier=tier,
+            coder="" if active is None else active.coder,
+            scenario_labels=() if scenario is None else scenario.recording.labels,
+        )
+        dialog.open()
+
+    def _apply_tier(self, wish: TierWish, tier: Tier | None) -> str:
+        before = {item.tier_id for item in self._acts.document.tiers}
+        refusal = self._replay.edit(lambda document: with_tier(document, wish, tier))
+        if not refusal:
+            added = [item for item in self._acts.document.tiers if item.tier_id not in before]
+            for item in added:
+                self.filter.clear()
+                self._canvas.activate(f"tier {item.tier_id}")
+                self._canvas.show_row(f"tier {item.tier_id}")
+            self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
+        return refusal
+
+    def open_agreement(self) -> None:
+        own = [tier for tier in self._acts.document.tiers if tier.coder]
+        if len(own) < 2:
+            self._acts.say("Agreement compares two tiers. Add the other coder’s tier, or import it.")
+            return
+        AgreementDialog(self._theme, self._acts.document, self._view).open()
+
+    def open_import(self) -> None:
+        coders = editing.coders_of(self._acts.document)
+        ImportDialog(self._theme, self._view, coders=coders, take_over=self._take_over).open()
+
+    def _take_over(self, path: Path, coder: str) -> str:
+        before = self._acts.document
+        refusal = self._replay.import_annotations(path, coder)
+        if not refusal:
+            self._acts.say(imported_words(before, self._acts.document))
+        return refusal
+
+    def move_row(self, key: str, position: int) -> None:
+        """Put the row at that place among those on show. The order of a coder's own tiers is kept with them."""
+        shown = moved_key([row.key for row in self._canvas.rows], key, position)
+        everything = [row.key for row in arranged(self._every_row(), self._order, (), "")]
+        # Hidden rows stay behind the one that they follow.
+        order = list(shown)
+        for index, other in enumerate(everything):
+            if other not in shown:
+                before = everything[index - 1] if index else ""
+                order.insert(order.index(before) + 1 if before in order else 0, other)
+        self._order = order
+        own = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
+        tier_id = key.removeprefix("tier ")
+        if tier_id in own and own != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
+            self._acts.edit(lambda document: editing.move_tier(document, tier_id, own.index(tier_id)))
+        self.changed.emit()
+        self._canvas.show_row(key)
+
+    def _every_row(self) -> list[Row]:
+        return all_rows(self._replay.overview.value, self._acts.document)
+
+    def set_row_shown(self, key: str, *, shown: bool) -> None:
+        (self._hidden.discard if shown else self._hidden.add)(key)
+        self.changed.emit()
+
+    def open_rows_menu(self, button: QWidget) -> None:
+        """Every row, to show or hide."""
+        menu = self._menu("rows_menu")
+        for row in arranged(self._every_row(), self._order, (), ""):
+            action = menu.addAction(f"{row.name} · {row.coder}" if row.own else row.name)
+            action.setCheckable(True)
+            action.setChecked(row.key not in self._hidden)
+            action.toggled.connect(self._row_shower(row.key))
+        menu.addSeparator()
+        menu.addAction("Show all rows").triggered.connect(self._show_all_rows)
+        menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
+
+    def _row_shower(self, key: str) -> Callable[[bool], None]:
+        return lambda shown: self.set_row_shown(key, shown=shown)
+
+    def _show_all_rows(self) -> None:
+        self._hidden.clear()
+        self.changed.emit()
+
+    def open_row_menu(self, key: str, at: QPoint) -> None:
+        """What can be done with a row, and with what is selected on it."""
+        index = self._canvas.places.index_of(key)
+        if index is None:
+            return
+        row, menu = self._canvas.rows[index], self._menu("row_menu")
+        selected = self._canvas.selected
+        if row.own and row.tier is not None and selected is not None and selected.tier_id == row.tier.tier_id:
+            for action_id in ("annotation_rename", "annotation_split", "annotation_remove"):
+                spec = self._actions.spec(action_id)
+                if spec is not None:
+                    menu.addAction(f"{spec.text}\t{self._actions.key_text(action_id)}").triggered.connect(
+                        self._runner(action_id)
+                    )
+            menu.addSeparator()
+        if row.own and row.tier is not None:
+            menu.addAction("Change the tier…").triggered.connect(self._tier_changer(row.tier))
+        up, down = menu.addAction("Move up"), menu.addAction("Move down")
+        up.setEnabled(index > 0)
+        down.setEnabled(index < len(self._canvas.rows) - 1)
+        up.triggered.connect(self._row_mover(key, index - 1))
+        down.triggered.connect(self._row_mover(key, index + 1))
+        menu.addAction("Hide").triggered.connect(lambda: self.set_row_shown(key, shown=False))
+        if row.own and row.tier is not None:
+            count = len(self._canvas.shown.track_of(row).annotations)
+            menu.addSeparator()
+            words = f"Remove the tier with its {count} annotations" if count else "Remove the tier"
+            menu.addAction(words).triggered.connect(self._tier_remover(row.tier.tier_id))
+        menu.popup(at)
+
+    def _menu(self, name: str) -> QMenu:
+        menu = QMenu(self._view)
+        menu.setObjectName(name)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        return menu
+
+    def _tier_changer(self, tier: Tier) -> Callable[[], None]:
+        return lambda: self._open_tier_dialog(tier)
+
+    def _tier_remover(self, tier_id: str) -> Callable[[], None]:
+        return lambda: self._remove_tier(tier_id)
+
+    def _remove_tier(self, tier_id: str) -> None:
+        self._acts.edit(lambda document: editing.remove_tier(document, tier_id))
+
+    def _row_mover(self, key: str, position: int) -> Callable[[], None]:
+        return lambda: self.move_row(key, position)
+
+    def _on_row_opened(self, key: str) -> None:
+        index = self._canvas.places.index_of(key)
+        tier = None if index is None else self._canvas.rows[index].tier
+        if tier is not None and tier.coder:
+            self._open_tier_dialog(tier)
+
+
+def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
+    """What an import brought."""
+    if before == after:
+        return "Everything in that file is here already."
+    tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
+    annotations = len(set(after.annotations) - set(before.annotations))
+    parts = [
+        f"{count} {name}{'s' if count != 1 else ''}"
+        for count, name in ((tiers, "tier"), (annotations, "annotation"))
+        if count
+    ]
+    return f"Imported: {' and '.join(parts)}." if parts else "Imported. Nothing is new; some was changed or removed."

@@ -1,0 +1,362 @@
+"""How the map is drawn: trail, scan, goal, places, people and the robot over the grid, and what the pointer aims at."""
+
+import math
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, QSizeF, Qt
+from PySide6.QtGui import QFontMetricsF, QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.scenario.model import Place
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.map_grid import GridLayer
+from caris_desktop.ui.widgets.map_layers import (
+    Trail,
+    distinct_dots,
+    draw_arrow,
+    draw_pin,
+    outline_in_map,
+    polygon,
+    thinned,
+)
+from caris_desktop.ui.widgets.map_viewport import MapViewport
+from caris_desktop.ui.widgets.painted_once import PaintedOnce
+
+_CHIP_COLORS = {"warning": "amber", "good": "green", "bad": "red", "hint": "text"}
+_CHIP_ICONS = {"warning": "warning", "good": "check", "bad": "warning-octagon", "hint": ""}
+
+Tool = Literal["look", "goal", "pose", "place"]
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """A place on the map that is being chosen, and the heading there as far as it is chosen."""
+
+    at: QPointF  # metres in the map
+    heading_rad: float | None
+    anchored: bool  # the place was chosen before; only the heading is still open
+
+
+@dataclass(slots=True)
+class MapShown:
+    """Everything that is on show besides the grid.
+
+    ``people`` says where they are, what they are called, and whether that is a name that the wizard gave. ``chips`` are
+    lines of (words, role) at the upper edge; a role is warning, good, bad or hint. ``mark`` is the point that a card
+    asks about.
+    """
+
+    places: tuple[Place, ...] = ()
+    pose: Pose2D | None = None
+    pose_freshness: str = "none"
+    scan_points_m: NDArray[np.float64] | None = None
+    scan_freshness: str = "none"
+    path_m: NDArray[np.float64] | None = None
+    people: tuple[tuple[PersonPlace, str, bool], ...] = ()
+    people_freshness: str = "none"
+    outline_m: tuple[tuple[float, float], ...] = ()
+    guard: tuple[str, float | None] = ("absent", None)
+    goal: GoalChanged | None = None
+    chips: list[tuple[str, str]] = field(default_factory=list)
+    hint: str = ""
+    mark: QPointF | None = None
+    waiting: str = "Waiting for the map"
+    trail: Trail = field(default_factory=Trail)
+    show_trail: bool = True
+    rotate: bool = False
+    tool: Tool = "look"
+    aim: Aim | None = None
+    pointer: QPointF | None = None
+    hovered: str | None = None
+
+
+class MapDrawing:
+    """Draws ``shown`` over the grid; ``place_rects`` says afterwards where each place can be clicked."""
+
+    def __init__(self, theme: Theme, view: QWidget, viewport: MapViewport, grid: GridLayer) -> None:
+        self._theme = theme
+        self._view = view
+        self._viewport = viewport
+        self._grid = grid
+        self.shown = MapShown()
+        self.painted = PaintedOnce()
+        self.place_rects: dict[str, QRectF] = {}
+
+    def paint(self, painter: QPainter) -> None:
+        self._paint_trail(painter)
+        self._paint_scan(painter)
+        self._paint_goal(painter)
+        self._paint_places(painter)
+        self._paint_people(painter)
+        if self.shown.pose is not None and self.shown.pose_freshness != "none":
+            self._paint_robot(painter, self.shown.pose)
+        if self._grid.newest is None:
+            self._paint_waiting(painter)
+        self._paint_aim(painter)
+        self._paint_scale_bar(painter)
+        self._paint_chips(painter)
+
+    def _paint_waiting(self, painter: QPainter) -> None:
+        painter.setFont(self._theme.font())
+        painter.setPen(self._theme.color("dim"))
+        where = QRectF(self._view.rect())
+        if self.shown.pose is not None:
+            where = QRectF(0, where.height() - 40, where.width(), 30)
+        painter.drawText(where, Qt.AlignmentFlag.AlignCenter, self.shown.waiting)
+
+    def _paint_trail(self, painter: QPainter) -> None:
+        if not self.shown.show_trail or len(self.shown.trail) < 2:
+            return
+        to_view = self._viewport.transform()
+        color = self._theme.color("blue")
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+        for strength, points_m in self.shown.trail.pieces():
+            color.setAlpha(round(30 + 110 * strength))
+            painter.setPen(QPen(color, 2))
+            painter.drawPolyline(polygon(thinned(points_m.astype(np.float32), 160), to_view))
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+
+    def _paint_scan(self, painter: QPainter) -> None:
+        points_m = self.shown.scan_points_m
+        if points_m is None or self.shown.scan_freshness not in ("fresh", "stale"):
+            return
+        to_view = self._viewport.transform()
+        matrix = np.array([[to_view.m11(), to_view.m12()], [to_view.m21(), to_view.m22()]])
+        points_px = points_m @ matrix + (to_view.dx(), to_view.dy())
+        dots = distinct_dots(points_px, self._view.width(), self._view.height())
+        dot = self.painted.picture(painter, QSizeF(3, 3), ("dot", self.shown.scan_freshness), self._paint_dot)
+        # Copied dot by dot in less than a third of the time that Qt takes for points with a pen of this width.
+        for x, y in dots.tolist():
+            painter.drawPixmap(x - 1, y - 1, dot)
+
+    def _paint_dot(self, onto: QPainter) -> None:
+        color = self._theme.color("blue")
+        color.setAlpha(230 if self.shown.scan_freshness == "fresh" else 80)
+        onto.setPen(Qt.PenStyle.NoPen)
+        onto.setBrush(color)
+        onto.drawEllipse(QRectF(0, 0, 3, 3))
+
+    def _paint_goal(self, painter: QPainter) -> None:
+        if self.shown.goal is None:
+            return
+        goal, color = self.shown.goal.target_in_map, self._theme.color("green")
+        target = self._viewport.to_view(goal.x_m, goal.y_m)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        if self.shown.path_m is not None:
+            painter.setPen(QPen(color, 2.5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+            painter.drawPolyline(polygon(self.shown.path_m, self._viewport.transform()))
+        elif self.shown.pose is not None:
+            # Not how it will drive, only where to: dashed, until the robot tells its path.
+            pen = QPen(color, 2.5)
+            pen.setDashPattern([4, 3])
+            painter.setPen(pen)
+            painter.drawLine(self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m), target)
+        draw_arrow(painter, target, goal.heading_rad + self._viewport.turn_rad, color=color, length_px=30)
+
+    def _paint_places(self, painter: QPainter) -> None:
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
+        metrics = QFontMetricsF(font)
+        self.place_rects.clear()
+        places = {place.name: place.pose_in_map for place in self.shown.places}
+        marks = {name: self._viewport.to_view(pose.x_m, pose.y_m) for name, pose in places.items()}
+        taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
+        if self.shown.pose is not None:
+            robot = self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m)
+            taken.append(QRectF(robot.x() - 13, robot.y() - 38, 26, 44))
+        goal_place = self.shown.goal.place if self.shown.goal is not None else None
+        # The goal and the place under the pointer get their words first; what finds no room keeps its flag.
+        order = sorted(marks, key=lambda name: (name != goal_place, name != self.shown.hovered))
+        for name in order:
+            at, width = marks[name], metrics.horizontalAdvance(name) + 12
+            going = name == goal_place
+            hit = QRectF(at.x() - 11, at.y() - 11, 22, 22)
+            label = self._free_room(at, width, taken)
+            if label is None and (going or name == self.shown.hovered):
+                label = QRectF(
+                    min(max(4.0, at.x() - width / 2), self._view.width() - width - 4), at.y() - 32, width, 20
+                )
+            self.painted.draw(
+                painter, at - QPointF(10, 10), QSizeF(20, 20), ("flag", going), partial(self._paint_flag, going)
+            )
+            if label is not None:
+                taken.append(label)
+                hit = hit.united(label)
+                self._paint_label(painter, label, name, color="green" if going else "text", weight=tokens.WEIGHT_MEDIUM)
+            self.place_rects[name] = hit
+
+    def _paint_flag(self, going: bool, onto: QPainter) -> None:
+        onto.setPen(QPen(self._theme.color("green" if going else "line_strong"), 1.5))
+        onto.setBrush(self._theme.color("panel"))
+        onto.drawEllipse(QPointF(10, 10), 9, 9)
+        draw_icon(onto, QRectF(3.5, 3.5, 13, 13), "flag", self._theme.color("green" if going else "text"))
+
+    def _paint_label(self, painter: QPainter, label: QRectF, name: str, *, color: str, weight: int) -> None:
+        """A name on a ground that the map shines through; a picture kept for as long as it says the same."""
+
+        def paint(onto: QPainter) -> None:
+            whole, ground = QRectF(QPointF(0, 0), label.size()), self._theme.color("panel")
+            ground.setAlpha(220)
+            onto.setPen(Qt.PenStyle.NoPen)
+            onto.setBrush(ground)
+            onto.drawRoundedRect(whole, 5, 5)
+            onto.setFont(self._theme.font(tokens.STATUS_PX, weight))
+            onto.setPen(self._theme.color(color))
+            onto.drawText(whole, Qt.AlignmentFlag.AlignCenter, name)
+
+        self.painted.draw(painter, label.topLeft(), label.size(), ("label", name, color, weight), paint)
+
+    def _free_room(self, at: QPointF, width: float, taken: list[QRectF]) -> QRectF | None:
+        """Room for a label right of, left of, above or below its flag that covers nothing."""
+        room = QRectF(self._view.rect()).adjusted(2, 2, -2, -2)
+        for left, top in ((11, -10), (-11 - width, -10), (-width / 2, -31), (-width / 2, 11)):
+            label = QRectF(at.x() + left, at.y() + top, width, 20)
+            if room.contains(label) and not any(label.intersects(other) for other in taken):
+                return label
+        return None
+
+    def _paint_people(self, painter: QPainter) -> None:
+        if self.shown.people_freshness not in ("fresh", "stale"):
+            return
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        metrics = QFontMetricsF(font)
+        painter.save()
+        if self.shown.people_freshness == "stale":
+            painter.setOpacity(0.45)
+        for person, name, named in self.shown.people:
+            at = self._viewport.to_view(person.x_m, person.y_m)
+            color = self._theme.color("green" if named else "text")
+            ring = max(9.0, person.spread_m * self._viewport.scale)
+            pen = QPen(color, 1.5)
+            pen.setDashPattern([3, 3])
+            painter.setPen(pen)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(at, ring, ring)
+            # As in the list of people: filled with a name, an outline without.
+            painter.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
+            painter.setBrush(color if named else self._theme.color("panel"))
+            painter.drawEllipse(at, 6, 6)
+            label = QRectF(at.x() + 10, at.y() - 10, metrics.horizontalAdvance(name) + 10, 20)
+            role = "green" if named else "text"
+            self._paint_label(painter, label, name, color=role, weight=tokens.WEIGHT_SEMIBOLD)
+        painter.restore()
+
+    def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
+        tip = self._viewport.to_view(pose.x_m, pose.y_m)
+        stale = self.shown.pose_freshness in ("stale", "lost")
+        color = self._theme.color("dim" if stale else "blue")
+        if self.shown.outline_m:
+            outline = polygon(outline_in_map(self.shown.outline_m, pose), self._viewport.transform())
+            ground = self._theme.color("blue")
+            ground.setAlpha(0 if stale else 40)
+            pen = QPen(color, 1.5, Qt.PenStyle.DashLine if stale else Qt.PenStyle.SolidLine)
+            painter.setPen(pen)
+            painter.setBrush(ground)
+            painter.drawPolygon(outline)
+        state, distance_m = self.shown.guard
+        if not stale and state in ("slowing", "blocked") and distance_m is not None:
+            # How much room is left in front of the footprint, whichever way it drives.
+            reach_m = max((math.hypot(x, y) for x, y in self.shown.outline_m), default=0.25) + distance_m
+            radius = reach_m * self._viewport.scale
+            role = "red" if state == "blocked" else "amber"
+            painter.setPen(QPen(self._theme.color(role), 2, Qt.PenStyle.DotLine))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(tip, radius, radius)
+        draw_pin(
+            painter, tip, pose.heading_rad + self._viewport.turn_rad, color=color, ground=self._theme.color("panel"),
+            beam_px=max(34.0, min(70.0, self._viewport.scale * 0.9)), hollow=stale,
+        )  # fmt: skip
+
+    def _paint_aim(self, painter: QPainter) -> None:
+        shown, aim = self.shown, self.shown.aim
+        if shown.tool == "look":
+            if shown.mark is not None:
+                refused = bool(self._grid.refusal_at(shown.mark))
+                painter.setPen(QPen(self._theme.color("amber" if refused else "green"), 2.5))
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                painter.drawEllipse(self._viewport.to_view(shown.mark.x(), shown.mark.y()), 9, 9)
+            return
+        at = None if shown.pointer is None else self._viewport.to_map(shown.pointer)
+        if aim is not None:
+            at = aim.at
+        if at is None:
+            return
+        heading_rad = aim.heading_rad if aim is not None else None
+        role = "amber" if self._grid.refusal_at(at) else "green" if shown.tool == "goal" else "blue"
+        color = self._theme.color(role)
+        point = self._viewport.to_view(at.x(), at.y())
+        if heading_rad is not None:
+            draw_arrow(painter, point, heading_rad + self._viewport.turn_rad, color=color, length_px=46)
+            return
+        pen = QPen(color, 2)
+        pen.setDashPattern([3, 2])
+        painter.setPen(pen)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.drawEllipse(point, 9, 9)
+
+    def _paint_scale_bar(self, painter: QPainter) -> None:
+        if self._grid.newest is None and self.shown.pose is None:
+            return
+        metres = next((length for length in (0.5, 1, 2, 5, 10, 20, 50) if length * self._viewport.scale >= 44), 100)
+        right, bottom = self._view.width() - 14.0, self._view.height() - 12.0
+        painter.setPen(QPen(self._theme.color("dim"), 1.5))
+        left = right - metres * self._viewport.scale
+        painter.drawPolyline(QPolygonF([
+            QPointF(left, bottom - 4), QPointF(left, bottom), QPointF(right, bottom), QPointF(right, bottom - 4),
+        ]))  # fmt: skip
+        painter.setFont(self._theme.font(tokens.STATUS_PX - 1))
+        painter.drawText(
+            QRectF(left - 40, bottom - 20, right - left + 80, 16), Qt.AlignmentFlag.AlignCenter, f"{metres:g} m"
+        )
+        if self.shown.rotate:
+            north = self._viewport.turn_rad + math.pi / 2
+            at = QPointF(self._view.width() - 30.0, bottom - 50)
+            out = QPointF(math.cos(north), -math.sin(north))
+            side = QPointF(-out.y(), out.x())
+            painter.drawText(QRectF(at.x() - 9, at.y() - 9, 18, 18), Qt.AlignmentFlag.AlignCenter, "N")
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("dim"))
+            painter.drawPolygon(QPolygonF([at + out * 19, at + out * 11 + side * 5, at + out * 11 - side * 5]))
+
+    def _paint_chips(self, painter: QPainter) -> None:
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
+        metrics = QFontMetricsF(font)
+        painter.setFont(font)
+        top = 8.0
+        left_room = 48.0  # the tools are there
+        for text, role in self.shown.chips:
+            self._paint_chip(painter, metrics, text, role, left_room=left_room, top=top)
+            top += 28
+        if self.shown.hint:
+            self._paint_chip(
+                painter, metrics, self.shown.hint, "hint", left_room=left_room, top=self._view.height() - 34.0
+            )
+
+    def _paint_chip(
+        self, painter: QPainter, metrics: QFontMetricsF, text: str, role: str, *, left_room: float, top: float
+    ) -> None:
+        icon = _CHIP_ICONS.get(role, "")
+        extra = 38.0 if icon else 20.0
+        shown = metrics.elidedText(
+            text, Qt.TextElideMode.ElideRight, max(40.0, self._view.width() - left_room - 12 - extra)
+        )
+        width = metrics.horizontalAdvance(shown) + extra
+        middle = left_room + (self._view.width() - left_room - 12) / 2
+        chip = QRectF(middle - width / 2, top, width, 24)
+        color = self._theme.color(_CHIP_COLORS.get(role, "text"))
+        painter.setPen(QPen(color if role != "hint" else self._theme.color("line_strong"), 1))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(chip.adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        if icon:
+            draw_icon(painter, QRectF(chip.left() + 9, chip.top() + 4, 16, 16), icon, color)
+            chip.adjust(18, 0, 0, 0)
+        painter.setPen(color)
+        painter.drawText(chip, Qt.AlignmentFlag.AlignCenter, shown)
