@@ -265,10 +265,10 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
     assert strengths == sorted(strengths)
     trail.add(Pose2D(0.0, 50.0, 0.0))
     assert all(np.abs(np.diff(points, axis=0)).max() < 1.0 for _, points in trail.pieces()), "no line for a jump"
-    panel.view.trail.add(Pose2D(1.0, 1.0, 0.0))
+    panel.view.shown.trail.add(Pose2D(1.0, 1.0, 0.0))
     action = next(action for action in panel.fill_menu().actions() if action.text().startswith("Forget"))
     action.trigger()
-    assert len(panel.view.trail) == 0
+    assert len(panel.view.shown.trail) == 0
 
 
 def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole) -> None:
@@ -307,7 +307,7 @@ def test_a_goal_with_heading_takes_the_tool(
     (target,) = console.named("go_to")
     assert (target.x_m, target.y_m) == pytest.approx((8.0, 3.0), abs=0.05)
     assert target.heading_rad == pytest.approx(math.pi / 2, abs=0.05)
-    assert (panel.view.tool, panel.view.hint) == ("look", ""), "once"
+    assert (panel.view.shown.tool, panel.view.hint) == ("look", ""), "once"
 
 
 def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -318,7 +318,7 @@ def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console:
     QTest.keyClick(panel.view, Qt.Key.Key_Escape)
     QTest.mouseRelease(panel.view, BUTTON, pos=start + QPoint(40, 0))
     assert console.named("go_to") == []
-    assert panel.view.tool == "look"
+    assert panel.view.shown.tool == "look"
 
 
 def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -335,7 +335,7 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, *wall))
     assert console.named("go_to") == []
     assert panel.view.hint == "There is an obstacle: choose free ground"
-    assert panel.view.tool == "goal", "another place can be chosen at once"
+    assert panel.view.shown.tool == "goal", "another place can be chosen at once"
 
 
 def test_the_robot_is_told_where_it_is(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -433,8 +433,8 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
         assert [widget for widget in window.findChildren(QWidget, name) if widget.isVisible()] == []
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 8.0, 3.4))
     QTest.keyClick(panel.view, Qt.Key.Key_G)
-    assert panel.view.tool == "look"
-    assert not panel._card.isVisible()
+    assert panel.view.shown.tool == "look"
+    assert not panel.tools._card.isVisible()
     assert console.calls == []
 
 
@@ -508,10 +508,10 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
     assert view.place_position("Kitchen") is None, "places belong to a map"
     QTest.mouseClick(view, BUTTON, pos=at(panel, 5.5, 1.6))
     click(qtbot, find(window, "map_tool_goal"))
-    assert view.tool == "look"
+    assert view.shown.tool == "look"
     assert not console.named("go_to")
     assert ("Goals and places need a map", "warning") in view.chips
     state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
     assert not any("odometry" in words for words, _role in view.chips)
-    assert len(view.trail) == 1, "what was driven by odometry has no place in the map"
+    assert len(view.shown.trail) == 1, "what was driven by odometry has no place in the map"
     assert view.place_position("Kitchen") is not None

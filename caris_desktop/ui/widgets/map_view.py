@@ -17,7 +17,7 @@ from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_drawing import Aim, MapDrawing, Tool
 from caris_desktop.ui.widgets.map_grid import GridLayer
-from caris_desktop.ui.widgets.map_layers import Trail, scan_points_in_map, thinned
+from caris_desktop.ui.widgets.map_layers import scan_points_in_map, thinned
 from caris_desktop.ui.widgets.map_viewport import MapViewport
 
 REPAINT_MS = 80
@@ -50,8 +50,8 @@ class MapView(QWidget):
         self.grid = GridLayer(theme, self)
         self.viewport = MapViewport(self)
         self._drawing = MapDrawing(theme, self, self.viewport, self.grid)
-        self._shown = self._drawing.shown
-        self._shown.places = places
+        self.shown = self._drawing.shown
+        self.shown.places = places
         self._fitted = False
         self._viewed_by_hand = False
         self.follow = False
@@ -88,94 +88,86 @@ class MapView(QWidget):
         self.update()
 
     def show_pose(self, pose: RobotPose | None) -> None:
-        self._shown.pose = None if pose is None else pose.pose_in_map
-        if self._shown.pose is not None:
-            self._shown.trail.add(self._shown.pose)
-            if self._press is None and self._pan_from is None and self._shown.aim is None:
-                self._keep_up_with(self._shown.pose)
+        self.shown.pose = None if pose is None else pose.pose_in_map
+        if self.shown.pose is not None:
+            self.shown.trail.add(self.shown.pose)
+            if self._press is None and self._pan_from is None and self.shown.aim is None:
+                self._keep_up_with(self.shown.pose)
         self._update_soon()
 
     def show_scan(self, scan: LaserScan | None) -> None:
         # Points are placed with the pose of their own moment, so they do not swim when only the pose moves on.
-        here = self._shown.pose
-        self._shown.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
+        here = self.shown.pose
+        self.shown.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
         self._update_soon()
 
     def show_path(self, points_in_map: NDArray[np.float32] | None) -> None:
-        self._shown.path_m = None if points_in_map is None or len(points_in_map) < 2 else thinned(points_in_map)
+        self.shown.path_m = None if points_in_map is None or len(points_in_map) < 2 else thinned(points_in_map)
         self._update_soon()
 
     def show_people(self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str) -> None:
         """Where people are, what they are called, and whether that is a name that the wizard gave."""
-        self._shown.people, self._shown.people_freshness = people, freshness
+        self.shown.people, self.shown.people_freshness = people, freshness
         self._update_soon()
 
     def show_robot(self, outline_m: tuple[tuple[float, float], ...]) -> None:
-        self._shown.outline_m = outline_m
+        self.shown.outline_m = outline_m
         self.update()
 
     def show_guard(self, state: str, distance_m: float | None) -> None:
-        if (state, distance_m) != self._shown.guard:
-            self._shown.guard = (state, distance_m)
+        if (state, distance_m) != self.shown.guard:
+            self.shown.guard = (state, distance_m)
             self._update_soon()
 
     def show_places(self, places: tuple[Place, ...]) -> None:
-        self._shown.places = places
+        self.shown.places = places
         self.update()
 
     def show_goal(self, goal: GoalChanged | None) -> None:
-        self._shown.goal = goal
+        self.shown.goal = goal
         self._update_soon()
 
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
         """Lines of (words, role) at the upper edge; a role is warning, good, bad or hint."""
-        if chips != self._shown.chips:
-            self._shown.chips = chips
+        if chips != self.shown.chips:
+            self.shown.chips = chips
             self.update()
 
     @property
     def chips(self) -> list[tuple[str, str]]:
-        return self._shown.chips
+        return self.shown.chips
 
     def show_mark(self, at: QPointF | None) -> None:
         """A ring around the point of the map that a card asks about."""
-        if at != self._shown.mark:
-            self._shown.mark = at
+        if at != self.shown.mark:
+            self.shown.mark = at
             self.update()
 
     def show_hint(self, hint: str) -> None:
-        if hint != self._shown.hint:
-            self._shown.hint = hint
+        if hint != self.shown.hint:
+            self.shown.hint = hint
             self.update()
 
     @property
     def hint(self) -> str:
-        return self._shown.hint
+        return self.shown.hint
 
     def show_waiting(self, words: str) -> None:
-        if words != self._shown.waiting:
-            self._shown.waiting = words
+        if words != self.shown.waiting:
+            self.shown.waiting = words
             self.update()
 
     def show_freshness(self, *, pose: str, scan: str) -> None:
-        if (pose, scan) != (self._shown.pose_freshness, self._shown.scan_freshness):
-            self._shown.pose_freshness, self._shown.scan_freshness = pose, scan
+        if (pose, scan) != (self.shown.pose_freshness, self.shown.scan_freshness):
+            self.shown.pose_freshness, self.shown.scan_freshness = pose, scan
             self.update()
 
-    @property
-    def trail(self) -> Trail:
-        return self._shown.trail
-
-    @property
-    def show_trail(self) -> bool:
-        return self._shown.show_trail
-
     def clear_trail(self) -> None:
-        self._shown.trail.clear()
+        self.shown.trail.clear()
         self.update()
 
     def set_trail_shown(self, shown: bool) -> None:
-        self._shown.show_trail = shown
+        self.shown.show_trail = shown
         self.update()
 
     def _update_soon(self) -> None:
@@ -189,20 +181,16 @@ class MapView(QWidget):
             self.follow = follow
             if follow:
                 self.viewport.come_near()
-                if self._shown.pose is not None:
-                    self.viewport.center = QPointF(self._shown.pose.x_m, self._shown.pose.y_m)
+                if self.shown.pose is not None:
+                    self.viewport.center = QPointF(self.shown.pose.x_m, self.shown.pose.y_m)
             self.follow_changed.emit(follow)
             self.update()
 
-    @property
-    def rotate(self) -> bool:
-        return self._shown.rotate
-
     def set_rotate(self, rotate: bool) -> None:
         """Turn the map so that up is where the robot looks; north again without."""
-        pose = self._shown.pose
-        if rotate != self.rotate:
-            self._shown.rotate = rotate
+        pose = self.shown.pose
+        if rotate != self.shown.rotate:
+            self.shown.rotate = rotate
             self.viewport.turn_up(pose.heading_rad if rotate and pose is not None else None)
             self.rotate_changed.emit(rotate)
             self.moved.emit()
@@ -211,16 +199,16 @@ class MapView(QWidget):
     def _keep_up_with(self, pose: Pose2D) -> None:
         if self.follow:
             self.viewport.center = QPointF(pose.x_m, pose.y_m)
-        if self.rotate:
+        if self.shown.rotate:
             self.viewport.turn_up(pose.heading_rad)
-        if self.follow or self.rotate:
+        if self.follow or self.shown.rotate:
             self.moved.emit()
 
     def fit(self) -> None:
         """Show the known part of the map, the places and the robot."""
-        poses = [place.pose_in_map for place in self._shown.places]
-        if self._shown.pose is not None:
-            poses.append(self._shown.pose)
+        poses = [place.pose_in_map for place in self.shown.places]
+        if self.shown.pose is not None:
+            poses.append(self.shown.pose)
         bounds = QRectF()
         if poses:
             bounds = self._bounds_of(poses).adjusted(-1.2, -1.2, 1.2, 1.2)
@@ -247,7 +235,7 @@ class MapView(QWidget):
 
     def place_position(self, name: str) -> QPoint | None:
         """Where a place is in this widget, for pointing at it."""
-        place = next((place for place in self._shown.places if place.name == name), None)
+        place = next((place for place in self.shown.places if place.name == name), None)
         return None if place is None else self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m).toPoint()
 
     def to_view(self, x_m: float, y_m: float) -> QPointF:
@@ -265,19 +253,11 @@ class MapView(QWidget):
 
     # ---- pointer and keys
 
-    @property
-    def tool(self) -> Tool:
-        return self._shown.tool
-
-    @property
-    def aim(self) -> Aim | None:
-        return self._shown.aim
-
     def set_tool(self, tool: Tool, *, at: QPointF | None = None) -> None:
         """Take a tool. With ``at`` the place is chosen already, and the next click says the heading."""
-        changed = tool != self._shown.tool
-        self._shown.tool = tool
-        self._shown.aim = Aim(at, None, anchored=True) if tool != "look" and at is not None else None
+        changed = tool != self.shown.tool
+        self.shown.tool = tool
+        self.shown.aim = Aim(at, None, anchored=True) if tool != "look" and at is not None else None
         self._press = None
         self.setCursor(Qt.CursorShape.ArrowCursor if tool == "look" else Qt.CursorShape.CrossCursor)
         if changed or at is not None:
@@ -287,7 +267,7 @@ class MapView(QWidget):
     def give_up(self) -> None:
         """Esc: whatever was begun on the map is forgotten."""
         self._press = self._pan_from = None
-        if self._shown.tool != "look":
+        if self.shown.tool != "look":
             self.set_tool("look")
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -314,21 +294,21 @@ class MapView(QWidget):
             case Qt.Key.Key_F:
                 self.set_follow(not self.follow)
             case Qt.Key.Key_R:
-                self.set_rotate(not self.rotate)
+                self.set_rotate(not self.shown.rotate)
             case _:
                 super().keyPressEvent(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
         point, button = event.position(), event.button()
-        if button == Qt.MouseButton.LeftButton and self._shown.tool != "look":
+        if button == Qt.MouseButton.LeftButton and self.shown.tool != "look":
             self._press = point
-            if self._shown.aim is None or not self._shown.aim.anchored:
-                self._shown.aim = Aim(self.to_map(point), None, anchored=False)
+            if self.shown.aim is None or not self.shown.aim.anchored:
+                self.shown.aim = Aim(self.to_map(point), None, anchored=False)
             else:
                 self._turn_aim_to(point)
             self.update()
-        elif button == Qt.MouseButton.RightButton and self._shown.tool != "look":
+        elif button == Qt.MouseButton.RightButton and self.shown.tool != "look":
             self.give_up()
         elif self._pan_from is None:
             self._pan_from, self._pan_button, self._dragged = point, button, False
@@ -336,7 +316,7 @@ class MapView(QWidget):
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         point = event.position()
-        self._shown.pointer = point
+        self.shown.pointer = point
         if self._pan_from is not None:
             moved = point - self._pan_from
             if self._dragged or moved.manhattanLength() > _DRAG_PX:
@@ -349,23 +329,23 @@ class MapView(QWidget):
                 self.moved.emit()
                 self.update()
             return
-        if self._shown.tool != "look":
-            if self._shown.aim is not None and (self._press is not None or self._shown.aim.anchored):
+        if self.shown.tool != "look":
+            if self.shown.aim is not None and (self._press is not None or self.shown.aim.anchored):
                 self._turn_aim_to(point)
             self.update()
             return
         over = self._place_at(point)
         self.setCursor(Qt.CursorShape.ArrowCursor if over is None else Qt.CursorShape.PointingHandCursor)
-        if over != self._shown.hovered:
-            self._shown.hovered = over
+        if over != self.shown.hovered:
+            self.shown.hovered = over
             self.update()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         point = event.position()
         if self._pan_from is not None and event.button() == self._pan_button:
             dragged, self._pan_from = self._dragged, None
-            self.setCursor(Qt.CursorShape.ArrowCursor if self._shown.tool == "look" else Qt.CursorShape.CrossCursor)
-            if not dragged and self._shown.tool == "look" and self._pan_button != Qt.MouseButton.MiddleButton:
+            self.setCursor(Qt.CursorShape.ArrowCursor if self.shown.tool == "look" else Qt.CursorShape.CrossCursor)
+            if not dragged and self.shown.tool == "look" and self._pan_button != Qt.MouseButton.MiddleButton:
                 name = self._place_at(point)
                 if name is not None:
                     self.place_clicked.emit(name, point)
@@ -376,27 +356,27 @@ class MapView(QWidget):
         event.accept()
 
     def leaveEvent(self, event: object) -> None:
-        self._shown.pointer = None
+        self.shown.pointer = None
         self.update()
 
     def _turn_aim_to(self, point: QPointF) -> None:
-        aim = self._shown.aim
+        aim = self.shown.aim
         if aim is None:
             return
         away = point - self.to_view(aim.at.x(), aim.at.y())
         heading_rad = None
         if math.hypot(away.x(), away.y()) >= _AIM_PX:
             heading_rad = wrap_angle(math.atan2(-away.y(), away.x()) - self.viewport.turn_rad)
-        self._shown.aim = Aim(aim.at, heading_rad, aim.anchored)
+        self.shown.aim = Aim(aim.at, heading_rad, aim.anchored)
 
     def _finish_aim(self) -> None:
-        aim, tool = self._shown.aim, self._shown.tool
+        aim, tool = self.shown.aim, self.shown.tool
         self._press = None
         if aim is None:
             return
         if self.grid.refusal_at(aim.at):
             # The tool stays, so that another place can be chosen at once.
-            self._shown.aim = None
+            self.shown.aim = None
             self.show_hint(self.grid.refusal_at(aim.at))
             return
         heading_rad = aim.heading_rad if aim.heading_rad is not None else self.heading_towards(aim.at)
@@ -405,10 +385,10 @@ class MapView(QWidget):
 
     def heading_towards(self, at: QPointF) -> float:
         """Direction of travel from the robot to a point; the robot's own heading where it stands there already."""
-        if self._shown.pose is None:
+        if self.shown.pose is None:
             return 0.0
-        right, up = at.x() - self._shown.pose.x_m, at.y() - self._shown.pose.y_m
-        return math.atan2(up, right) if math.hypot(right, up) > 0.1 else self._shown.pose.heading_rad
+        right, up = at.x() - self.shown.pose.x_m, at.y() - self.shown.pose.y_m
+        return math.atan2(up, right) if math.hypot(right, up) > 0.1 else self.shown.pose.heading_rad
 
     def _place_at(self, point: QPointF) -> str | None:
         return next((name for name, rect in self._drawing.place_rects.items() if rect.contains(point)), None)

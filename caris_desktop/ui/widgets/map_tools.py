@@ -1,0 +1,290 @@
+"""What the wizard says on the map: where to go, where a place is, where the robot stands, and what they are called."""
+
+import math
+
+from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.model import Place
+from caris_desktop.ui import words
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
+from caris_desktop.ui.widgets.map_drawing import Tool
+from caris_desktop.ui.widgets.map_view import MapView
+
+_TOLD_SHOWN_S = 8.0
+_NO_PLACE_SHOWN_S = 5.0
+_UNDO_SHOWN_MS = 10_000
+_GIVE_UP = "Esc gives up"
+_HINTS: dict[Tool, str] = {
+    "look": "",
+    "goal": f"Press where to go, drag to where to look · {_GIVE_UP}",
+    "pose": f"Press where it stands, drag to where it looks · {_GIVE_UP}",
+    "place": f"Press where the place is, drag to where to look · {_GIVE_UP}",
+}
+
+
+def icon_button(theme: Theme, name: str, icon: str, tip: str) -> ActionButton:
+    """A small button without words; what stands before the key in ``tip`` is its name."""
+    button = ActionButton(theme, "", icon=icon, height_px=30)
+    button.setObjectName(name)
+    button.setAccessibleName(tip.split(" (", maxsplit=1)[0])
+    button.setToolTip(tip)
+    return button
+
+
+class MapTools(QObject):
+    """Tools over the edge of the view, and cards where it is clicked. ``by_odometry``: what is drawn is no map."""
+
+    told = Signal(str, str, float)  # words, role, how long they are shown
+    changed = Signal()
+
+    def __init__(self, panel: Panel, view: MapView) -> None:
+        super().__init__(panel)
+        self._panel = panel
+        self._view = view
+        self._console, self._state, self._table, self._theme = panel.console, panel.state, panel.table, panel.theme
+        self.by_odometry = False
+        self._drives = panel.console.scenario.permissions.driving
+        self._moving: str | None = None
+        self._naming: tuple[str, Pose2D | None] = ("", None)
+        self._removed: Place | None = None
+        self._tools = self._make_tools() if self._drives else {}
+        self._card = ChoiceCard(self._theme, view, name="map_card")
+        self._card.closed.connect(self._on_card_closed)
+        self._undo = ChoiceCard(self._theme, view, name="map_undo")
+        self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
+        self._undo_ends.timeout.connect(self._undo.hide)
+        self._name = NameCard(self._theme, view, name="map_name")
+        self._name.named.connect(self._on_named)
+        view.place_clicked.connect(self._on_place_clicked)
+        view.ground_clicked.connect(self._on_ground_clicked)
+        view.aimed.connect(self._on_aimed)
+        view.tool_changed.connect(self._on_tool_changed)
+        view.moved.connect(self._card.hide)
+        panel.hold.escape_pressed.connect(self._on_escape)
+        self._theme.changed.connect(self.arrange)
+
+    def show_what_can_be(self) -> None:
+        """The tools that this robot has a use for."""
+        if self._tools:
+            self._tools["goal"].setVisible(self.may_go and self.can_navigate())
+            self._tools["place"].setVisible(self.may_go)
+            self._tools["pose"].setVisible(self.may_go and self._can_set_pose())
+            self.arrange()
+
+    def toggle_goal(self) -> bool:
+        """Take the tool that says where to go, or put it away; False where there is none."""
+        if not self.may_go or self._tools["goal"].isHidden():
+            return False
+        self.take("look" if self._view.shown.tool == "goal" else "goal")
+        return True
+
+    def _make_tools(self) -> dict[Tool, ActionButton]:
+        tools: dict[Tool, ActionButton] = {}
+        for tool, icon, tip in (
+            ("goal", "navigation-arrow", "Go here: a place and a heading (G)"),
+            ("place", "flag", "Add a place"),
+            ("pose", "map-pin", "The robot is here: tell it where it stands"),
+        ):
+            button = icon_button(self._theme, f"map_tool_{tool}", icon, tip)
+            button.setParent(self._view)
+            button.setCheckable(True)
+            button.clicked.connect(self._tool_taker(tool))
+            tools[tool] = button  # type: ignore[index]
+        return tools
+
+    def _tool_taker(self, tool: str) -> object:
+        return lambda checked=False: self.take(tool if checked else "look")  # type: ignore[arg-type]
+
+    def arrange(self) -> None:
+        """Down the left edge, or along it where the panel is low."""
+        left, top = 8, 8
+        upright = self._panel.height() >= 34 * len(self._tools) + 12
+        for button in self._tools.values():
+            if button.isHidden():
+                continue
+            size = button.sizeHint()
+            button.setGeometry(left, top, size.width(), size.height())
+            left, top = (left, top + 34) if upright else (left + size.width() + 4, top)
+        self._view.left_px = 44 if upright and self._tools else 0
+
+    def take(self, tool: Tool, *, at: QPointF | None = None) -> None:
+        self._moving = None
+        self._card.hide()
+        self._name.hide()
+        if tool != "look" and self._refuse_place():
+            tool = "look"
+        self._view.set_tool(tool, at=at)
+        self._view.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._on_tool_changed(self._view.shown.tool)
+
+    def _on_tool_changed(self, tool: str) -> None:
+        for name, button in self._tools.items():
+            button.setChecked(name == tool)
+        if tool == "look":
+            self._view.show_hint("")
+        elif self._view.shown.aim is not None and self._view.shown.aim.anchored:
+            self._view.show_hint(f"Click where it should look from there · {_GIVE_UP}")
+        elif self._moving is not None:
+            self._view.show_hint(f"Press where {self._moving} is now, drag to where to look · {_GIVE_UP}")
+        else:
+            self._view.show_hint(_HINTS[self._view.shown.tool])
+
+    def _on_escape(self) -> None:
+        self._moving = None
+        self._view.give_up()
+        for card in (self._card, self._undo):
+            card.hide()
+        if not self._name.isHidden():
+            self._name.hide()
+            self._view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_place_clicked(self, name: str, where: QPointF) -> None:
+        if not self.may_go:
+            return
+        choices = [
+            ("map_place_move", "Move", "arrows-out-cardinal", lambda: self._begin_moving(name)),
+            ("map_place_remove", "Remove", "trash", lambda: self._remove(name)),
+        ]
+        if self.can_navigate():
+            go = (f"go_to_{name}", f"Go to {name}", "navigation-arrow", lambda: self.go_to(name))
+            self._card.offer(where, self.goal_speed(), [go, *choices])
+        else:
+            self._card.offer(where, name, choices, per_row=2)
+
+    def goal_speed(self) -> str:
+        """How fast a goal is driven to; said before one is chosen."""
+        text, _as_drive_says = words.goal_speed(self._state.robot.value, self._state.drive.value)
+        return text[:1].upper() + text[1:]
+
+    def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
+        if not self.may_go or self._refuse_place():
+            return
+        if not self._card.isHidden():
+            self._card.hide()
+            return
+        refusal = self._view.grid.refusal_at(at)
+        pose = self.pose_now()
+        line = refusal
+        if not refusal and pose is not None:
+            speed, _as_drive_says = words.goal_speed(self._state.robot.value, self._state.drive.value)
+            away = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
+            line = " · ".join(part for part in (away, speed if self.can_navigate() else "") if part)
+            if self._state.map.value is not None and self._view.grid.value_at(at) is None:
+                line += ", not on the map yet"
+        choices = []
+        if not refusal:
+            target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
+            if self.can_navigate():
+                choices.append(("map_go_here", "Go here", "navigation-arrow", lambda: self._go_to_point(target)))
+                choices.append(("map_go_heading", "Choose heading", "compass", lambda: self.take("goal", at=at)))
+            choices.append(("map_add_place", "Add place", "flag", lambda: self.take("place", at=at)))
+            if self._can_set_pose():
+                choices.append(("map_robot_here", "Robot is here", "map-pin", lambda: self.take("pose", at=at)))
+        self._card.offer(where, line, choices, per_row=2 if self.can_navigate() else 1)
+        self._view.show_mark(at)
+
+    def _on_card_closed(self) -> None:
+        self._view.show_mark(None)
+
+    def _on_aimed(self, tool: str, pose: Pose2D, headed: bool) -> None:
+        moving, self._moving = self._moving, None
+        match tool:
+            case "goal":
+                self._console.do(intents.GoToPoint(pose))
+            case "pose":
+                self._console.do(intents.SetInitialPose(pose))
+                how = "" if headed else " (heading as before)"
+                self.told.emit(f"The robot was told that it is here{how}", "hint", _TOLD_SHOWN_S)
+            case "place" if moving is not None:
+                old = next((place for place in self._state.places.value if place.name == moving), None)
+                if old is not None and not headed:
+                    pose = Pose2D(pose.x_m, pose.y_m, old.pose_in_map.heading_rad)
+                self._console.do(intents.SavePlace(moving, pose))
+            case "place":
+                self._ask_place_name(pose)
+        self.changed.emit()
+
+    def _begin_moving(self, name: str) -> None:
+        self.take("place")
+        self._moving = name
+        self._on_tool_changed("place")
+
+    def _remove(self, name: str) -> None:
+        self._removed = next((place for place in self._state.places.value if place.name == name), None)
+        self._console.do(intents.RemovePlace(name))
+        middle = QPointF(self._view.width() / 2, self._view.height())
+        self._undo.offer(
+            middle, f"{name} was removed", [("map_undo_button", "Put back", "arrow-u-up-left", self._put_back)]
+        )
+        self._undo_ends.start()
+
+    def _put_back(self) -> None:
+        if self._removed is not None:
+            self._console.do(intents.SavePlace(self._removed.name, self._removed.pose_in_map))
+            self._removed = None
+
+    def name_robot_place(self) -> None:
+        pose = self.pose_now()
+        if pose is not None:
+            self._ask_place_name(pose)
+
+    def _ask_place_name(self, pose: Pose2D, line: str = "What is the place called?", text: str = "") -> None:
+        self._naming = ("place", pose)
+        self._name.ask(self._view.to_view(pose.x_m, pose.y_m), line, verb="Add", text=text)
+
+    def ask_map_name(self, operation: str) -> None:
+        self._naming = (operation, None)
+        saving = operation == "save_map"
+        line = "Save the robot's map under which name?" if saving else "Load which saved map of the robot?"
+        middle = QPointF(self._view.width() / 2, self._view.height() / 3)
+        self._name.ask(middle, line, verb="Save" if saving else "Load")
+
+    def _on_named(self, name: str) -> None:
+        what, pose = self._naming
+        if what == "place" and pose is not None:
+            taken = {place.name.casefold() for place in self._state.places.value}
+            if name.casefold() in taken:
+                self._ask_place_name(pose, f"{name} is on the map already: another name?", name)
+                return
+            self._console.do(intents.SavePlace(name, pose))
+        elif what == "save_map":
+            self._console.do(intents.SaveMap(name))
+        elif what == "load_map":
+            self._console.do(intents.LoadMap(name))
+        self._view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def go_to(self, place: str) -> None:
+        self._console.do(intents.GoToPlace(place))
+
+    def _go_to_point(self, target: Pose2D) -> None:
+        self._console.do(intents.GoToPoint(target))
+
+    def pose_now(self) -> Pose2D | None:
+        pose: RobotPose | None = self._state.pose.value
+        return None if pose is None else pose.pose_in_map
+
+    @property
+    def may_go(self) -> bool:
+        """Never in a replay, whose table has no marks to set either."""
+        return self._drives and self._table.spec("mark") is not None
+
+    def can_navigate(self) -> bool:
+        robot: RobotProfile | None = self._state.robot.value
+        return robot is None or robot.navigation is not None
+
+    def _can_set_pose(self) -> bool:
+        robot: RobotProfile | None = self._state.robot.value
+        return robot is not None and robot.initial_pose is not None
+
+    def _refuse_place(self) -> bool:
+        """A point of what odometry drew is none that the robot could be sent to."""
+        if self.by_odometry:
+            self.told.emit("Goals and places need a map", "warning", _NO_PLACE_SHOWN_S)
+        return self.by_odometry
