@@ -2,12 +2,11 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QKeyCombination, QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QMouseEvent
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QMouseEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QAbstractSpinBox,
@@ -21,12 +20,13 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import CommandSource, DriveEnded
+from caris_desktop.domain.events import DriveEnded
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.actions import Actions, ActionSpec
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
+from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
 
@@ -36,17 +36,6 @@ KeyOwner = Literal["driving", "typing", "window", "dialog", "menu", "elsewhere",
 """Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), a dialog, a menu,
 another program, or, with a scenario that does not drive, nobody."""
 
-_WISHES: dict[str, MotionWish] = {
-    "drive_forward": MotionWish(forward=1.0), "drive_back": MotionWish(forward=-1.0),
-    "strafe_left": MotionWish(left=1.0), "strafe_right": MotionWish(left=-1.0),
-    "turn_left": MotionWish(turn=1.0), "turn_right": MotionWish(turn=-1.0),
-    "look_left": MotionWish(pan=1.0), "look_right": MotionWish(pan=-1.0),
-    "look_up": MotionWish(tilt=-1.0), "look_down": MotionWish(tilt=1.0),
-}  # fmt: skip
-_CHORD_MODIFIERS = (
-    Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
-)
-_NOT_PART_OF_A_CHORD = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.ShiftModifier
 _MODIFIER_KEYS = (
     Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr, Qt.Key.Key_CapsLock,
     Qt.Key.Key_NumLock,
@@ -60,17 +49,6 @@ _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
 
 
-def wish_of(action_ids: Iterable[str]) -> MotionWish:
-    """What the held directions ask for together; opposite ones cancel."""
-    return merged(_WISHES[action_id] for action_id in set(action_ids))
-
-
-@dataclass(frozen=True, slots=True)
-class _Hold:
-    action_id: str
-    bare: bool  # pressed without a modifier, so it lives only while a driving panel has the focus
-
-
 class HoldToDrive(QObject):
     """Turns what is held into the intents Drive, ReleaseDrive and TurnHead, and Esc and Pause into stops.
 
@@ -82,8 +60,6 @@ class HoldToDrive(QObject):
     While something drives, or a finger is still on its key, no window closes: with Alt held to drive, F4 is a phrase.
     """
 
-    held_changed = Signal(object)  # frozenset of action ids
-    wish_changed = Signal(object)  # MotionWish
     key_owner_changed = Signal(str)
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
@@ -98,23 +74,13 @@ class HoldToDrive(QObject):
         self._window = window
         self._driving_panels: tuple[QWidget, ...] = ()
         self._always_pressable: QWidget | None = None
-        self._bare: dict[int | str, str] = {}
-        self._chords: dict[tuple[int | str, int], str] = {}
-        self._mark_keys: dict[tuple[int, int], str] = {}
-        self._bare_mark_keys: dict[tuple[int, int], str] = {}
-        self._function_keys: dict[int, str] = {}
+        self.motion = HeldMotion(console, actions, self._takes_keys, self)
+        self._bindings = KeyBindings()
         self._alt_drove = False
         self._last_refused_s = float("-inf")
         self._marking: dict[int, str] = {}
         self._question: tuple[str, Callable[[str], None]] | None = None
-        self._owned: dict[int, _Hold | None] = {}
-        self._active: dict[int, _Hold] = {}
-        self._arrows: set[str] = set()
-        self._resting_arrows: set[str] = set()
-        self._sticks: dict[str, MotionWish] = {}
-        self._resting_sticks: set[str] = set()
-        self._pad, self._pad_must_rest = AT_REST, False
-        self._sent = AT_REST
+        self._owned: dict[int, Hold | None] = {}
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape_s = float("-inf")
         self._keys = PhysicalKeys()
@@ -131,7 +97,7 @@ class HoldToDrive(QObject):
         actions.use_letters(self._keys.letters(position_codes(sys.platform)))
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
-        self._take_keys()
+        self._bindings.take(actions.all_specs)
 
     def close(self) -> None:
         """Stop listening; anything held is released."""
@@ -158,25 +124,16 @@ class HoldToDrive(QObject):
     @property
     def held(self) -> frozenset[str]:
         """The directions that keys and arrows on the screen ask for now."""
-        return frozenset(hold.action_id for hold in self._active.values()) | self._arrows
+        return self.motion.held
 
     @property
     def must_let_go(self) -> bool:
         """Whether something is held that moves nothing: the motion was ended, and only a new press begins another."""
         keys = any(
-            hold is not None and hold.action_id in _WISHES and identity not in self._active
+            hold is not None and hold.action_id in WISHES and not self.motion.moves_by(identity)
             for identity, hold in self._owned.items()
         )
-        return keys or self._pad_must_rest or bool(self._resting_arrows or self._resting_sticks)
-
-    @property
-    def wish(self) -> MotionWish:
-        """Everything that is asked for now, from all sources."""
-        robot = self._console.state.robot.value
-        total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
-        return total.limited_to(
-            sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
-        )
+        return keys or self.motion.must_rest
 
     @property
     def key_owner(self) -> KeyOwner:
@@ -192,128 +149,22 @@ class HoldToDrive(QObject):
         """The red button, which works by the first press also while a menu or a drop-down is open."""
         self._always_pressable = button
 
-    def hold_onscreen(self, action_id: str) -> None:
-        """An on-screen arrow is pressed."""
-        if self._actions.spec(action_id) is not None and self._may_drive():
-            self._arrows.add(action_id)
-            self._send("onscreen")
-        else:
-            self._resting_arrows.add(action_id)
-
-    def let_go_onscreen(self, action_id: str) -> None:
-        if action_id in self._arrows:
-            self._arrows.discard(action_id)
-            self._send("onscreen")
-        elif action_id in self._resting_arrows:
-            self._resting_arrows.discard(action_id)
-            self._tell()
-
-    def push_onscreen(self, stick: str, wish: MotionWish) -> None:
-        """An on-screen stick is there now. After a forced end it has to come to rest first."""
-        if not wish.moving:
-            self._resting_sticks.discard(stick)
-            self._sticks.pop(stick, None)
-        elif stick not in self._resting_sticks and self._may_drive():
-            self._sticks[stick] = wish
-        else:
-            self._resting_sticks.add(stick)
-            self._sticks.pop(stick, None)
-        self._send("onscreen")
-
-    def push_gamepad(self, wish: MotionWish) -> None:
-        """The gamepad's sticks are there now. After a forced end they have to come to rest first."""
-        free = self._may_drive() and self._takes_keys()
-        self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)
-        self._pad = AT_REST if self._pad_must_rest else wish
-        self._send("gamepad")
-
     def use_gamepads(self, gamepads: Gamepads) -> None:
         """Let the gamepad drive, stop and do what its buttons are set to."""
-        gamepads.moved.connect(self.push_gamepad)
-        gamepads.lost.connect(self._on_gamepad_lost)
+        gamepads.moved.connect(self.motion.push_gamepad)
+        gamepads.lost.connect(self.motion.lose_gamepad)
         gamepads.pressed.connect(self._on_gamepad_button)
 
     def release_all(self, reason: str) -> None:
         """End direct driving now. What is still held drives again only after a new press, sticks after a rest."""
-        if self._forget_held():
-            sent, self._sent = self._sent, AT_REST
-            if sent.base != AT_REST.base:
-                self._console.do(intents.ReleaseDrive(reason))
-            if sent.head != AT_REST.head:
-                self._console.do(intents.TurnHead(0.0, 0.0))
-            self._tell()
-
-    def _forget_held(self) -> bool:
-        """Nothing is held any more; False where nothing was."""
-        was_held = bool(self._active or self._arrows or self._sticks) or self._pad.moving
-        self._active.clear()
-        self._resting_arrows.update(self._arrows)
-        self._arrows.clear()
-        self._resting_sticks.update(self._sticks)
-        self._sticks.clear()
-        self._pad_must_rest = self._pad_must_rest or self._pad.moving
-        self._pad = AT_REST
-        return was_held
-
-    def _may_drive(self) -> bool:
-        # What is pressed in vain must not move the robot later, when driving is possible again.
-        drive: DriveStatus = self._console.state.drive.value
-        return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
-
-    def _send(self, source: CommandSource) -> None:
-        wish = self.wish
-        sent, self._sent = self._sent, wish
-        if wish.base != sent.base:
-            if wish.base == AT_REST.base:
-                self._console.do(intents.ReleaseDrive())
-            else:
-                forward, left, turn = wish.base
-                self._console.do(intents.Drive(forward, left, turn, self._moving_source(source)))
-        if wish.head != sent.head:
-            self._console.do(intents.TurnHead(wish.pan, wish.tilt))
-        self._tell()
-
-    def _moving_source(self, changed: CommandSource) -> CommandSource:
-        """Who drives: the one that has just changed, or what is left when it was let go."""
-        moving: dict[CommandSource, bool] = {
-            "keyboard": wish_of(hold.action_id for hold in self._active.values()).base != AT_REST.base,
-            "gamepad": self._pad.base != AT_REST.base,
-            "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
-        }
-        return changed if moving[changed] else next((source for source, moves in moving.items() if moves), changed)
-
-    def _tell(self) -> None:
-        self.held_changed.emit(self.held)
-        self.wish_changed.emit(self._sent)
+        self.motion.release_all(reason)
 
     # ---- which keys these are
 
     def _on_rebuilt(self) -> None:
         self.release_all("The scenario was changed")
-        self._take_keys()
+        self._bindings.take(self._actions.all_specs)
         self._update_key_owner()
-
-    def _take_keys(self) -> None:
-        self._bare.clear()
-        self._chords.clear()
-        self._mark_keys.clear()
-        self._bare_mark_keys.clear()
-        self._function_keys.clear()
-        for spec in self._actions.all_specs:
-            if spec.kind == "command" and not spec.within:
-                chords = (_chord(text) for text in spec.keys)
-                self._function_keys |= {int(chord.key()): spec.id for chord in chords if _is_function_key(chord)}
-            if spec.kind == "mark":
-                for keys, texts in ((self._mark_keys, spec.keys), (self._bare_mark_keys, spec.driving_keys)):
-                    for text in texts:
-                        chord = _chord(text)
-                        keys[int(chord.key()), chord.keyboardModifiers().value] = spec.id
-            if spec.kind != "hold" and not spec.by_position:
-                continue
-            for text in spec.driving_keys:
-                self._bare[_where(spec, text)] = spec.id
-            for text in spec.keys:
-                self._chords[_where(spec, text), _chord(text).keyboardModifiers().value] = spec.id
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         kind = event.type()
@@ -367,7 +218,7 @@ class HoldToDrive(QObject):
             return True
         # The key itself went to the window manager.
         down = self._keys.function_key_down()
-        action_id = None if down is None or down[1] in self._owned else self._function_keys.get(down[0])
+        action_id = None if down is None or down[1] in self._owned else self._bindings.function_key(down[0])
         if action_id is not None:
             self._actions.run(action_id)
         else:
@@ -380,7 +231,7 @@ class HoldToDrive(QObject):
         if self._keys.exact:
             down = self._keys.still_down(down)
         alt_down = bool(QApplication.queryKeyboardModifiers() & Qt.KeyboardModifier.AltModifier)
-        return self._sent.moving or bool(down) or (self._alt_drove and alt_down)
+        return self.motion.moving or bool(down) or (self._alt_drove and alt_down)
 
     def _filter_key(self, event: QKeyEvent) -> bool:
         key = int(event.key())
@@ -400,7 +251,7 @@ class HoldToDrive(QObject):
         if event.type() == QEvent.Type.KeyRelease:
             return self._on_release(identity, repeated=not self._keys.released(event))
         repeated = self._keys.repeated(event)
-        if identity in self._owned and (repeated or identity in self._active):
+        if identity in self._owned and (repeated or self.motion.moves_by(identity)):
             event.accept()
             return True
         self._learn_letter(code, event)
@@ -450,7 +301,7 @@ class HoldToDrive(QObject):
         letters, answer = self._question
         letter = position_of(sys.platform, code) or ""
         if code is None:
-            letter = _LETTERS.get(int(event.key()), "")
+            letter = LETTERS.get(int(event.key()), "")
         # The fingers may still be on the modifiers of the chord before.
         if letter and letter in letters and self._without_driving_alt(event) in _LEFT_OVER:
             if event.type() == QEvent.Type.KeyPress:
@@ -465,10 +316,7 @@ class HoldToDrive(QObject):
         """The action of kind "mark" that this key means now."""
         if not self._takes_keys():
             return None
-        where = int(event.key()), (self._without_driving_alt(event) & ~Qt.KeyboardModifier.KeypadModifier).value
-        mark = self._mark_keys.get(where)
-        if mark is None and self._actions.driving_focus:
-            mark = self._bare_mark_keys.get(where)
+        mark = self._bindings.mark(event, self._without_driving_alt(event), bare=self._actions.driving_focus)
         return mark if mark is not None and self._actions.available(mark) else None
 
     def _function_key_for(self, event: QKeyEvent) -> str | None:
@@ -476,7 +324,7 @@ class HoldToDrive(QObject):
         if not event.modifiers() & Qt.KeyboardModifier.AltModifier or not self._takes_keys():
             return None
         alone = self._without_driving_alt(event) == Qt.KeyboardModifier.NoModifier
-        return self._function_keys.get(int(event.key())) if alone else None
+        return self._bindings.function_key(int(event.key())) if alone else None
 
     def _without_driving_alt(self, event: QKeyEvent) -> Qt.KeyboardModifier:
         """The modifiers of a key, less an Alt that is down because the wizard drives with it."""
@@ -493,47 +341,26 @@ class HoldToDrive(QObject):
         """
         return (
             sys.platform != "darwin"
-            and event.modifiers() & _CHORD_MODIFIERS == Qt.KeyboardModifier.AltModifier
+            and event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.AltModifier
             and event.text().isprintable()
             and bool(event.text())
             and self._takes_keys()
             and isinstance(self._app.focusWidget(), _TEXT_INPUTS)
         )
 
-    def _on_press(self, identity: int, hold: _Hold) -> None:
+    def _on_press(self, identity: int, hold: Hold) -> None:
         spec = self._actions.spec(hold.action_id)
         self._owned[identity] = hold
         if spec is not None and spec.kind != "hold":
             self._actions.run(hold.action_id)
-        elif self._may_drive():
-            self._active[identity] = hold
-            self._send("keyboard")
+        else:
+            self.motion.press(identity, hold)
 
-    def _hold_for(self, code: int | None, event: QKeyEvent) -> _Hold | None:
+    def _hold_for(self, code: int | None, event: QKeyEvent) -> Hold | None:
         if not self._takes_keys():
             return None
-        modifiers = event.modifiers()
-        # A letter or digit is known by where it is; every other key, and what comes without a code, by what it is.
-        where: int | str | None = position_of(sys.platform, code)
-        if where is None:
-            where = int(event.key())
-            if code is None and not modifiers & Qt.KeyboardModifier.KeypadModifier:
-                where = _LETTERS.get(where, where)
-        if not modifiers & _CHORD_MODIFIERS:
-            # The number pad with NumLock off drives from anywhere; on a Mac every arrow key says it is on the pad.
-            on_pad = bool(modifiers & Qt.KeyboardModifier.KeypadModifier) and sys.platform != "darwin"
-            if on_pad and modifiers & Qt.KeyboardModifier.ShiftModifier:
-                # While a capital letter is typed some keyboard layouts turn an unlocked pad's arrows into digits.
-                where = _ARROW_OF_DIGIT.get(int(event.key()), where)
-            if not (self._actions.driving_focus or on_pad):
-                return None
-            action_id = self._bare.get(where)
-        else:
-            action_id = self._chords.get((where, (modifiers & ~_NOT_PART_OF_A_CHORD).value))
-            on_pad = True
-        if action_id is None or self._actions.spec(action_id) is None:
-            return None
-        return _Hold(action_id, bare=not on_pad)
+        hold = self._bindings.hold(code, event, bare=self._actions.driving_focus)
+        return None if hold is None or self._actions.spec(hold.action_id) is None else hold
 
     def _learn_letter(self, code: int | None, event: QKeyEvent) -> None:
         """Keep the key caps true when the keyboard layout changes, on systems that do not tell of it too."""
@@ -551,10 +378,7 @@ class HoldToDrive(QObject):
         if not repeated:
             del self._owned[identity]
             self._end_marking(identity)
-            if self._active.pop(identity, None) is not None:
-                self._send("keyboard")
-            else:
-                self._tell()
+            self.motion.let_go(identity)
         return True
 
     def _forget_keys_that_went_up_elsewhere(self) -> None:
@@ -592,20 +416,12 @@ class HoldToDrive(QObject):
             self.release_all("The window manager took the keyboard")
 
     def _stop(self) -> None:
-        self._end_held()
+        self.motion.end_held()
         self._console.do(intents.Stop())
 
     def _emergency_stop(self) -> None:
-        self._end_held()
+        self.motion.end_held()
         self._console.do(intents.EmergencyStop())
-
-    def _end_held(self) -> None:
-        """The console's stop ends the motion of the base; what is still held must not start it again."""
-        if self._forget_held():
-            if self._sent.head != AT_REST.head:
-                self._console.do(intents.TurnHead(0.0, 0.0))
-            self._sent = AT_REST
-            self._tell()
 
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
@@ -617,12 +433,6 @@ class HoldToDrive(QObject):
             dialog.reject()
         else:
             self.escape_pressed.emit()
-
-    def _on_gamepad_lost(self, reason: str) -> None:
-        if self._pad.moving and not (self._active or self._arrows or self._sticks):
-            self.release_all(reason)  # so that the record says why it ended
-        self._pad, self._pad_must_rest = AT_REST, False
-        self._send("gamepad")
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":
@@ -639,7 +449,7 @@ class HoldToDrive(QObject):
     def _on_event(self, event: object) -> None:
         if isinstance(event, DriveEnded):
             # The link ended it: what is still held must not move the robot on the next change.
-            self._end_held()
+            self.motion.end_held()
 
     # ---- who has the keys
 
@@ -674,13 +484,8 @@ class HoldToDrive(QObject):
         )
         self._actions.set_driving_focus(driving)
         self._update_key_owner()
-        if not driving and any(hold.bare for hold in self._active.values()):
-            kept = {identity: hold for identity, hold in self._active.items() if not hold.bare}
-            if kept or self._arrows or self._sticks or self._pad.moving:
-                self._active = kept
-                self._send("keyboard")
-            else:
-                self.release_all("The driving panels lost the focus")
+        if not driving:
+            self.motion.end_bare_keys("The driving panels lost the focus")
 
     def _on_windows_changed(self) -> None:
         self._update_key_owner()
@@ -714,32 +519,6 @@ class HoldToDrive(QObject):
             for identity in tuple(self._marking):
                 self._end_marking(identity)
         self._update_key_owner()
-
-
-_ARROW_OF_DIGIT: Mapping[int, int] = {
-    int(Qt.Key.Key_8): int(Qt.Key.Key_Up),
-    int(Qt.Key.Key_2): int(Qt.Key.Key_Down),
-    int(Qt.Key.Key_4): int(Qt.Key.Key_Left),
-    int(Qt.Key.Key_6): int(Qt.Key.Key_Right),
-}
-_LETTERS: Mapping[int, str] = {ord(name): name for name in position_codes("linux")}
-
-
-def _where(spec: ActionSpec, text: str) -> int | str:
-    """A key's position on the keyboard, or which key it is wherever it lies."""
-    key = int(_chord(text).key())
-    return _LETTERS.get(key, key) if spec.by_position else key
-
-
-def _chord(text: str) -> QKeyCombination:
-    # PySide's stubs do not know that a sequence can be indexed.
-    chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
-    return chord
-
-
-def _is_function_key(chord: QKeyCombination) -> bool:
-    alone = chord.keyboardModifiers() == Qt.KeyboardModifier.NoModifier
-    return alone and int(Qt.Key.Key_F1) <= int(chord.key()) <= int(Qt.Key.Key_F12)
 
 
 def _is_completion(popup: QWidget) -> bool:

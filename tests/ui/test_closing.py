@@ -66,9 +66,9 @@ def test_nothing_closes_while_something_drives(quiet: MainWindow, console: FakeC
     assert not ask_to_close(quiet)
     QTest.keyRelease(field, Qt.Key.Key_W, ALT)
     QTest.keyRelease(field, Qt.Key.Key_Alt)
-    quiet.hold.push_gamepad(MotionWish(forward=0.5))
+    quiet.hold.motion.push_gamepad(MotionWish(forward=0.5))
     assert not ask_to_close(quiet)
-    quiet.hold.push_gamepad(AT_REST)
+    quiet.hold.motion.push_gamepad(AT_REST)
     assert ask_to_close(quiet)
 
 

@@ -17,7 +17,7 @@ from caris_desktop.live.motion_wish import MotionWish, merged
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui.actions import cap_text
-from caris_desktop.ui.drive_keys import wish_of
+from caris_desktop.ui.held_motion import wish_of
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
@@ -284,14 +284,14 @@ def test_a_key_that_is_still_down_after_the_end_is_to_be_let_go(
 
 
 def test_an_arrow_and_a_stick_are_to_be_let_go_too(window: MainWindow, console: FakeConsole) -> None:
-    window.hold.hold_onscreen("turn_left")
-    window.hold.push_onscreen("base", MotionWish(forward=0.5))
-    window.hold.push_gamepad(MotionWish(forward=0.5))
+    window.hold.motion.hold_onscreen("turn_left")
+    window.hold.motion.push_onscreen("base", MotionWish(forward=0.5))
+    window.hold.motion.push_gamepad(MotionWish(forward=0.5))
     console.state.take(DriveEnded(clock.now_ns(), "The console stopped answering for a moment"))
     for let_go in (
-        lambda: window.hold.let_go_onscreen("turn_left"),
-        lambda: window.hold.push_onscreen("base", MotionWish()),
-        lambda: window.hold.push_gamepad(MotionWish()),
+        lambda: window.hold.motion.let_go_onscreen("turn_left"),
+        lambda: window.hold.motion.push_onscreen("base", MotionWish()),
+        lambda: window.hold.motion.push_gamepad(MotionWish()),
     ):
         assert window.hold.must_let_go
         let_go()
@@ -475,12 +475,12 @@ def test_alt_beside_a_drive_key_types_nothing(window: MainWindow, console: FakeC
 
 def test_sources_add_up_and_the_mover_is_named(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     hold = window.hold
-    hold.push_gamepad(MotionWish(forward=0.5))
+    hold.motion.push_gamepad(MotionWish(forward=0.5))
     QTest.keyPress(view, Qt.Key.Key_A)
-    hold.push_onscreen("base", MotionWish(forward=0.8))
+    hold.motion.push_onscreen("base", MotionWish(forward=0.8))
     QTest.keyRelease(view, Qt.Key.Key_A)
-    hold.push_gamepad(MotionWish())
-    hold.push_onscreen("base", MotionWish())
+    hold.motion.push_gamepad(MotionWish())
+    hold.motion.push_onscreen("base", MotionWish())
     assert console.calls == [
         ("drive", (0.5, 0, 0, "gamepad")), ("drive", (0.5, 0, 1, "keyboard")), ("drive", (1, 0, 1, "onscreen")),
         ("drive", (1, 0, 0, "gamepad")), ("drive", (0.8, 0, 0, "onscreen")), ("release_drive", ""),
@@ -489,7 +489,7 @@ def test_sources_add_up_and_the_mover_is_named(window: MainWindow, view: QWidget
 
 def test_a_stick_that_was_ended_has_to_come_to_rest(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     hold = window.hold
-    for push in (hold.push_gamepad, lambda wish: hold.push_onscreen("base", wish)):
+    for push in (hold.motion.push_gamepad, lambda wish: hold.motion.push_onscreen("base", wish)):
         console.calls.clear()
         push(MotionWish(turn=0.4))
         hold.release_all("The window was minimised")

@@ -119,7 +119,7 @@ class DrivePanel(Panel):
         self.state.goal.changed.connect(self._on_goal_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.state.look.changed.connect(self._on_look_changed)
-        self.hold.held_changed.connect(self._on_held_changed)
+        self.hold.motion.held_changed.connect(self._on_held_changed)
         self.hold.key_owner_changed.connect(self._on_key_owner_changed)
         self.table.keys_changed.connect(self._on_keys_changed)
         self._style()
@@ -223,10 +223,10 @@ class DrivePanel(Panel):
         self._show(self.state.drive.value)
 
     def _on_stick_moved(self, wish: MotionWish) -> None:
-        self.hold.push_onscreen("base", wish)
+        self.hold.motion.push_onscreen("base", wish)
 
     def _on_head_stick_moved(self, wish: MotionWish) -> None:
-        self.hold.push_onscreen("head", wish)
+        self.hold.motion.push_onscreen("head", wish)
 
     def _on_speed_chosen(self, fraction: float) -> None:
         self.console.do(intents.SetSpeed(fraction))
@@ -270,7 +270,7 @@ class DrivePanel(Panel):
             self.set_fact("not possible now", "amber")
         elif drive.guard == "overridden":
             self.set_fact("guard off", "amber")
-        elif self.hold.held or self.hold.wish.moving:
+        elif self.hold.held or self.hold.motion.wish.moving:
             self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
         elif by_itself and not words.goal_speed(self.state.robot.value, drive)[1]:
             self.set_fact("goals: own speed", "amber")
@@ -295,7 +295,7 @@ class DrivePanel(Panel):
             return "Hold Guard for a second to switch it off.", "amber"
         if drive.cap_reason:
             return f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
-        if self.hold.held or self.hold.wish.moving:
+        if self.hold.held or self.hold.motion.wish.moving:
             return "Let go to stop.", "dim"
         if going_to:
             speed, as_drive_says = words.goal_speed(self.state.robot.value, drive)
@@ -499,7 +499,7 @@ class HoldArrow(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         theme.changed.connect(self.update)
         actions.keys_changed.connect(self.update)
-        hold.held_changed.connect(self._on_held_changed)
+        hold.motion.held_changed.connect(self._on_held_changed)
 
     def _on_held_changed(self, held: frozenset[str]) -> None:
         if (self._action_id in held) != self._shown_held:
@@ -508,21 +508,21 @@ class HoldArrow(QWidget):
     def changeEvent(self, event: QEvent) -> None:
         # A disabled widget is not told that the mouse button went up.
         if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
-            self._hold.let_go_onscreen(self._action_id)
+            self._hold.motion.let_go_onscreen(self._action_id)
         super().changeEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
-        self._hold.let_go_onscreen(self._action_id)
+        self._hold.motion.let_go_onscreen(self._action_id)
         super().hideEvent(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton:
-            self._hold.hold_onscreen(self._action_id)
+            self._hold.motion.hold_onscreen(self._action_id)
             event.accept()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton:
-            self._hold.let_go_onscreen(self._action_id)
+            self._hold.motion.let_go_onscreen(self._action_id)
             event.accept()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -1,0 +1,218 @@
+"""What hands ask of the robot now: held keys, arrows and sticks on the screen, and the gamepad, added up."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import CommandSource
+from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.actions import Actions
+
+WISHES: dict[str, MotionWish] = {
+    "drive_forward": MotionWish(forward=1.0), "drive_back": MotionWish(forward=-1.0),
+    "strafe_left": MotionWish(left=1.0), "strafe_right": MotionWish(left=-1.0),
+    "turn_left": MotionWish(turn=1.0), "turn_right": MotionWish(turn=-1.0),
+    "look_left": MotionWish(pan=1.0), "look_right": MotionWish(pan=-1.0),
+    "look_up": MotionWish(tilt=-1.0), "look_down": MotionWish(tilt=1.0),
+}  # fmt: skip
+
+
+def wish_of(action_ids: Iterable[str]) -> MotionWish:
+    """What the held directions ask for together; opposite ones cancel."""
+    return merged(WISHES[action_id] for action_id in set(action_ids))
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A key that is down, and what it is held for."""
+
+    action_id: str
+    bare: bool  # pressed without a modifier, so it lives only while a driving panel has the focus
+
+
+class HeldMotion(QObject):
+    """Asks the console to drive and to turn the head, on each change only; ends all of it at once.
+
+    After a forced end a key has to be pressed anew, and a stick to be let go first. ``takes_keys`` says whether keys
+    and sticks reach driving now.
+    """
+
+    held_changed = Signal(object)  # frozenset of action ids
+    wish_changed = Signal(object)  # MotionWish
+
+    def __init__(
+        self, console: WizardConsole, actions: Actions, takes_keys: Callable[[], bool], parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._console = console
+        self._actions = actions
+        self._takes_keys = takes_keys
+        self._keys: dict[int, Hold] = {}
+        self._arrows: set[str] = set()
+        self._resting_arrows: set[str] = set()
+        self._sticks: dict[str, MotionWish] = {}
+        self._resting_sticks: set[str] = set()
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._sent = AT_REST
+
+    @property
+    def held(self) -> frozenset[str]:
+        """The directions that keys and arrows on the screen ask for now."""
+        return frozenset(hold.action_id for hold in self._keys.values()) | self._arrows
+
+    @property
+    def must_rest(self) -> bool:
+        """Whether an arrow or a stick is held that moves nothing, because the motion was ended."""
+        return self._pad_must_rest or bool(self._resting_arrows or self._resting_sticks)
+
+    @property
+    def moving(self) -> bool:
+        """Whether the console was asked to move something, and not yet to stop it."""
+        return self._sent.moving
+
+    @property
+    def wish(self) -> MotionWish:
+        """Everything that is asked for now, from all sources."""
+        robot = self._console.state.robot.value
+        total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
+        return total.limited_to(
+            sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
+        )
+
+    # ---- keys
+
+    def moves_by(self, key: int) -> bool:
+        """Whether this key is one of those that move the robot now."""
+        return key in self._keys
+
+    def press(self, key: int, hold: Hold) -> None:
+        if self._may_drive():
+            self._keys[key] = hold
+            self._send("keyboard")
+
+    def let_go(self, key: int) -> None:
+        if self._keys.pop(key, None) is not None:
+            self._send("keyboard")
+        else:
+            self._tell()
+
+    def end_bare_keys(self, reason: str) -> None:
+        """The driving panels lost the focus, without which bare keys do not drive."""
+        if not any(hold.bare for hold in self._keys.values()):
+            return
+        kept = {key: hold for key, hold in self._keys.items() if not hold.bare}
+        if kept or self._arrows or self._sticks or self._pad.moving:
+            self._keys = kept
+            self._send("keyboard")
+        else:
+            self.release_all(reason)
+
+    # ---- the screen and the gamepad
+
+    def hold_onscreen(self, action_id: str) -> None:
+        """An on-screen arrow is pressed."""
+        if self._actions.spec(action_id) is not None and self._may_drive():
+            self._arrows.add(action_id)
+            self._send("onscreen")
+        else:
+            self._resting_arrows.add(action_id)
+
+    def let_go_onscreen(self, action_id: str) -> None:
+        if action_id in self._arrows:
+            self._arrows.discard(action_id)
+            self._send("onscreen")
+        elif action_id in self._resting_arrows:
+            self._resting_arrows.discard(action_id)
+            self._tell()
+
+    def push_onscreen(self, stick: str, wish: MotionWish) -> None:
+        """An on-screen stick is there now. After a forced end it has to come to rest first."""
+        if not wish.moving:
+            self._resting_sticks.discard(stick)
+            self._sticks.pop(stick, None)
+        elif stick not in self._resting_sticks and self._may_drive():
+            self._sticks[stick] = wish
+        else:
+            self._resting_sticks.add(stick)
+            self._sticks.pop(stick, None)
+        self._send("onscreen")
+
+    def push_gamepad(self, wish: MotionWish) -> None:
+        """The gamepad's sticks are there now. After a forced end they have to come to rest first."""
+        free = self._may_drive() and self._takes_keys()
+        self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)
+        self._pad = AT_REST if self._pad_must_rest else wish
+        self._send("gamepad")
+
+    def lose_gamepad(self, reason: str) -> None:
+        if self._pad.moving and not (self._keys or self._arrows or self._sticks):
+            self.release_all(reason)  # so that the record says why it ended
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._send("gamepad")
+
+    # ---- the end of it
+
+    def release_all(self, reason: str) -> None:
+        """End direct driving now. What is still held drives again only after a new press, sticks after a rest."""
+        if self._forget_held():
+            sent, self._sent = self._sent, AT_REST
+            if sent.base != AT_REST.base:
+                self._console.do(intents.ReleaseDrive(reason))
+            if sent.head != AT_REST.head:
+                self._console.do(intents.TurnHead(0.0, 0.0))
+            self._tell()
+
+    def end_held(self) -> None:
+        """The console's stop ends the motion of the base; what is still held must not start it again."""
+        if self._forget_held():
+            if self._sent.head != AT_REST.head:
+                self._console.do(intents.TurnHead(0.0, 0.0))
+            self._sent = AT_REST
+            self._tell()
+
+    def _forget_held(self) -> bool:
+        """Nothing is held any more; False where nothing was."""
+        was_held = bool(self._keys or self._arrows or self._sticks) or self._pad.moving
+        self._keys.clear()
+        self._resting_arrows.update(self._arrows)
+        self._arrows.clear()
+        self._resting_sticks.update(self._sticks)
+        self._sticks.clear()
+        self._pad_must_rest = self._pad_must_rest or self._pad.moving
+        self._pad = AT_REST
+        return was_held
+
+    def _may_drive(self) -> bool:
+        # What is pressed in vain must not move the robot later, when driving is possible again.
+        drive: DriveStatus = self._console.state.drive.value
+        return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
+
+    def _send(self, source: CommandSource) -> None:
+        wish = self.wish
+        sent, self._sent = self._sent, wish
+        if wish.base != sent.base:
+            if wish.base == AT_REST.base:
+                self._console.do(intents.ReleaseDrive())
+            else:
+                forward, left, turn = wish.base
+                self._console.do(intents.Drive(forward, left, turn, self._moving_source(source)))
+        if wish.head != sent.head:
+            self._console.do(intents.TurnHead(wish.pan, wish.tilt))
+        self._tell()
+
+    def _moving_source(self, changed: CommandSource) -> CommandSource:
+        """Who drives: the one that has just changed, or what is left when it was let go."""
+        moving: dict[CommandSource, bool] = {
+            "keyboard": wish_of(hold.action_id for hold in self._keys.values()).base != AT_REST.base,
+            "gamepad": self._pad.base != AT_REST.base,
+            "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
+        }
+        return changed if moving[changed] else next((source for source, moves in moving.items() if moves), changed)
+
+    def _tell(self) -> None:
+        self.held_changed.emit(self.held)
+        self.wish_changed.emit(self._sent)
