@@ -7,10 +7,25 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.scenario.model import Permissions
-from caris_desktop.ui.actions import ACTIONS, ActionSpec, actions_for, cap_text, conflicts, normalized
+from caris_desktop.ui.actions import (
+    ACTIONS,
+    REPLAY_ACTIONS,
+    TIMELINE_ACTIONS,
+    ActionSpec,
+    actions_for,
+    cap_text,
+    conflicts,
+    normalized,
+)
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.marking import Marking
+from caris_desktop.ui.replay.replay_bar import ReplayBar
+from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
@@ -103,6 +118,55 @@ def test_phrases_are_named_by_the_scenario() -> None:
     assert texts["phrase_2"] == "Please follow me."
     assert "phrase_8" not in texts
     assert texts["filler"] == "Hmm, good question."
+
+
+def asked_by(window: MainWindow) -> dict[str, Intent]:
+    """What each row of the table would ask the console for now."""
+    table = window.actions_table
+    return {spec.id: intent for spec in table.all_specs if (intent := table.intent_of(spec)) is not None}
+
+
+def test_a_row_carries_the_intent_that_it_asks_for(window: MainWindow, console: FakeConsole) -> None:
+    asked = asked_by(window)
+    faster = fraction_after(console.state.drive.value.speed_fraction, 1)
+    expected = {
+        "stop": intents.Stop(),
+        "emergency_stop": intents.EmergencyStop(),
+        "look_ahead": intents.LookAt(0.0, 0.0),
+        "faster": intents.SetSpeed(faster),
+        "place_2": intents.GoToPlace(samples.TOUR.places[1].name),
+        "phrase_2": intents.Say("Please follow me.", "phrase"),
+        "filler": intents.Say("Hmm, good question.", "filler"),
+        "silence": intents.Silence(),
+        "photo": intents.TakePhoto(),
+    }
+    assert {action_id: asked.get(action_id) for action_id in expected} == expected
+    console.state.places.set(samples.TOUR.places[:1])
+    assert {"place_1", "place_2"} & set(asked_by(window)) == {"place_1"}
+
+
+def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
+    for action_id, intent in asked_by(window).items():
+        spec = window.actions_table.spec(action_id)
+        if spec is not None:
+            assert spec.permission == INTENTS[type(intent)].permission, action_id
+
+
+def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
+    table = {ACTIONS: MainWindow, REPLAY_ACTIONS: ReplayBar, TIMELINE_ACTIONS: TimelineActs}
+    for rows, handlers in table.items():
+        for spec in rows:
+            assert (spec.intent is not None) + bool(spec.callback) == (spec.kind != "hold"), spec.id
+            if spec.callback:
+                assert callable(getattr(Marking if spec.group == "Marks" else handlers, spec.callback)), spec.id
+
+
+def test_whoever_listens_hears_of_an_intent_before_it_is_asked_for(window: MainWindow, console: FakeConsole) -> None:
+    heard: list[tuple[Intent, int]] = []
+    window.actions_table.asking.connect(lambda intent: heard.append((intent, len(console.calls))))
+    window.actions_table.run("silence")
+    assert heard == [(intents.Silence(), 0)]
+    assert console.calls == [("silence", None)]
 
 
 CTRL, SHIFT, NONE = (

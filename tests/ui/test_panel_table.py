@@ -1,0 +1,53 @@
+"""Panels are found by a table, and only those that are shown are imported."""
+
+import subprocess
+import sys
+from typing import get_args
+
+import pytest
+
+from caris_desktop.scenario.model import PanelName, Permissions
+from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel_table import PANELS, possible_panels
+
+LATE = (
+    "ui.panels.", "ui.robot_dialog", "ui.sessions_window", "ui.export_dialog", "ui.gamepad_dialog", "ui.start_dialog",
+    "ui.replay.timeline", "ui.replay.replay_bar",
+)  # fmt: skip
+"""What no window needs before a scenario shows it or somebody opens it."""
+
+
+def test_every_panel_that_a_scenario_can_name_has_its_row() -> None:
+    assert set(PANELS) == set(get_args(PanelName))
+    assert {spec.icon for spec in PANELS.values()} <= icon_names()
+    assert all(set(spec.neighbours) <= set(PANELS) - {name} for name, spec in PANELS.items())
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_row_says_what_its_panel_is_called(name: PanelName) -> None:
+    panel = PANELS[name].load()
+    assert issubclass(panel, Panel)
+    assert panel.title == PANELS[name].title
+
+
+def test_a_panel_without_its_permission_is_absent() -> None:
+    everything = Permissions()
+    assert set(possible_panels(everything)) == set(PANELS)
+    no_driving = Permissions(driving=False, assistant=False, robot_controls=False)
+    assert set(PANELS) - set(possible_panels(no_driving)) == {"drive", "assistant", "robot"}
+
+
+def test_the_window_brings_no_panel_and_no_dialog_along() -> None:
+    names = "\n".join(f"caris_desktop.{late}" for late in LATE)
+    program = (
+        "import sys; import caris_desktop.ui.main_window; late = tuple(sys.stdin.read().split());"
+        "print(*(name for name in sys.modules if name.startswith(late)))"
+    )
+    told = subprocess.run([sys.executable, "-c", program], input=names, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []
+
+
+def test_panels_of_a_scenario_are_those_of_its_layout(window: MainWindow) -> None:
+    assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in window.panels}
