@@ -15,7 +15,7 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.intents import Intent, Permission
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Permissions, Scenario
@@ -24,7 +24,6 @@ from caris_desktop.ui.speed_steps import fraction_after
 
 logger = logging.getLogger(__name__)
 
-Permission = Literal["photos", "video_recording", "driving", "assistant", "naming_people"]
 Kind = Literal["command", "hold", "safety", "mark"]
 Condition = Literal["always", "recording", "video", "photo", "answer"]
 Feature = Literal["sideways", "head"]
