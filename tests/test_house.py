@@ -26,7 +26,6 @@ LONG_YET = {
     "recording/foreign/bag_files.py": "three containers with their bounds",
     "recording/recorder/session_recorder.py": "where each value goes, and when to give up",
     "recording/studies/measures.py": "every figure is defined once, here",
-    "recording/studies/study_index.py": "the index with its tables and its search",
     "robot/explore.py": "looking and listening share their connections",
     "robot/proposal.py": "what each thing of a robot is known by",
     "robot/transport.py": "all of roslibpy's API that is replaced",
