@@ -5,9 +5,11 @@ import importlib.metadata
 import logging
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from caris_desktop.domain.file_replacement import replace_file
 
 log = logging.getLogger(__name__)
 
@@ -139,29 +141,29 @@ def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
     """
     import httpx
 
-    part = target.with_name(f"{target.name}.part")
-    checksum = hashlib.sha256()
+    def published(chunks: Iterable[bytes]) -> Iterator[bytes]:
+        checksum, arrived_bytes = hashlib.sha256(), 0
+        for chunk in chunks:
+            checksum.update(chunk)
+            arrived_bytes += len(chunk)
+            if arrived_bytes > _DOWNLOADED_AT_MOST_BYTES:
+                break
+            yield chunk
+        if checksum.hexdigest() != DOWNLOADED_SHA256:
+            raise WeightsError("what arrived is not the published file, so it was thrown away")
+
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
-        with part.open("wb") as file, httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
+        with httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
             response.raise_for_status()
-            for chunk in response.iter_bytes():
-                checksum.update(chunk)
-                file.write(chunk)
-                if file.tell() > _DOWNLOADED_AT_MOST_BYTES:
-                    break
-        if checksum.hexdigest() != DOWNLOADED_SHA256:
-            raise WeightsError("what arrived is not the published file, so it was thrown away")
-        part.replace(target)
+            replace_file(target, published(response.iter_bytes()), durable=False)
     except httpx.ConnectError as error:
         log.info("no download of %s: %s", target.name, error)
         raise WeightsError("this computer is offline") from error
     except (httpx.HTTPError, OSError) as error:
         log.warning("download of %s failed: %s", target.name, error)
         raise WeightsError(f"failed: {error}") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _is_published(path: Path) -> bool:

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import psutil
 
+from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
-from caris_desktop.recording.recorder.disk_file import no_room
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 

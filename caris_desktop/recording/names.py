@@ -14,11 +14,11 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from caris_desktop.domain.events import RobotChosen
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.store import annotation_files, load_documents
-from caris_desktop.recording.recorder.disk_file import replace_file
 from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_reader import Session
 

@@ -15,6 +15,7 @@ import platformdirs
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import resources_dir
 
@@ -405,7 +406,7 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
         If it cannot be written or would not read back; a file that was there is as before.
     """
     from caris_desktop.robot.profile_content import profile_data
-    from caris_desktop.robot.profile_file import profile_yaml, write_atomically
+    from caris_desktop.robot.profile_file import profile_yaml
 
     if path.suffix != ".yaml" or not re.fullmatch(_NAME, path.stem):
         raise ProfileError(f"{path.name!r} cannot be the name of a profile. Use letters, digits, - and _, then .yaml.")
@@ -414,7 +415,8 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
     if read_back != replace(profile, name=path.stem):
         raise ProfileError(f"The profile {profile.title!r} holds something that a file cannot say; it was not saved.")
     try:
-        write_atomically(path, text)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, text.encode(), durable=True)
     except OSError as error:
         raise ProfileError(f"The profile was not written to {path}: {error.strerror or error}.") from error
 

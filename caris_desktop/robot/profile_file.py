@@ -2,11 +2,8 @@
 
 import difflib
 import math
-import os
 import re
-import tempfile
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -245,23 +242,6 @@ def _section(key: str, value: Any, *, default_flow_style: bool | None) -> str:
         width=110,
     )
     return text
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Replace the file in one step, so that it is either as before or complete. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".tmp", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        # mkstemp makes it readable by its owner alone; a profile is for whoever may read the folder.
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _dotted(path: KeyPath) -> str:

@@ -1,9 +1,7 @@
 """Reads and writes scenario files; whatever is wrong is told with file, line and what is allowed."""
 
 import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 from caris_desktop.domain.controls import control_problems
 from caris_desktop.domain.declared import Problem, data_of, value_from
 from caris_desktop.domain.declared_check import problems
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.scenario.layout import layout_problems
 from caris_desktop.scenario.migrations import migrate
@@ -68,7 +67,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     if wrong is not None:
         raise ScenarioError(f"{_shown(path)} was not written: {wrong[1]}")
     try:
-        _write_atomically(path, _text_of(scenario, data, path))
+        _write(path, _text_of(scenario, data, path))
     except OSError as error:
         raise ScenarioError(
             f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
@@ -235,15 +234,6 @@ def _schema_reference(path: Path) -> str:
     return schema_path().as_uri()
 
 
-def _write_atomically(path: Path, text: str) -> None:
+def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    replace_file(path, text.encode(), durable=True)

@@ -1,9 +1,8 @@
 """People for the camera: cut out of the photos that come with ultralytics, once, and kept in the user's cache."""
 
 import importlib.util
+import io
 import logging
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,8 @@ import cv2
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
+
+from caris_desktop.domain.file_replacement import replace_file
 
 logger = logging.getLogger(__name__)
 
@@ -196,13 +197,11 @@ def _photo() -> Image:
 
 
 def _store(path: Path, pictures: list[Image]) -> None:
-    """Write beside the final name first, so that nobody ever reads half a file."""
+    content = io.BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **dict(zip("0123456789", pictures, strict=False)))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, unfinished = tempfile.mkstemp(dir=path.parent, suffix=".npz")
-        with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **dict(zip("0123456789", pictures, strict=False)))
-        Path(unfinished).replace(path)
+        replace_file(path, content.getvalue(), durable=False)
     except OSError as error:
         logger.warning("The cut-outs cannot be kept in %s (%s); they are made anew every time", path.parent, error)
 

@@ -3,6 +3,7 @@
 A name may have folders in it, but never leads out of the folder of the maps.
 """
 
+import io
 import re
 import tempfile
 import zipfile
@@ -14,6 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M
 from caris_desktop.simulator.mapping import RESOLUTION_M
 
@@ -100,13 +102,9 @@ class MapFiles:
     def save_graph(self, name: str, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> Path:
         """Write NAME.posegraph: what the mapper needs to go on from here."""
         path = _with_ending(self._path(name), ".posegraph")
-        self.folder.mkdir(parents=True, exist_ok=True)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, evidence=evidence, known=known)
-        except OSError as error:
-            raise MapFileError(f"{path.name} cannot be written: {error.strerror or error}") from error
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, evidence=evidence, known=known)
+        self._write(path, content.getvalue())
         return path
 
     def load_graph(self, name: str) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
@@ -134,7 +132,7 @@ class MapFiles:
     def _write(self, path: Path, content: bytes) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
+            replace_file(path, content, durable=False)
         except OSError as error:
             raise MapFileError(f"{path.name} cannot be written: {error.strerror or error}") from error
 

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import re
 import shutil
 import tempfile
@@ -15,6 +14,7 @@ from pathlib import Path
 import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
@@ -156,13 +156,9 @@ def load_last_details(folder: StudyFolder) -> TrialDetails:
 
 def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
     """Remember ``details`` for the next start dialog. Raises StudyFolderError when that is not possible."""
-    temporary = folder.last_details.with_name(f".{folder.last_details.name}.part")
+    text = json.dumps(asdict(details), indent=2, ensure_ascii=False)
     try:
-        with temporary.open("w", encoding="utf-8") as file:
-            json.dump(asdict(details), file, indent=2, ensure_ascii=False)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(folder.last_details)
+        replace_file(folder.last_details, text.encode("utf-8", "replace"), durable=True)
     except OSError as error:
         raise _unusable(folder.path, error) from error
 

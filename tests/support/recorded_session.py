@@ -36,6 +36,7 @@ from caris_desktop.domain.events import (
     SessionStarted,
     UtteranceChanged,
 )
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
@@ -54,8 +55,8 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.status import DriveStatus, LinkStatus, SpeechStatus
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.audio_file import AudioInfo, AudioWriter
-from caris_desktop.recording.recorder.disk_file import DiskFile, replace_file
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.recorder.plain_files import PlainFiles

@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.shipped import schema_validator
 from caris_desktop.recording.annotation.editing import (
     AnnotationError,
@@ -30,7 +31,6 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.recorder.disk_file import no_room, replace_file
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
 FORMAT = "caris-desktop annotations"

@@ -22,9 +22,9 @@ from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, read_block, read_index, scan
 from caris_desktop.recording.session.mcap_rewriting import copy_changed

@@ -15,8 +15,10 @@ from typing import Any
 from caris_desktop import __version__
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import SessionEnded, SessionStarted
+from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.foreign.bag_files import (
     Bag,
     BagChannel,
@@ -38,7 +40,6 @@ from caris_desktop.recording.foreign.bag_values import (
     own_session,
     tells_mounts,
 )
-from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.recorder.plain_files import PlainFiles

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 
 _log = logging.getLogger(__name__)
 HEADER_BYTES = 44

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
 from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.events import CommandSent, LlmExchange, PersonAppeared, UtteranceChanged
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import People, RobotPose
-from caris_desktop.recording.recorder.disk_file import DiskFile, replace_file
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session.session_clock import SessionClock
 
 # Somebody who stays is seen at every frame; that needs no new file each time.

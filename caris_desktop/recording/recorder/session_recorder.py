@@ -21,11 +21,12 @@ from caris_desktop.domain.events import (
     SessionStarted,
     Severity,
 )
+from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
-from caris_desktop.recording.recorder.disk_file import DiskFile, Reserve, no_room, replace_file
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import (

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
-from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, sync_path
+from caris_desktop.domain.file_replacement import bring_to_disk, no_room
+from caris_desktop.recording.disk_file import DiskFile
 
 _log = logging.getLogger(__name__)
 _REMEMBER_S = 30.0
@@ -61,7 +62,8 @@ class WriteThrough:
         """One round, now."""
         paths = {self._paths.popleft() for _ in range(len(self._paths))}
         folders = {path.parent for path in paths}
-        whole: list[Callable[[], object]] = [partial(sync_path, path) for path in (*sorted(paths), *sorted(folders))]
+        paths_in_order = (*sorted(paths), *sorted(folders))
+        whole: list[Callable[[], object]] = [partial(bring_to_disk, path) for path in paths_in_order]
         for sync in [*(file.sync for file in self._files()), *whole]:
             try:
                 sync()

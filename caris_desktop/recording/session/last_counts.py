@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from caris_desktop.recording.recorder.disk_file import replace_file
+from caris_desktop.domain.file_replacement import replace_file
 
 _log = logging.getLogger(__name__)
 COUNTS_NAME = "counts.json"

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
-from caris_desktop.recording.recorder.disk_file import replace_file
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.recording.session.last_counts import COUNTS_NAME
 
 MANIFEST_NAME = "manifest-sha256.txt"

@@ -10,7 +10,7 @@ from typing import IO, Any
 
 from caris_desktop.domain.schema import json_schema
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import MAGIC, BlockIndex, Channel, Message
 

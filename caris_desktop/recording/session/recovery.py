@@ -6,7 +6,6 @@ What is replaced lies on in the folder ``recovered`` as it was found.
 import json
 import logging
 import os
-import shutil
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
@@ -14,11 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
+from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
 from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.audio_file import AudioInfo
-from caris_desktop.recording.recorder.disk_file import DiskFile, no_room, replace_file
 from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.session import mcap_blocks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
@@ -34,6 +34,7 @@ from caris_desktop.recording.session.video_names import camera_of_video
 _log = logging.getLogger(__name__)
 KEPT_FOLDER = "recovered"
 _EVENTS = "events.mcap"
+_COPIED_BYTES = 1 << 20
 _REWRITTEN = f".{_EVENTS}.part"
 # Sessions of version 1 were closed without a manifest.
 _MANIFEST_SINCE = 2
@@ -224,7 +225,7 @@ class _Repair:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
         self._keep(self._folder / _EVENTS)
         part.replace(self._folder / _EVENTS)
-        _sync_folder(self._folder)
+        bring_to_disk(self._folder)
 
     def _end_event(self, index: BlockIndex, file: Any) -> AddedMessage | None:
         """The end of the session, where the record does not tell it."""
@@ -524,13 +525,9 @@ class _Repair:
             os.link(path, kept)
         except OSError:
             # Disks for carrying about have no hard links.
-            part = kept.with_name(f".{kept.name}.part")
-            part.unlink(missing_ok=True)
-            shutil.copyfile(path, part)
-            with part.open("rb+") as file:
-                os.fsync(file.fileno())
-            part.replace(kept)
-        _sync_folder(kept_folder)
+            with path.open("rb") as file:
+                replace_file(kept, iter(lambda: file.read(_COPIED_BYTES), b""), durable=True)
+        bring_to_disk(kept_folder)
 
 
 def _unused(path: Path) -> Path:
@@ -545,14 +542,3 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
     except OSError:
         _log.debug("%s stays behind", path, exc_info=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk, where the system knows how."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

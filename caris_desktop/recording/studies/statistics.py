@@ -4,6 +4,7 @@ The folder that is made holds the tables, the results as CSV, and the SQL that m
 """
 
 import csv
+import io
 import json
 import logging
 import shutil
@@ -13,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop import __version__
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.names import pseudonyms_of
-from caris_desktop.recording.recorder.disk_file import replace_file
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.studies.measures import FIGURES
 from caris_desktop.recording.studies.study_index import (
@@ -340,13 +341,12 @@ def _rows(database: Any, query: str) -> list[dict[str, Any]]:
 
 
 def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    partial = path.with_name(f".{path.name}.part")
-    with partial.open("w", encoding="utf-8", newline="") as file:
-        if rows:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    partial.replace(path)
+    text = io.StringIO(newline="")
+    if rows:
+        writer = csv.DictWriter(text, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    replace_file(path, text.getvalue().encode(), durable=False)
 
 
 def _quoted(text: str) -> str:

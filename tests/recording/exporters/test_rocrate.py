@@ -16,9 +16,9 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.exporters.rocrate import licence_of
-from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
 from caris_desktop.recording.session.session_reader import open_session

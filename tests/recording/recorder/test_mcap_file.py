@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap.records import Message, Statistics
 from mcap.stream_reader import StreamReader
 
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.mcap_file import McapFile
 
 TOPICS = ("/a", "/b/ü", "/c")

@@ -12,7 +12,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder

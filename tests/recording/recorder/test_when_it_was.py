@@ -15,8 +15,8 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, FrameRef, Odometry
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import export_session
-from caris_desktop.recording.recorder.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.header_rebuilding import rebuilt_header
 from tests.recording.driving import RecorderUnderTest, picture, start

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.messages import RecorderReport
 from caris_desktop.recording.recorder.write_through import WriteThrough
@@ -75,7 +75,7 @@ def test_all_that_is_written_is_on_the_disk_within_a_second(tmp_path: Path) -> N
         if not path.startswith(str(folder)):
             continue
         # A file that is put in its place as a whole is written under another name.
-        name = Path(path).name.removeprefix(".").removesuffix(".part")
+        name = re.sub(r"\.(.+)\.[0-9a-f]{8}\.part", r"\1", Path(path).name)
         (written if "write" in call else synced)[name].append((begin_s, end_s))
     grown = {"events.mcap", "video-front.mp4", "video-front.frames.csv", "audio-microphone.wav", "movement.txt"}
     assert grown | {"speech.txt", "session.json", "0001.png", "people.json"} <= written.keys()

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import CommandSent, Marked, ScenarioOpened, Utt
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import FrameRef, LaserScan, OccupancyGrid, StatusShown
 from caris_desktop.domain.streams import BY_TYPE, Delivery
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session import mcap_blocks

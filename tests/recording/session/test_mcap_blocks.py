@@ -9,7 +9,7 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from caris_desktop.recording.recorder.disk_file import DiskFile
+from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError
 from caris_desktop.recording.session.mcap_rewriting import rewrite

@@ -1,20 +1,13 @@
 """Files of a running session: what happens when the disk is full is decided here."""
 
-import errno
 import os
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-
-
-def no_room(error: OSError) -> bool:
-    """Whether ``error`` says that the disk, or the user's share of it, is full."""
-    return error.errno in _NO_ROOM
+from caris_desktop.domain.file_replacement import no_room
 
 
 class Reserve:
@@ -209,40 +202,9 @@ class DiskFile:
                 os.close(self._descriptor)
 
 
-def sync_path(path: Path) -> None:
-    """Bring a file, or the names in a folder, to the disk itself. Raises OSError."""
-    if path.is_dir() and sys.platform == "win32":
-        return
-    descriptor = os.open(path, os.O_RDONLY if sys.platform != "win32" else os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _bring_to_disk(descriptor: int) -> None:
     """With the size of the file, without its dates, where the system can tell the two apart."""
     if hasattr(os, "fdatasync"):
         os.fdatasync(descriptor)
     else:
         os.fsync(descriptor)
-
-
-def replace_file(path: Path, data: bytes, *, durable: bool, on_full: Callable[[], bool] = lambda: False) -> None:
-    """Put ``data`` in the place of ``path``, whole or not at all. Raises OSError.
-
-    ``durable`` waits until the disk has it, which may take long on a busy one.
-    """
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.unlink(missing_ok=True)
-    file = DiskFile(temporary, on_full=on_full)
-    try:
-        file.write(data)
-        if durable:
-            file.sync()
-    except OSError:
-        file.close()
-        temporary.unlink(missing_ok=True)
-        raise
-    file.close()
-    temporary.replace(path)

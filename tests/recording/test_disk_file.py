@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording.recorder.disk_file import DiskFile, Reserve, replace_file
+from caris_desktop.recording.disk_file import DiskFile, Reserve
 
 
 def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,19 +91,6 @@ def test_a_file_can_be_patched_and_extended_while_it_grows(tmp_path: Path) -> No
     assert file.sync()
     file.close()
     assert not file.sync()
-
-
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replace_file(tmp_path / "f", b"old", durable=False)
-
-    def fail(_descriptor: int, _data: memoryview) -> int:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "write", fail)
-        with pytest.raises(OSError, match="No space left"):
-            replace_file(tmp_path / "f", b"new", durable=True)
-    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f", b"old")]
 
 
 def test_an_existing_file_is_never_overwritten(tmp_path: Path) -> None:
