@@ -12,8 +12,8 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.painted_once import PaintedOnce
 
 TITLE_HEIGHT_PX = 38
 WindowName = Literal["start", "export", "sessions"]

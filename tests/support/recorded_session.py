@@ -56,14 +56,14 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.status import DriveStatus, LinkStatus, SpeechStatus
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.recorder.audio_file import AudioInfo, AudioWriter
+from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.recorder.plain_files import PlainFiles
-from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION
 from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, AudioInfo, VideoInfo
 from caris_desktop.recording.session.manifest import session_files, write_manifest
+from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
 
 SECOND_NS = 1_000_000_000

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.recording.session.session_clock import clock_text
 
 Shape = Literal["bar", "diamond", "triangle", "dot", "shade"]
 
@@ -91,14 +92,6 @@ class Way:
     headings_rad: NDArray[np.float64]
     by_itself: NDArray[np.bool_]
     pins: tuple[Pin, ...] = field(default=())
-
-
-def clock_text(seconds: float) -> str:
-    """``12:04``, or ``1:02:04`` from an hour on."""
-    sign = "−" if seconds < -0.5 else ""
-    whole = round(abs(seconds))
-    hours, rest = divmod(whole, 3600)
-    return f"{sign}{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{sign}{rest // 60}:{rest % 60:02d}"
 
 
 def duration_text(seconds: float) -> str:

@@ -26,13 +26,14 @@ from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters import drawings
-from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, clock_text, duration_text
+from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, duration_text
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.names import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.answers import answer_uses
 from caris_desktop.recording.session.marks import FinalMark
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.studies.completeness import counted, what_is_missing

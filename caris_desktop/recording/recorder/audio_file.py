@@ -5,10 +5,9 @@ flattest; what is missing becomes silence.
 """
 
 import logging
-import re
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +16,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.session.format import AudioInfo
+from caris_desktop.recording.session.media_names import audio_file_name
 
 _log = logging.getLogger(__name__)
 HEADER_BYTES = 44
@@ -30,31 +31,6 @@ _GAP_S = 0.03
 _FOLLOW_S, _TOLERATED_S = 2.0, 0.0015
 _LARGEST_CORRECTION = 0.004
 _BLOCK_S = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class AudioInfo:
-    """What ``session.json`` says of one sound file. Its time 0 is ``first_stamp_ns`` of the session clock.
-
-    ``samples`` counts those of one channel; ``last_stamp_ns`` is the end of the last one.
-    """
-
-    file_name: str
-    source: str
-    sample_rate_hz: int
-    channels: int
-    samples: int
-    first_stamp_ns: int
-    last_stamp_ns: int
-
-
-def audio_file_name(source: str, taken: set[str]) -> str:
-    """``audio-SOURCE.wav`` with nothing in the name that could leave the folder, and not yet ``taken``."""
-    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", source).strip("-")[:40] or "sound"
-    name, number = f"audio-{plain}.wav", 2
-    while name in taken:
-        name, number = f"audio-{plain}-{number}.wav", number + 1
-    return name
 
 
 class AudioFile:

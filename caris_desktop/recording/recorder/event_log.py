@@ -11,7 +11,7 @@ from caris_desktop.domain.schema import json_schema, to_jsonable
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.recorder.mcap_file import McapFile
+from caris_desktop.recording.session.mcap_file import McapFile
 
 
 class EventLog:

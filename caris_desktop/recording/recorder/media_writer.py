@@ -17,38 +17,16 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
-from caris_desktop.recording.recorder.video_file import VideoFile, video_file_name
+from caris_desktop.recording.recorder.video_file import VideoFile
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate
+from caris_desktop.recording.session.format import VideoInfo
+from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _ENCODER_NICENESS = 5
 _CROWDED_SHARE = 0.6
-
-
-@dataclass(frozen=True, slots=True)
-class VideoInfo:
-    """What ``session.json`` says of one video. Time 0 of the video is ``first_stamp_ns`` of the session clock.
-
-    ``rate_hz`` is its mean frame rate; ``left_out`` counts frames that were not encoded, to keep up. ``delay_ms`` is
-    how long a frame took from the camera to here (the median) and ``uncertainty_ms`` how far off that may be at most;
-    the video shows frames when they were taken. None: not known, and they are shown when they arrived.
-    """
-
-    file_name: str
-    camera: str
-    frames: int
-    width_px: int
-    height_px: int
-    first_stamp_ns: int
-    last_stamp_ns: int
-    index_file: str
-    encoder: str
-    rate_hz: float
-    left_out: int
-    delay_ms: float | None = None
-    uncertainty_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,25 +29,18 @@ from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.recorder.media_writer import (
-    MediaFailed,
-    MediaWriter,
-    PhotoKept,
-    VideoInfo,
-    VideoRateChanged,
-)
+from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter, PhotoKept, VideoRateChanged
 from caris_desktop.recording.recorder.messages import RecorderReport, StartRecording
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import WriteThrough
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
+from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
 from caris_desktop.recording.session.last_counts import forget_counts, keep_counts
 from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
-FORMAT, FORMAT_VERSION = "caris-desktop session", 2
-TRIAL_METADATA = "trial."
 # A kill costs what came since; each flush makes a chunk, which a reader's index has an entry for.
 _FLUSH_EVERY_NS = 450_000_000
 _SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9

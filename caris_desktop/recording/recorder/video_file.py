@@ -5,7 +5,6 @@ it was taken as far as that is known.
 """
 
 import logging
-import re
 from array import array
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -20,30 +19,11 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
+from caris_desktop.recording.session.frame_times import INDEX_HEAD, index_cells
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
-INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"
-
-
-def video_file_name(camera: str, taken: set[str]) -> str:
-    """``video-CAMERA.mp4`` with nothing in the name that could leave the folder, and not yet ``taken``."""
-    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", camera).strip("-")[:40] or "camera"
-    name, number = f"video-{plain}.mp4", 2
-    while name in taken:
-        name, number = f"video-{plain}-{number}.mp4", number + 1
-    return name
-
-
-def index_cells(ref: FrameRef, video_s: float, clock: SessionClock) -> str:
-    """A line of the index, without the number of the frame and the end of the line."""
-    robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
-    taken = ",,"
-    if ref.taken_ns is not None:
-        uncertainty = "" if ref.taken_uncertainty_ns is None else f"{ref.taken_uncertainty_ns / 1e6:.3f}"
-        taken = f"{ref.taken_ns},{clock.utc(ref.taken_ns)},{uncertainty}"
-    return f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{clock.utc(ref.stamp_ns)},{ref.sequence},{taken}"
 
 
 class VideoFile:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_file import video_file_name
 from caris_desktop.recording.session.frame_times import (
     NO_ROBOT_STAMP,
     UNKNOWN,
@@ -20,10 +19,10 @@ from caris_desktop.recording.session.frame_times import (
     read_frame_times,
 )
 from caris_desktop.recording.session.losses import told_bytes_of
+from caris_desktop.recording.session.media_names import camera_of_video, video_file_name
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.video_names import camera_of_video
 
 _log = logging.getLogger(__name__)
 # Decoding so many frames more costs less than going to another place in the file.

@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.recording.session.session_clock import SessionClock
+
+INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"
 INDEX_SUFFIX = ".frames.csv"
 NO_ROBOT_STAMP = UNKNOWN = -1
 _TAKEN = ("taken_ns", "uncertainty_ms")
@@ -116,3 +120,13 @@ def moments_words(video: Mapping[str, Any]) -> str:
         f"Its pictures are shown when the camera took them, by the robot's stamps and clock, to within "
         f"{uncertainty_ms:.1f} ms; they reached the computer {delay_ms:.0f} ms later."
     )
+
+
+def index_cells(ref: FrameRef, video_s: float, clock: SessionClock) -> str:
+    """A line of the index, without the number of the frame and the end of the line."""
+    robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
+    taken = ",,"
+    if ref.taken_ns is not None:
+        uncertainty = "" if ref.taken_uncertainty_ns is None else f"{ref.taken_uncertainty_ns / 1e6:.3f}"
+        taken = f"{ref.taken_ns},{clock.utc(ref.taken_ns)},{uncertainty}"
+    return f"{video_s:.6f},{ref.stamp_ns},{robot_stamp},{clock.utc(ref.stamp_ns)},{ref.sequence},{taken}"

@@ -12,8 +12,8 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import RobotChosen, ScenarioOpened, SessionStarted
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION, TRIAL_METADATA
 from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, Message
 from caris_desktop.recording.session.session_clock import SessionClock
 

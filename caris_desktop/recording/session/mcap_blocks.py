@@ -15,18 +15,32 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.recording.session.mcap_records import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    CHUNK_BODY,
+    CHUNK_INDEX,
+    CHUNK_INDEX_BODY,
+    DATA_END,
+    FOOTER,
+    FOOTER_BODY,
+    HEAD,
+    HEADER,
+    KNOWN,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_BODY,
+    MESSAGE_INDEX,
+    METADATA,
+    SCHEMA,
+    STATISTICS,
+    number_of,
+)
+
 _log = logging.getLogger(__name__)
-MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
-_HEADER, _ATTACHMENT, _METADATA = 1, 9, 12
-_BESIDE = (_HEADER, _ATTACHMENT, _METADATA)
-_KNOWN = range(1, 16)
-_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")
-_FOOTER_BODY = struct.Struct("<QQI")
-_TAIL_BYTES = _HEAD.size + _FOOTER_BODY.size + len(MAGIC)
+_BESIDE = (HEADER, ATTACHMENT, METADATA)
+_TAIL_BYTES = HEAD.size + FOOTER_BODY.size + len(MAGIC)
 _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 _MAX_BLOCK_BYTES = 1 << 30
 _RUN_BYTES = 1 << 20
@@ -34,7 +48,7 @@ _LONGEST_HEADER_BYTES = 1024
 _INDEXED_MESSAGE_BYTES = 16
 _LARGEST_NS = 2**63 - 1
 # Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
-_ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", _HEAD.size + _CHUNK_HEAD.size - 4
+_ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", HEAD.size + CHUNK_BODY.size - 4
 
 
 class Message(NamedTuple):
@@ -50,7 +64,7 @@ class Message(NamedTuple):
     @property
     def record_start(self) -> int:
         """Where the record begins that holds the message, in the block's content."""
-        return self.start - _MESSAGE_HEAD.size - _HEAD.size
+        return self.start - MESSAGE_BODY.size - HEAD.size
 
 
 class DamagedBlockError(ValueError):
@@ -68,7 +82,7 @@ class Channel:
     @property
     def schema_number(self) -> int:
         """0 for a channel that needs no schema."""
-        return int.from_bytes(self.record[_HEAD.size + 2 : _HEAD.size + 4], "little")
+        return int.from_bytes(self.record[HEAD.size + 2 : HEAD.size + 4], "little")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,11 +126,11 @@ class _Gathered:
         self.blocks.append(block)
 
     def add_declaration(self, opcode: int, record: bytes) -> None:
-        body = record[_HEAD.size :]
-        number = int.from_bytes(body[:2], "little")
-        if opcode == _SCHEMA:
+        body = record[HEAD.size :]
+        number = number_of(record)
+        if opcode == SCHEMA:
             self.schemas[number] = record
-        elif opcode == _CHANNEL:
+        elif opcode == CHANNEL:
             length = int.from_bytes(body[4:8], "little")
             topic = body[8 : 8 + length].decode("utf-8", "replace")
             schema = self.schemas.get(int.from_bytes(body[2:4], "little"), b"")
@@ -160,14 +174,14 @@ def library_of(path: Path) -> str:
     with path.open("rb") as file:
         begin = file.read(_LONGEST_HEADER_BYTES)
     try:
-        opcode, length = _HEAD.unpack_from(begin, len(MAGIC))
-        at = len(MAGIC) + _HEAD.size
+        opcode, length = HEAD.unpack_from(begin, len(MAGIC))
+        at = len(MAGIC) + HEAD.size
         body = begin[at : at + length]
         (profile_bytes,) = struct.unpack_from("<I", body)
         (library_bytes,) = struct.unpack_from("<I", body, 4 + profile_bytes)
     except struct.error:
         return ""
-    if begin[: len(MAGIC)] != MAGIC or opcode != _HEADER:
+    if begin[: len(MAGIC)] != MAGIC or opcode != HEADER:
         return ""
     return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
 
@@ -177,28 +191,28 @@ def listed_messages(file: IO[bytes], index: BlockIndex, number: int) -> int:
     place, count = int(index.offsets[number] + index.lengths[number]), 0
     while True:
         file.seek(place)
-        entry = file.read(_HEAD.size + 6)
-        if len(entry) < _HEAD.size + 6:
+        entry = file.read(HEAD.size + 6)
+        if len(entry) < HEAD.size + 6:
             return count
-        opcode, length = _HEAD.unpack_from(entry)
-        if opcode != _MESSAGE_INDEX:
+        opcode, length = HEAD.unpack_from(entry)
+        if opcode != MESSAGE_INDEX:
             return count
-        count += int.from_bytes(entry[_HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
-        place += _HEAD.size + length
+        count += int.from_bytes(entry[HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
+        place += HEAD.size + length
 
 
 def messages_of(content: bytes) -> Iterator[Message]:
     """The messages of an unfolded block."""
     at, end = 0, len(content)
-    while at + _HEAD.size <= end:
-        opcode, length = _HEAD.unpack_from(content, at)
-        body = at + _HEAD.size
+    while at + HEAD.size <= end:
+        opcode, length = HEAD.unpack_from(content, at)
+        body = at + HEAD.size
         at = body + length
         if at > end:
             return
-        if opcode == _MESSAGE and length >= _MESSAGE_HEAD.size:
-            channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, body)
-            yield Message(channel, sequence, log_ns, publish_ns, body + _MESSAGE_HEAD.size, at)
+        if opcode == MESSAGE and length >= MESSAGE_BODY.size:
+            channel, sequence, log_ns, publish_ns = MESSAGE_BODY.unpack_from(content, body)
+            yield Message(channel, sequence, log_ns, publish_ns, body + MESSAGE_BODY.size, at)
 
 
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
@@ -208,7 +222,7 @@ def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
 
 def compression_of(chunk: bytes) -> tuple[str, int]:
     """How a chunk's record is compressed, and to how many bytes."""
-    at = _HEAD.size + _CHUNK_HEAD.size
+    at = HEAD.size + CHUNK_BODY.size
     (name_bytes,) = struct.unpack_from("<I", chunk, at - 4)
     (folded_bytes,) = struct.unpack_from("<Q", chunk, at + name_bytes)
     return chunk[at : at + name_bytes].decode("utf-8", "replace"), folded_bytes
@@ -216,7 +230,7 @@ def compression_of(chunk: bytes) -> tuple[str, int]:
 
 def is_chunk(record: bytes) -> bool:
     """Whether a block's record is a chunk, not a run of messages."""
-    return record[:1] == bytes([_CHUNK])
+    return record[:1] == bytes([CHUNK])
 
 
 def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
@@ -233,8 +247,8 @@ def unfolded(record: bytes) -> bytes:
     if not is_chunk(record):
         return record
     try:
-        _, _, size_bytes, crc, name_bytes = _CHUNK_HEAD.unpack_from(record, _HEAD.size)
-        at = _HEAD.size + _CHUNK_HEAD.size
+        _, _, size_bytes, crc, name_bytes = CHUNK_BODY.unpack_from(record, HEAD.size)
+        at = HEAD.size + CHUNK_BODY.size
         compression = record[at : at + name_bytes]
         (folded_bytes,) = struct.unpack_from("<Q", record, at + name_bytes)
     except struct.error as error:
@@ -267,10 +281,10 @@ def _summary_span(file: IO[bytes]) -> tuple[int, int, int] | None:
         return None
     file.seek(size_bytes - _TAIL_BYTES)
     tail = file.read(_TAIL_BYTES)
-    opcode, length = _HEAD.unpack_from(tail)
-    if tail[-len(MAGIC) :] != MAGIC or (opcode, length) != (_FOOTER, _FOOTER_BODY.size):
+    opcode, length = HEAD.unpack_from(tail)
+    if tail[-len(MAGIC) :] != MAGIC or (opcode, length) != (FOOTER, FOOTER_BODY.size):
         return None
-    start, _, crc = _FOOTER_BODY.unpack_from(tail, _HEAD.size)
+    start, _, crc = FOOTER_BODY.unpack_from(tail, HEAD.size)
     end = size_bytes - _TAIL_BYTES
     return (start, end, crc) if len(MAGIC) <= start < end else None
 
@@ -288,19 +302,19 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
     gathered, at, messages = _Gathered(), 0, 0
     try:
         while at < end - start:
-            opcode, length = _HEAD.unpack_from(summary, at)
-            body = at + _HEAD.size
-            if opcode in (_SCHEMA, _CHANNEL):
+            opcode, length = HEAD.unpack_from(summary, at)
+            body = at + HEAD.size
+            if opcode in (SCHEMA, CHANNEL):
                 gathered.add_declaration(opcode, summary[at : body + length])
-            elif opcode == _CHUNK_INDEX:
-                first_ns, last_ns, offset, size, map_bytes = _CHUNK_INDEX_HEAD.unpack_from(summary, body)
+            elif opcode == CHUNK_INDEX:
+                first_ns, last_ns, offset, size, map_bytes = CHUNK_INDEX_BODY.unpack_from(summary, body)
                 if offset + size > start:
                     return None
                 entries = np.frombuffer(
-                    summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + _CHUNK_INDEX_HEAD.size
+                    summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + CHUNK_INDEX_BODY.size
                 )
                 gathered.add_block((offset, size, first_ns, last_ns), entries["channel"].astype(np.int64))
-            elif opcode == 11:  # statistics
+            elif opcode == STATISTICS:
                 (messages,) = struct.unpack_from("<Q", summary, body)
             at = body + length
         # Without an index of its chunks, or of what lies in them, the file has to be looked at.
@@ -328,33 +342,33 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
 
     while at < end:
         file.seek(at)
-        head = file.read(_HEAD.size)
-        opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
-        if opcode not in _KNOWN or length > end - at - _HEAD.size:
+        head = file.read(HEAD.size)
+        opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+        if opcode not in KNOWN or length > end - at - HEAD.size:
             end_run()
             found = _next_chunk(file, at + 1, end)
             gathered.damaged_bytes += found - at
             at = found
             continue
-        if opcode in (_DATA_END, _FOOTER):
+        if opcode in (DATA_END, FOOTER):
             break
-        record_bytes = _HEAD.size + length
-        if opcode == _MESSAGE:
+        record_bytes = HEAD.size + length
+        if opcode == MESSAGE:
             if not run or at - run_at > _RUN_BYTES:
                 end_run()
                 run_at = at
             run.append(head + file.read(length))
-        elif opcode == _CHUNK:
+        elif opcode == CHUNK:
             end_run()
             listed = not thorough and _add_listed_chunk(gathered, file, at, record_bytes)
             if not listed:
-                file.seek(at + _HEAD.size)
+                file.seek(at + HEAD.size)
             if not listed and not _add_chunk(gathered, head + file.read(length), at):
                 found = _next_chunk(file, at + 1, end)
                 gathered.damaged_bytes += found - at
                 at = found
                 continue
-        elif opcode in (_SCHEMA, _CHANNEL):
+        elif opcode in (SCHEMA, CHANNEL):
             end_run()
             gathered.add_declaration(opcode, head + file.read(length))
         elif opcode in _BESIDE:
@@ -366,21 +380,21 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
 
 def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_bytes: int) -> bool:
     """Take the word of the message indexes behind a chunk for what is in it; False where they do not tell all."""
-    head = file.read(_CHUNK_HEAD.size)
-    if len(head) < _CHUNK_HEAD.size:
+    head = file.read(CHUNK_BODY.size)
+    if len(head) < CHUNK_BODY.size:
         return False
-    first_ns, last_ns, _, _, _ = _CHUNK_HEAD.unpack(head)
+    first_ns, last_ns, _, _, _ = CHUNK_BODY.unpack(head)
     place, numbers = at + record_bytes, []
     while True:
         file.seek(place)
-        entry = file.read(_HEAD.size + 2)
-        if len(entry) < _HEAD.size + 2:
+        entry = file.read(HEAD.size + 2)
+        if len(entry) < HEAD.size + 2:
             return False
-        opcode, length = _HEAD.unpack_from(entry)
-        if opcode != _MESSAGE_INDEX or length > _MAX_BLOCK_BYTES:
+        opcode, length = HEAD.unpack_from(entry)
+        if opcode != MESSAGE_INDEX or length > _MAX_BLOCK_BYTES:
             break
-        numbers.append(int.from_bytes(entry[_HEAD.size :], "little"))
-        place += _HEAD.size + length
+        numbers.append(int.from_bytes(entry[HEAD.size :], "little"))
+        place += HEAD.size + length
     # A chunk that declares a channel has to be unfolded, and so has the last one, which may lack some of its indexes.
     if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
         return False
@@ -405,13 +419,13 @@ def _add_messages(gathered: _Gathered, records: bytes, at: int) -> None:
 def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) -> None:
     numbers: set[int] = set()
     at, first_ns, last_ns = 0, 0, 0
-    while at + _HEAD.size <= len(content):
-        opcode, length = _HEAD.unpack_from(content, at)
-        body = at + _HEAD.size
-        if opcode in (_SCHEMA, _CHANNEL):
+    while at + HEAD.size <= len(content):
+        opcode, length = HEAD.unpack_from(content, at)
+        body = at + HEAD.size
+        if opcode in (SCHEMA, CHANNEL):
             gathered.add_declaration(opcode, content[at : body + length])
-        elif opcode == _MESSAGE and length >= _MESSAGE_HEAD.size and body + length <= len(content):
-            number, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(content, body)
+        elif opcode == MESSAGE and length >= MESSAGE_BODY.size and body + length <= len(content):
+            number, _, log_ns, _ = MESSAGE_BODY.unpack_from(content, body)
             first_ns = log_ns if not numbers else min(first_ns, log_ns)
             last_ns = max(last_ns, log_ns)
             numbers.add(number)
@@ -430,9 +444,9 @@ def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
         found = content.find(_ZSTD)
         while found >= 0:
             start = found - _ZSTD_AT
-            if start >= 0 and content[start] == _CHUNK:
+            if start >= 0 and content[start] == CHUNK:
                 (length,) = struct.unpack_from("<Q", content, start + 1)
-                if at + start + _HEAD.size + length <= end:
+                if at + start + HEAD.size + length <= end:
                     return at + start
             found = content.find(_ZSTD, found + 1)
         at += window

@@ -8,8 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_file import INDEX_HEAD, index_cells
-from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.frame_times import (
+    INDEX_HEAD,
+    FrameTimes,
+    index_cells,
+    index_path,
+    read_frame_times,
+)
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)

@@ -18,18 +18,18 @@ from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.recorder.audio_file import AudioInfo
-from caris_desktop.recording.recorder.media_writer import VideoInfo
 from caris_desktop.recording.session import mcap_blocks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
+from caris_desktop.recording.session.format import AudioInfo, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path, read_frame_times
 from caris_desktop.recording.session.last_counts import counts_of, forget_counts, last_counts
 from caris_desktop.recording.session.losses import lost_values, told_bytes_of, told_losses
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files, write_manifest
 from caris_desktop.recording.session.mcap_blocks import BlockIndex
+from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
+from caris_desktop.recording.session.media_names import camera_of_video
 from caris_desktop.recording.session.session_header import SessionError, SessionTimes, inside, read_header, times_of
-from caris_desktop.recording.session.video_names import camera_of_video
 
 _log = logging.getLogger(__name__)
 KEPT_FOLDER = "recovered"
@@ -190,10 +190,10 @@ class _Repair:
     def _repair_events(self) -> None:
         path = self._folder / _EVENTS
         with path.open("rb") as file:
-            magic = file.read(len(mcap_blocks.MAGIC))
+            magic = file.read(len(MAGIC))
             broken = not mcap_blocks.has_summary(path)
             index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
-            if broken and not index.count and magic != mcap_blocks.MAGIC[: len(magic)]:
+            if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(f"{path} is no record of events: nothing in it can be read. Nothing was changed.")
             if broken:
                 self._rewrite_events(file, index)

@@ -28,3 +28,11 @@ class SessionClock:
         seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
         moment = datetime.fromtimestamp(seconds, UTC).astimezone()
         return f"{moment:%H:%M:%S}.{nanoseconds // 1_000_000:03d}"
+
+
+def clock_text(seconds: float) -> str:
+    """``12:04``, or ``1:02:04`` from an hour on."""
+    sign = "−" if seconds < -0.5 else ""
+    whole = round(abs(seconds))
+    hours, rest = divmod(whole, 3600)
+    return f"{sign}{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{sign}{rest // 60}:{rest % 60:02d}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.recording.recorder.session_recorder import FORMAT, FORMAT_VERSION
+from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION
 from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_clock import SessionClock

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.recording.exporters.drawings import clock_text
+from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
 

@@ -14,10 +14,10 @@ from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
-from caris_desktop.ui.widgets.painted_once import PaintedOnce
 
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8

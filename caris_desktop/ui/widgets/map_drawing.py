@@ -17,6 +17,7 @@ from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_grid import GridLayer
 from caris_desktop.ui.widgets.map_layers import (
@@ -29,7 +30,6 @@ from caris_desktop.ui.widgets.map_layers import (
     thinned,
 )
 from caris_desktop.ui.widgets.map_viewport import MapViewport
-from caris_desktop.ui.widgets.painted_once import PaintedOnce
 
 _CHIP_COLORS = {"warning": "amber", "good": "green", "bad": "red", "hint": "text"}
 _CHIP_ICONS = {"warning": "warning", "good": "check", "bad": "warning-octagon", "hint": ""}
