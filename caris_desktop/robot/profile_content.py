@@ -17,6 +17,7 @@ from caris_desktop.domain.controls import (
     mentions_value,
 )
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.yaml_source import KeyPath
 from caris_desktop.robot.profile import (
     DEFAULT_ADDRESS,
     CameraTopic,
@@ -37,7 +38,7 @@ from caris_desktop.robot.profile import (
     VelocityTopic,
     check_address,
 )
-from caris_desktop.robot.profile_file import PROFILE_VERSION, KeyPath, ProfileText
+from caris_desktop.robot.profile_file import PROFILE_VERSION, ProfileText
 
 _SOURCES = ("scan", "odometry", "pose", "tf", "tf_static", "map", "map_updates", "path", "battery")
 _ALWAYS_LATCHED = ("map", "tf_static")

@@ -1,29 +1,24 @@
 """The text of a robot profile: YAML with its lines, checked against the schema, and written for people to read."""
 
 import difflib
-import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jsonschema
 import yaml
-from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from caris_desktop.domain.migrations import Migration, migrated
 from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.domain.yaml_source import KeyPath, PlainScalars, YamlSourceError, know_scalars, parse_yaml
 from caris_desktop.robot.profile import ProfileError
 
 PROFILE_VERSION = 1
 MIGRATIONS: Mapping[int, Migration] = {}
 SCHEMA = "robot-profile.schema.json"
-MAX_DEPTH = 30
 MAX_BYTES = 2**20
 
-KeyPath = tuple[str | int, ...]
 
-_TAG = "tag:yaml.org,2002:"
-_PLAIN_TAGS = frozenset(_TAG + kind for kind in ("map", "seq", "str", "int", "float", "bool", "null"))
 _TYPE_WORDS = {
     "number": "a number",
     "integer": "a whole number",
@@ -32,52 +27,16 @@ _TYPE_WORDS = {
     "array": "a list",
     "object": "made of 'name: value' pairs",
 }
-# As in YAML 1.2: yes, on and off are words, 12:30 is no number, and 1e-3 is one.
-_SCALARS = (
-    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
-    ("float", r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|\.inf)|\.nan", "-+.0123456789"),
-    ("null", r"~|null|Null|NULL|", "~nN"),
-)
 
 
-def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:
-    return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-
-
-class _Loader(yaml.SafeLoader):
-    """Composes nodes without references, and not deeper than ``MAX_DEPTH``."""
-
-    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
-    depth = 0
-
-    def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # the stubs leave it untyped
-        if isinstance(event, yaml.events.AliasEvent):
-            raise _refused("references (*name) are not allowed", event)
-        if self.depth >= MAX_DEPTH:
-            raise _refused(f"more than {MAX_DEPTH} levels", event)
-        self.depth += 1
-        try:
-            node: Node | None = super().compose_node(parent, index)
-        finally:
-            self.depth -= 1
-        return node
-
-
-class _Dumper(yaml.SafeDumper):
-    """Short mappings and lists on one line, and as few quotation marks as the loader needs."""
-
-    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
+class _Dumper(PlainScalars, yaml.SafeDumper):
+    """Short mappings and lists on one line, and as few quotation marks as the reader needs."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
 
-for _kind, _form, _first in _SCALARS:
-    for _class in (_Loader, _Dumper):
-        _first_characters = [*_first, ""] if _kind == "null" else list(_first)
-        _class.add_implicit_resolver(_TAG + _kind, re.compile(f"(?:{_form})\\Z"), _first_characters)
+know_scalars(_Dumper)
 
 
 class ProfileText:
@@ -86,26 +45,15 @@ class ProfileText:
     def __init__(self, text: str, file_name: str) -> None:
         """Read ``text``; ``file_name`` is used in messages only. Raises ProfileError."""
         self.file_name = file_name
-        self._lines: dict[KeyPath, int] = {}
         if len(text) > MAX_BYTES:
             raise ProfileError(f"{file_name}: this is larger than 1 MB and no robot profile.")
         try:
-            loader = _Loader(text)
-            try:
-                root = loader.get_single_node()
-                if not isinstance(root, MappingNode):
-                    raise ProfileError(
-                        f"{file_name}: a robot profile is a list of 'name: value' lines; this file is not."
-                    )
-                self.data: dict[str, Any] = self._plain(loader, root, ())
-            finally:
-                loader.dispose()
-        except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            place = f"{file_name}, line {mark.line + 1}" if mark is not None else file_name
-            raise ProfileError(f"{place}: this is not YAML: {error.problem or error.context}.") from error
-        except yaml.YAMLError as error:
-            raise ProfileError(f"{file_name}: this is not YAML: {error}.") from error
+            self._source = parse_yaml(text)
+        except YamlSourceError as error:
+            raise ProfileError(f"{file_name}, line {error.line}: {error}.") from error
+        if not isinstance(self._source.data, dict):
+            raise ProfileError(f"{file_name}: a robot profile is a list of 'name: value' lines; this file is not.")
+        self.data: dict[str, Any] = self._source.data
 
     def check(self) -> None:
         """Version and schema; the data are those of the newest version from then on. Raises ProfileError."""
@@ -120,35 +68,7 @@ class ProfileText:
         return ProfileError(f"{self._place(path)}: {_dotted(path)}: {message}")
 
     def _place(self, path: KeyPath) -> str:
-        while path and path not in self._lines:
-            path = path[:-1]
-        return f"{self.file_name}, line {self._lines.get(path, 1)}"
-
-    def _plain(self, loader: _Loader, node: Node, path: KeyPath) -> Any:
-        self._lines.setdefault(path, node.start_mark.line + 1)
-        if node.tag not in _PLAIN_TAGS:
-            raise ProfileError(f"{self._place(path)}: the tag {node.tag.removeprefix(_TAG)!r} is not allowed.")
-        if isinstance(node, MappingNode):
-            result: dict[str, Any] = {}
-            for key_node, value_node in node.value:
-                line = key_node.start_mark.line + 1
-                if not isinstance(key_node, ScalarNode):
-                    raise ProfileError(f"{self.file_name}, line {line}: a key must be a plain word.")
-                key = key_node.value
-                if key in result:
-                    raise ProfileError(f"{self.file_name}, line {line}: {key!r} is given twice.")
-                self._lines[(*path, key)] = line
-                result[key] = self._plain(loader, value_node, (*path, key))
-            return result
-        if isinstance(node, SequenceNode):
-            return [self._plain(loader, item, (*path, index)) for index, item in enumerate(node.value)]
-        try:
-            value = loader.construct_object(node)
-        except ValueError as error:
-            raise ProfileError(f"{self._place(path)}: {node.value!r} is not a number.") from error
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ProfileError(f"{self._place(path)}: {node.value} is not a usable number.")
-        return value
+        return f"{self.file_name}, line {self._source.line_of(path)}"
 
     def _known_version(self) -> int:
         version = self.data.get("version")

@@ -12,11 +12,11 @@ from caris_desktop.domain.declared import Problem, data_of, value_from
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
 from caris_desktop.scenario.layout import layout_problems
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import DEFAULT_ROBOT, Scenario
 from caris_desktop.scenario.text_editing import UnusualLayoutError, edited, yaml_text
-from caris_desktop.scenario.yaml_source import LocatedData, YamlSourceError, parse_yaml
 
 MAX_FILE_BYTES = 256 * 1024
 MAX_REPORTED_PROBLEMS = 5

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from caris_desktop.domain.yaml_source import know_scalars
+
 _ABSENT = object()
 
 
@@ -28,10 +30,13 @@ class _Edit(NamedTuple):
 
 
 class _ReadableDumper(yaml.SafeDumper):
-    """Indents list items under their key, as people write them."""
+    """Indents list items under their key, as people write them, and quotes what readers of old YAML would mistake."""
 
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
         super().increase_indent(flow, False)
+
+
+know_scalars(_ReadableDumper)
 
 
 def yaml_text(data: Any) -> str:

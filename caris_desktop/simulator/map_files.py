@@ -16,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M
 from caris_desktop.simulator.mapping import RESOLUTION_M
 
@@ -80,8 +81,8 @@ class MapFiles:
         """The cells of NAME.yaml and its picture: int8, shape (height, width), row 0 at the bottom."""
         path = _with_ending(self._path(name), ".yaml")
         try:
-            description: Any = yaml.safe_load(self._read(path).decode())
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            description: Any = parse_yaml(self._read(path).decode()).data
+        except ValueError as error:
             raise MapFileError(f"{path.name} is no description of a map: {error}") from error
         if not isinstance(description, dict) or not isinstance(description.get("image"), str):
             raise MapFileError(f"{path.name} does not name its picture")

@@ -219,7 +219,7 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "cameras:\n  - {name: front, topic: /a}\n  - {name: back}\n", 7, ["cameras.1", "topic"]),
         (GOOD + "cameras:\n  - {name: a, topic: /a}\n  - {name: a, topic: /b}\n", 7, ["two cameras", "a"]),
         ("version: 1\nros: 1\nros: 2\n", 3, ["ros", "twice"]),
-        ("version: 1\nros: [1\n", 3, ["not YAML"]),
+        ("version: 1\nros: [1\n", 3, ["not valid YAML"]),
         ("version: 7\nros: 1\n", 1, ["version 7", "newer"]),
         ("ros: 1\n", 1, ["version"]),
         (GOOD + "title: &a x\nnamespace: *a\n", 6, ["references"]),

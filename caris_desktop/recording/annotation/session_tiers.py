@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, get_args
 
-import yaml
-
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
@@ -49,6 +47,7 @@ from caris_desktop.recording.session.answers import unheard
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.scenario_text import read_scenario
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
 from caris_desktop.recording.session.visits import visits_of
@@ -98,15 +97,6 @@ def session_tiers(session: Session, progress: Callable[[float], None] | None = N
 def streams_of_tiers() -> tuple[str, ...]:
     """The streams that :class:`SessionRecord` makes tiers of."""
     return tuple(spec.name for spec in _event_streams())
-
-
-def scenario_labels(content: str) -> tuple[str, ...]:
-    """The labels of the mark keys in the text of a scenario file; none where it cannot be read."""
-    try:
-        labels = yaml.safe_load(content)["recording"]["labels"]
-    except (yaml.YAMLError, KeyError, TypeError, RecursionError):
-        return ()
-    return tuple(str(label) for label in labels) if isinstance(labels, list) else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,9 +382,7 @@ class SessionRecord:
 
     def _vocabularies(self, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
         labels = dict.fromkeys(
-            " ".join(plain_text(label).split())
-            for opened in self._scenarios
-            for label in scenario_labels(opened.content)
+            " ".join(plain_text(label).split()) for opened in self._scenarios for label in read_scenario(opened).labels
         )
         known: dict[str, tuple[str, dict[str, str]]] = {
             MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),

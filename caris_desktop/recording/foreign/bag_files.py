@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, Protocol
 from urllib.parse import quote
 
+from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.recording.session.session_header import is_session
 
 _log = logging.getLogger(__name__)
@@ -505,18 +506,16 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:
-    import yaml
-
     try:
         if path.stat().st_size > _MAX_METADATA_BYTES:
             raise BagError(f"{path} is far too large to describe a bag.")
-        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+        told = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data
         information = told["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
             raise TypeError("no description of a bag")  # noqa: TRY301 - told with the others
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise BagError(f"{path} does not describe a bag ({type(error).__name__}).") from error
     return information
 

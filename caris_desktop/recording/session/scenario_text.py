@@ -7,10 +7,10 @@ from typing import Any
 
 from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 
 _log = logging.getLogger(__name__)
 _MAX_CHARACTERS = 256 * 1024
-_MAX_DEPTH = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,32 +55,14 @@ def read_scenario(event: ScenarioOpened) -> ScenarioText:
 
 def parsed_yaml(text: str, what: str) -> Any:
     """What a recorded file holds; an empty mapping for one that cannot be read. ``what`` it is goes to the log."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """Refuses references, a few lines of which unfold to billions, and what no scenario is as deep as."""
-
-        depth = 0
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):
-                raise yaml.YAMLError("references (*name) are not followed")
-            if self.depth >= _MAX_DEPTH:
-                raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} levels deep")
-            self.depth += 1
-            node = super().compose_node(parent, index)
-            self.depth -= 1
-            return node
-
     if not text:
         return {}
     if len(text) > _MAX_CHARACTERS:
         _log.warning("the recorded %s is not read: %d characters", what, len(text))
         return {}
     try:
-        return yaml.load(text, Loader=Loader)  # noqa: S506 - a SafeLoader
-    except Exception as error:
-        # What a tag says of a value (!!int of a word, say) raises whatever the conversion raises.
+        return parse_yaml(text, finite=False).data
+    except YamlSourceError as error:
         _log.warning("the recorded %s cannot be read: %s", what, error)
         return {}
 

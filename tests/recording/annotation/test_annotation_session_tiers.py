@@ -31,7 +31,7 @@ from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
-from caris_desktop.recording.annotation.session_tiers import scenario_labels, session_tiers
+from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.measures import measure_session
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
@@ -270,11 +270,6 @@ def test_an_event_type_declared_in_the_stream_table_is_a_tier(tmp_path: Path, mo
     assert found["Question asked"] == [(1000, 1200, "How old are you? | Why?")]
     assert found["Round played"] == [(4000, 9000, "player: P07, points: 2.5")]
     assert found["Stop requested"] == [(3000, 3200, "Stop requested")]
-
-
-def test_labels_of_a_scenario_that_cannot_be_read_are_none() -> None:
-    for content in ("", "recording: [", "recording: {labels: 3}", "a: &a [*a]", "!!python/object/apply:os.system [ls]"):
-        assert scenario_labels(content) == ()
 
 
 def write_wav(path: Path, samples: Any, rate: int = 1000, channels: int = 1) -> None:

@@ -1,6 +1,7 @@
-"""YAML that remembers its lines and refuses everything a scenario has no use for."""
+"""The one reader of YAML: it remembers lines, evaluates nothing, and refuses what no file of ours has a use for."""
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +10,15 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 MAX_DEPTH = 40
 KeyPath = tuple[str | int, ...]
+
+_TAG = "tag:yaml.org,2002:"
+# As in YAML 1.2: yes, on and off are words, so are 12:30 and dates, and 1e-3 is a number.
+_SCALARS = (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
+    ("float", r"[-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|\.inf)|\.nan", "-+.0123456789"),
+    ("null", r"~|null|Null|NULL|", "~nN"),
+)
 
 
 class YamlSourceError(ValueError):
@@ -33,7 +43,13 @@ class LocatedData:
         return self.lines.get(path, 1)
 
 
-class _PlainLoader(yaml.SafeLoader):
+class PlainScalars:
+    """For a loader or dumper: what is a number or a truth, and with that which words need quotation marks."""
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
+
+
+class _PlainLoader(PlainScalars, yaml.SafeLoader):
     """Composes nodes without aliases, and not deeper than ``MAX_DEPTH``."""
 
     depth = 0
@@ -53,13 +69,25 @@ class _PlainLoader(yaml.SafeLoader):
         return node
 
 
-def parse_yaml(text: str) -> LocatedData:
+def know_scalars(kind: Any) -> None:
+    """Let a class of loaders or dumpers take for numbers and truths what :func:`parse_yaml` does."""
+    for name, form, first in _SCALARS:
+        first_characters = [*first, ""] if name == "null" else list(first)
+        kind.add_implicit_resolver(_TAG + name, re.compile(f"(?:{form})\\Z"), first_characters)
+
+
+know_scalars(_PlainLoader)
+
+
+def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
     """Mappings, lists, text, numbers and booleans of one YAML document; nothing is evaluated or constructed.
+
+    ``finite`` refuses numbers that are not.
 
     Raises
     ------
     YamlSourceError
-        On a syntax error, a duplicate key, a reference, a tag, or a number that is not finite.
+        On a syntax error, a duplicate key, a reference, or a tag.
     """
     try:
         loader = _PlainLoader(text)
@@ -71,7 +99,7 @@ def parse_yaml(text: str) -> LocatedData:
         if root is None:
             raise YamlSourceError("the file is empty", 1)
         lines: dict[KeyPath, int] = {}
-        return LocatedData(_plain(loader, root, (), lines), lines)
+        return LocatedData(_plain(root, (), lines, finite), lines)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise YamlSourceError(
@@ -83,10 +111,11 @@ def parse_yaml(text: str) -> LocatedData:
         loader.dispose()
 
 
-def _plain(loader: _PlainLoader, node: Node, path: KeyPath, lines: dict[KeyPath, int]) -> Any:
+def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -> Any:
     line = node.start_mark.line + 1
     lines.setdefault(path, line)
-    if isinstance(node, MappingNode):
+    kind = node.tag.removeprefix(_TAG)
+    if isinstance(node, MappingNode) and kind == "map":
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key_line = key_node.start_mark.line + 1
@@ -96,26 +125,26 @@ def _plain(loader: _PlainLoader, node: Node, path: KeyPath, lines: dict[KeyPath,
             if key in result:
                 raise YamlSourceError(f"'{key}' is given twice (first in line {lines[(*path, key)]})", key_line)
             lines[(*path, key)] = key_line
-            result[key] = _plain(loader, value_node, (*path, key), lines)
+            result[key] = _plain(value_node, (*path, key), lines, finite)
         return result
-    if isinstance(node, SequenceNode):
-        return [_plain(loader, item, (*path, index), lines) for index, item in enumerate(node.value)]
-    return _scalar(loader, node, line)
-
-
-def _scalar(loader: _PlainLoader, node: Node, line: int) -> Any:
-    kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
-    if kind in ("str", "timestamp", "value", "merge"):
-        return node.value
-    if (kind == "bool" and node.value.lower() not in ("true", "false")) or (kind != "bool" and ":" in node.value):
-        # YAML 1.1 reads yes and off as booleans and 12:30 as a number; in a list of phrases they are words.
-        return node.value
-    if kind not in ("int", "float", "bool", "null"):
+    if isinstance(node, SequenceNode) and kind == "seq":
+        return [_plain(item, (*path, index), lines, finite) for index, item in enumerate(node.value)]
+    if not isinstance(node, ScalarNode) or kind not in ("str", "bool", "null", "int", "float"):
         raise YamlSourceError(f"the tag {node.tag} is not allowed. Allowed: text, numbers, true, false", line)
-    try:
-        value = loader.construct_object(node)
-    except ValueError as error:
-        raise YamlSourceError(f"{node.value!r} is not a number", line) from error
-    if isinstance(value, float) and not math.isfinite(value):
+    value = _scalar(kind, node.value, line)
+    if finite and isinstance(value, float) and not math.isfinite(value):
         raise YamlSourceError(f"{node.value} is not a usable number", line)
     return value
+
+
+def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:
+    try:
+        if kind == "int":
+            return int(text, 16 if text.startswith("0x") else 10)
+        if kind == "float":
+            return float(text.replace(".inf", "inf").replace(".nan", "nan"))
+    except ValueError as error:
+        raise YamlSourceError(f"{text!r} is not a number", line) from error
+    if kind == "bool" and text.lower() not in ("true", "false"):
+        raise YamlSourceError(f"{text!r} is neither true nor false", line)
+    return text if kind == "str" else None if kind == "null" else text.lower() == "true"
