@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
+from caris_desktop.domain.process_title import title_process
+
 SOUND_FILE = "utterance.pcm"
 # Low latency starves PulseAudio's ALSA plug-in; aborting a stream drops what is buffered, so this delays no silence.
 _LATENCY_S = 0.12
@@ -352,6 +354,7 @@ def main() -> None:
     # pyttsx3 prints to stdout, which is our wire.
     events = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    title_process("voice")
     settings = json.loads(sys.stdin.readline())
     _Engine(events).run(settings, Path(settings["folder"]))
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from caris_desktop.domain.process_title import title_process
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.logs import configure_child_logging
 
@@ -190,6 +191,7 @@ def _run_body(body: ProcessBody, connection: Connection) -> None:
     """Child side. Signals to the whole group belong to the console, which ends its children in order."""
     for unwanted in (signal.SIGINT, signal.SIGTERM):
         signal.signal(unwanted, signal.SIG_IGN)
+    title_process(body.name)
     if hasattr(os, "setsid"):
         # Linux shares the processor among sessions first, then within each: what this child computes is not taken from
         # the share of the window, which needs little of it and at once.

@@ -7,8 +7,10 @@ import sys
 def main() -> int:
     """Parse the arguments and run the robot."""
     # Late: the process of the camera imports this module too, and needs little of it.
+    from caris_desktop.domain.process_title import title_process
     from caris_desktop.simulator.command import add_arguments, run
 
+    title_process("simulate")
     parser = argparse.ArgumentParser(prog="python -m caris_desktop.simulator", description=__doc__)
     add_arguments(parser)
     return run(parser.parse_args())

@@ -63,9 +63,11 @@ def _draw_forever(pipe: Connection) -> None:
 
     import cv2
 
+    from caris_desktop.domain.process_title import title_process
     from caris_desktop.simulator.cut_outs import PhotosMissing, load_cut_outs
     from caris_desktop.simulator.picture import Painter
 
+    title_process("simulated camera")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process by closing the pipe
     cv2.setNumThreads(1)
     if hasattr(os, "nice"):

@@ -347,6 +347,13 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, 
     assert seen["closed_with"] == 0
 
 
+def title_of(process: psutil.Process) -> str:
+    try:
+        return "".join(process.cmdline()[:1])
+    except psutil.Error:  # it has just ended
+        return ""
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
     program = subprocess.Popen(
@@ -357,13 +364,15 @@ def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Pat
         start_new_session=True,
     )
     children: list[psutil.Process] = []
+    does = ("console", "driving and sensors", "pictures and maps", "people detection", "recording", "simulated robot")
+    wanted = {f"caris: {what}" for what in does}
 
     def has_all() -> bool:
         children[:] = psutil.Process(program.pid).children(recursive=True)
-        return len(children) >= 6
+        return len(children) >= 6 and wanted <= {title_of(child) for child in (psutil.Process(program.pid), *children)}
 
     try:
-        wait_for(has_all, "the children run", timeout_s=60)
+        wait_for(has_all, "the children run, each called after what it does", timeout_s=60)
         program.send_signal(how)
         _out, errors = program.communicate(timeout=30)
         assert program.returncode == (-9 if how is signal.SIGKILL else 0)

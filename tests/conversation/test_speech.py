@@ -93,7 +93,7 @@ class Speech:
     def engine(self) -> psutil.Process:
         def found() -> psutil.Process | None:
             children = psutil.Process(self.process.pid).children()
-            return next((child for child in children if "voice_engine" in " ".join(child.cmdline())), None)
+            return next((child for child in children if child.cmdline()[:1] == ["caris: voice"]), None)
 
         engine = wait_for(found, "the voice engine runs")
         assert engine is not None

@@ -102,6 +102,16 @@ def test_a_killed_child_is_noticed() -> None:
     child.stop(grace_s=1)
 
 
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks where Linux tells of processes")
+@pytest.mark.parametrize(("name", "title"), [("inference", "caris: people detection"), ("echo", "caris: echo")])
+def test_a_child_is_called_after_what_it_does(name: str, title: str) -> None:
+    child, messages, _exits = _start(ProcessBody(name, bodies.echo))
+    child.send(Marked(1, "up"))
+    messages.get(timeout=20)
+    assert Path(f"/proc/{child.pid}/cmdline").read_bytes().rstrip(b"\0").decode() == title
+    child.stop(grace_s=5)
+
+
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="sessions of processes are a matter of Unix")
 def test_a_child_has_a_session_of_its_own() -> None:
     """The processor is shared among sessions first: what a child computes is not taken from the window's share."""

@@ -43,7 +43,9 @@ def test_it_ends_when_asked_and_takes_its_camera_along() -> None:
             client.subscribe("/camera/image_raw/compressed")
             client.wait_for_messages("/camera/image_raw/compressed")
         children = psutil.Process(robot.pid).children(recursive=True)
-        assert children
+        titles = [process.cmdline()[0] for process in (psutil.Process(robot.pid), *children)]
+        assert titles[0] == "caris: simulated robot"
+        assert "caris: simulated camera" in titles
         assert robot.terminate() == 0
         assert psutil.wait_procs(children, timeout=20)[1] == []
 
