@@ -100,12 +100,6 @@ def encode_action_goal(goal_id: str, goal: Message, *, stamp_ns: int) -> Message
     }
 
 
-def decode_action_goal(message: Any, what: str) -> tuple[str, Message]:
-    """Goal id and goal of the ActionGoal of any action of ROS 1; ``what`` is its name in messages."""
-    action_goal = message_of(message, what)
-    return decode_goal_id(part(action_goal, "goal_id", what)), part(action_goal, "goal", what)
-
-
 def encode_action_feedback(status: GoalStatus, feedback: Message, *, stamp_ns: int) -> Message:
     """The ActionFeedback of any action of ROS 1."""
     return {**_actionlib_envelope(status, stamp_ns), "feedback": feedback}
@@ -136,29 +130,10 @@ def encode_move_base_target(target_in_map: Pose2D, *, stamp_ns: int, frame_id: s
     return {"target_pose": encode_pose_stamped(Dialect.ROS1, target_in_map, stamp_ns=stamp_ns, frame_id=frame_id)}
 
 
-def decode_move_base_goal(message: Any) -> tuple[str, Pose2D]:
-    """Goal id and target of a move_base_msgs/MoveBaseActionGoal."""
-    what = "MoveBaseActionGoal"
-    goal_id, goal = decode_action_goal(message, what)
-    target = part(goal, "target_pose", f"{what}.goal")
-    return goal_id, decode_pose_stamped(target, stamp_ns=0).pose_in_map
-
-
-def encode_move_base_feedback(status: GoalStatus, pose_in_map: Pose2D, *, stamp_ns: int) -> Message:
-    """move_base_msgs/MoveBaseActionFeedback."""
-    base_position = encode_pose_stamped(Dialect.ROS1, pose_in_map, stamp_ns=stamp_ns)
-    return encode_action_feedback(status, {"base_position": base_position}, stamp_ns=stamp_ns)
-
-
 def decode_move_base_feedback(feedback: Any) -> GoalFeedback:
     """move_base_msgs/MoveBaseFeedback, which tells the pose and no distance."""
     base_position = part(message_of(feedback, "MoveBaseFeedback"), "base_position", "MoveBaseFeedback")
     return GoalFeedback(decode_pose_stamped(base_position, stamp_ns=0).pose_in_map, None)
-
-
-def encode_move_base_result(status: GoalStatus, *, stamp_ns: int) -> Message:
-    """move_base_msgs/MoveBaseActionResult, whose whole content is the final status."""
-    return encode_action_result(status, {}, stamp_ns=stamp_ns)
 
 
 def encode_goal_status_array(statuses: list[GoalStatus], *, stamp_ns: int) -> Message:

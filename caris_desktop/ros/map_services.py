@@ -3,7 +3,7 @@
 from typing import Any
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros.fields import Message, count, field, message_of, truth
+from caris_desktop.ros.fields import Message, count, message_of, truth
 
 START_AT_FIRST_NODE = 1
 START_AT_GIVEN_POSE = 2
@@ -67,18 +67,3 @@ def load_failure(answer: Any) -> str:
 def save_failure(answer: Any) -> str:
     """Why nav2_msgs/SaveMap failed; empty when it did not."""
     return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot does not say why"
-
-
-def decode_serialize_map(request: Any) -> str:
-    """The file name of a request of slam_toolbox/SerializePoseGraph."""
-    return _text(request, "filename", "SerializePoseGraph")
-
-
-def decode_deserialize_map(request: Any) -> tuple[str, int]:
-    """File name and match_type of a request of slam_toolbox/DeserializePoseGraph."""
-    what = "DeserializePoseGraph"
-    return _text(request, "filename", what), count(message_of(request, what), "match_type", what, most=255)
-
-
-def _text(request: Any, name: str, what: str) -> str:
-    return str(field(message_of(request, what), name, what))

@@ -51,14 +51,6 @@ class Head:
     def tilt_rad(self) -> float:
         return self._tilt.angle_rad
 
-    @property
-    def pan_target_rad(self) -> float:
-        return self._pan.target_rad
-
-    @property
-    def tilt_target_rad(self) -> float:
-        return self._tilt.target_rad
-
     def pan_to(self, angle_rad: float, *, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
         """Begin to turn left (positive) or right; the joint's end is not passed."""
         self._pan.turn_to(angle_rad, speed_radps)

@@ -79,14 +79,6 @@ class Mapper:
         origin = Pose2D(MAP_ORIGIN_M[0], MAP_ORIGIN_M[1], 0.0)
         return OccupancyGrid(stamp_ns, stamp_ns, RESOLUTION_M, origin, self.cells())
 
-    def grid_if_changed(self, *, stamp_ns: int) -> OccupancyGrid | None:
-        """The map, unless hardly a cell changed since it was last given."""
-        grid = self.grid(stamp_ns=stamp_ns)
-        if self._published is not None and int(np.count_nonzero(grid.cells != self._published)) < _CELLS_WORTH_TELLING:
-            return None
-        self._published = grid.cells
-        return grid
-
     def change(self) -> "MapChange | None":
         """What changed since the last time that anything was given, as one rectangle; None when hardly a cell did."""
         cells = self.cells()

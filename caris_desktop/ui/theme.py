@@ -17,11 +17,6 @@ _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu",
 _FALLBACK_FAMILIES = ("DejaVu Sans", "DejaVu Serif", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
 
 
-def apply_theme(app: QApplication, choice: str = "system") -> "Theme":
-    """The theme for a window that is made with it: ``MainWindow(console, theme=apply_theme(app, "dark"))``."""
-    return Theme(app, as_choice(choice))
-
-
 def as_choice(value: object) -> ThemeChoice:
     """The choice that a stored setting means; anything unknown means to follow the system."""
     for choice in CHOICES:

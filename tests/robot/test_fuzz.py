@@ -84,8 +84,10 @@ GOOD: dict[str, dict[str, Any]] = {
     "/joint_states": joint_messages.encode_joint_state(ROS1, {"pan": 0.1, "tilt": 0.2}, stamp_ns=STAMP_NS),
     "/light": {"levels": [{"value": 1.5}]},
     "/move_base/status": actions.encode_goal_status_array([STATUS], stamp_ns=STAMP_NS),
-    "/move_base/feedback": actions.encode_move_base_feedback(STATUS, AT, stamp_ns=STAMP_NS),
-    "/move_base/result": actions.encode_move_base_result(STATUS, stamp_ns=STAMP_NS),
+    "/move_base/feedback": actions.encode_action_feedback(
+        STATUS, {"base_position": messages.encode_pose_stamped(ROS1, AT, stamp_ns=STAMP_NS)}, stamp_ns=STAMP_NS
+    ),
+    "/move_base/result": actions.encode_action_result(STATUS, {}, stamp_ns=STAMP_NS),
     "/tts/result": actions.encode_action_result(STATUS, {"text": ""}, stamp_ns=STAMP_NS),
     "/play/feedback": actions.encode_action_feedback(STATUS, {"part": 1}, stamp_ns=STAMP_NS),
 }

@@ -59,6 +59,11 @@ def grid() -> OccupancyGrid:
     return OccupancyGrid(0, None, 0.05, POSE, cells)
 
 
+def move_base_feedback(status: actions.GoalStatus) -> dict[str, Any]:
+    at = messages.encode_pose_stamped(Dialect.ROS1, POSE, stamp_ns=STAMP_NS)
+    return actions.encode_action_feedback(status, {"base_position": at}, stamp_ns=STAMP_NS)
+
+
 def close(one: Pose2D, other: Pose2D) -> bool:
     return (one.x_m, one.y_m, one.heading_rad) == pytest.approx((other.x_m, other.y_m, other.heading_rad))
 
@@ -182,20 +187,17 @@ def test_a_scaled_quaternion_is_the_same_heading() -> None:
 
 @both_wires
 def test_a_goal_of_ros1(wire: Wire) -> None:
-    goal_id, target = actions.decode_move_base_goal(
-        wire(actions.encode_action_goal("g1", actions.encode_move_base_target(POSE, stamp_ns=0), stamp_ns=STAMP_NS))
-    )
-    assert goal_id == "g1"
-    assert close(target, POSE)
+    target = actions.encode_move_base_target(POSE, stamp_ns=0)
+    goal = wire(actions.encode_action_goal("g1", target, stamp_ns=STAMP_NS))
+    assert goal["goal_id"]["id"] == "g1"
+    assert close(messages.decode_pose_stamped(goal["goal"]["target_pose"], stamp_ns=0).pose_in_map, POSE)
     status = actions.GoalStatus("g1", actions.SUCCEEDED, "there")
     told, result = actions.decode_action_result(
-        wire(actions.encode_move_base_result(status, stamp_ns=STAMP_NS)), "MoveBaseActionResult"
+        wire(actions.encode_action_result(status, {}, stamp_ns=STAMP_NS)), "MoveBaseActionResult"
     )
     assert (told, told.ending, result) == (status, "reached", {})
     active = actions.GoalStatus("g1", actions.ACTIVE)
-    told, values = actions.decode_action_feedback(
-        wire(actions.encode_move_base_feedback(active, POSE, stamp_ns=STAMP_NS)), "MoveBaseActionFeedback"
-    )
+    told, values = actions.decode_action_feedback(wire(move_base_feedback(active)), "MoveBaseActionFeedback")
     assert told.goal_id == "g1"
     feedback = actions.decode_move_base_feedback(values)
     assert feedback.pose_in_map is not None
@@ -302,17 +304,13 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
     ),
     "string": (messages.decode_string, messages.encode_string("hello")),
     "bool": (messages.decode_bool, messages.encode_bool(True)),
-    "goal": (
-        actions.decode_move_base_goal,
-        actions.encode_action_goal("g", actions.encode_move_base_target(POSE, stamp_ns=0), stamp_ns=STAMP_NS),
-    ),
     "result": (
         lambda message: actions.decode_action_result(message, "result"),
-        actions.encode_move_base_result(actions.GoalStatus("g", 3), stamp_ns=STAMP_NS),
+        actions.encode_action_result(actions.GoalStatus("g", 3), {}, stamp_ns=STAMP_NS),
     ),
     "feedback": (
         lambda message: actions.decode_move_base_feedback(actions.decode_action_feedback(message, "feedback")[1]),
-        actions.encode_move_base_feedback(actions.GoalStatus("g", 1), POSE, stamp_ns=STAMP_NS),
+        move_base_feedback(actions.GoalStatus("g", 1)),
     ),
     "status2": (
         actions.decode_ros2_goal_status_array,

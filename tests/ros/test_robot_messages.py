@@ -100,12 +100,12 @@ def test_a_trajectory_with_too_few_positions_is_refused() -> None:
 
 @both_wires
 def test_map_services(wire: Wire) -> None:
-    assert map_services.decode_serialize_map(wire(map_services.encode_serialize_map("maps/lab"))) == "maps/lab"
+    assert wire(map_services.encode_serialize_map("maps/lab")) == {"filename": "maps/lab"}
     request = map_services.encode_deserialize_map(
         "lab", match_type=map_services.LOCALIZE_AT_POSE, at=Pose2D(1.0, 2.0, 3.0)
     )
-    assert map_services.decode_deserialize_map(wire(request)) == ("lab", 3)
-    assert wire(request)["initial_pose"] == {"x": 1.0, "y": 2.0, "theta": 3.0}
+    pose = {"x": 1.0, "y": 2.0, "theta": 3.0}
+    assert wire(request) == {"filename": "lab", "match_type": 3, "initial_pose": pose}
     assert map_services.load_failure({"result": 0}) == ""
     assert map_services.load_failure({"result": 1}) == "the robot has no such map"
     assert map_services.save_failure({"result": False})

@@ -153,28 +153,6 @@ def remove_annotation(document: AnnotationDocument, annotation_id: str) -> Annot
     return _without(document, annotation_id)
 
 
-def merge_annotations(document: AnnotationDocument, first_id: str, second_id: str) -> AnnotationDocument:
-    """Two neighbours of a tier become one, which keeps the id of the earlier one.
-
-    Different values are joined by a space on a tier of free text; with a vocabulary the earlier one's stays.
-    """
-    pair = sorted(
-        (_own_annotation(document, first_id), _own_annotation(document, second_id)), key=lambda item: item.start_ms
-    )
-    first, second = pair
-    tier = tier_of(document, first.tier_id)
-    if first.tier_id != second.tier_id or first_id == second_id:
-        raise AnnotationError("Two annotations of one tier can be merged. Choose two neighbours on the same tier.")
-    between = [item for item in document.of_tier(tier.tier_id) if first.start_ms < item.start_ms < second.start_ms]
-    if between:
-        raise AnnotationError("Another annotation lies between the two. Only neighbours can be merged.")
-    value = first.value or second.value
-    if not tier.vocabulary and first.value != second.value:
-        value = " ".join(part for part in (first.value, second.value) if part)[:LONGEST_VALUE]
-    rest = _without(_without(document, first_id), second_id)
-    return _insert(rest, tier, replace(first, end_ms=second.end_ms, value=value))
-
-
 def free_stretch(
     document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int, *, ignore: str = ""
 ) -> tuple[int, int] | None:
@@ -240,17 +218,6 @@ def change_vocabulary(
         vocabularies=tuple(vocabulary if item.name == name else item for item in document.vocabularies),
         annotations=tuple(annotations),
     )
-
-
-def remove_vocabulary(document: AnnotationDocument, name: str) -> AnnotationDocument:
-    """Without a vocabulary that no tier uses."""
-    vocabulary_of(document, name)
-    for tier in document.tiers:
-        if tier.vocabulary == name:
-            raise AnnotationError(
-                f"The tier {_quoted(tier.name)} uses the vocabulary {_quoted(name)}. Change the tier first."
-            )
-    return replace(document, vocabularies=tuple(item for item in document.vocabularies if item.name != name))
 
 
 # Looking things up
@@ -397,35 +364,6 @@ def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> Ann
     )
     check_document(merged)
     return sorted_document(merged)
-
-
-def add_tiers_like(
-    document: AnnotationDocument, other: AnnotationDocument, coder: str, *, of: str = ""
-) -> AnnotationDocument:
-    """Empty tiers of ``coder``, with names and vocabularies as in ``other`` (all coders' tiers, or those of ``of``).
-
-    So that a second coder, or the next session, is coded by the same scheme. Tiers that ``coder`` has already stay.
-    Raises AnnotationError where there are none to go by.
-    """
-    models = [
-        tier
-        for tier in other.tiers
-        if tier.coder and of in ("", tier.coder) and (tier.coder != coder or other is not document)
-    ]
-    if not models:
-        raise AnnotationError(f"There are no tiers of {of or 'another coder'} to go by.")
-    for model in models:
-        if any((tier.coder, tier.name) == (coder, model.name) for tier in document.tiers):
-            continue
-        if model.vocabulary:
-            theirs = vocabulary_of(other, model.vocabulary)
-            mine = next((item for item in document.vocabularies if item.name == theirs.name), None)
-            if mine is None:
-                document = add_vocabulary(document, theirs)
-            elif mine is not theirs:
-                document = change_vocabulary(document, mine.name, _united(mine, theirs))
-        document = add_tier(document, model.name, coder, model.vocabulary, participant=model.participant)
-    return document
 
 
 def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocument:

@@ -20,7 +20,7 @@ import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
-from caris_desktop.domain.streams import BY_NAME, StreamSpec
+from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.session.answers import answer_uses
 from caris_desktop.recording.session.goals import navigation_goals
@@ -229,12 +229,6 @@ def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
         if item_type is not None:
             tables.append(_list_table(name, field, item_type))
     return tuple(tables)
-
-
-def all_stream_tables() -> Iterator[Table]:
-    """The tables of every stream that there is."""
-    for spec in BY_NAME.values():
-        yield from tables_of(spec)
 
 
 def plain_text(text: str) -> str:

@@ -59,7 +59,6 @@ class KeyCap(QWidget):
         super().__init__(parent)
         self._theme = theme
         self._text = text
-        self._pressed = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         theme.changed.connect(self.update)
 
@@ -74,14 +73,9 @@ class KeyCap(QWidget):
             self.updateGeometry()
             self.update()
 
-    def set_pressed(self, pressed: bool) -> None:
-        if pressed != self._pressed:
-            self._pressed = pressed
-            self.update()
-
     def sizeHint(self) -> QSize:
         return QSize(round(key_cap_width(self._theme, self._text) + 0.5), HEIGHT_PX)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        draw_key_cap(painter, self._theme, self._text, 0, self.height() / 2, pressed=self._pressed)
+        draw_key_cap(painter, self._theme, self._text, 0, self.height() / 2)
