@@ -2,7 +2,8 @@
 
 A detector that was exported for one input size has that size baked into the constants of its last few nodes only.
 Without those nodes the network takes any size, and smaller is faster. Message and field numbers: onnx.proto of
-https://github.com/onnx/onnx; wire format: https://protobuf.dev/programming-guides/encoding.
+https://github.com/onnx/onnx; wire format: https://protobuf.dev/programming-guides/encoding. ``onnx.utils`` gives the
+same graph, for 33 MB more to install and a quarter of a second more before the first person is found.
 """
 
 from collections.abc import Iterator

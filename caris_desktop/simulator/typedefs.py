@@ -1,7 +1,8 @@
 """The definitions of the ROS types that the simulated robot uses, as rosapi tells them.
 
 Written as in .msg, .srv and .action files; the parts of a service are divided by ``---``. Types that differ between
-ROS 1 and ROS 2 have both.
+ROS 1 and ROS 2 have both. The type store of ``rosbags`` knows half of them, no service and no action, gives a time of
+ROS 1 the name that it has in ROS 2, and takes 0.3 s to load.
 """
 
 import re

@@ -1,6 +1,7 @@
 """A session as an RO-Crate: its files with what an archive must know of them, readable by people and programs.
 
-https://www.researchobject.org/ro-crate/specification/1.1/
+https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads it in tests; its writer copies
+files as they are, where these are checked and given pseudonyms on the way, and of the rest would spare only braces.
 """
 
 import csv

@@ -79,8 +79,10 @@ class McapFile:
         elif whole[0] == records.ATTACHMENT:
             # Two times, name, media type, then how much there is of the data.
             names_end = records.text_end(body, records.text_end(body, 16))
-            index = place + body[:16] + body[names_end : names_end + 8] + body[16:names_end]
-            self._attachment_indexes += record(records.ATTACHMENT_INDEX, index)
+            data_bytes = body[names_end : names_end + 8]
+            self._attachment_indexes += record(
+                records.ATTACHMENT_INDEX, place + body[:16] + data_bytes + body[16:names_end]
+            )
             self._attachments += 1
         self._file.write(whole)
 

@@ -23,6 +23,7 @@ def written(*, finish: bool = True, **options: object) -> bytes:
     writer = Writer(file, chunk_size=400, **options)  # type: ignore[arg-type]
     writer.start()
     writer.add_metadata("session", {"scenario": "Tour"})
+    writer.add_attachment(5, 6, "nöte.txt", "text/plain", b"hello")
     schema = writer.register_schema("x", "jsonschema", b"{}")
     channel = writer.register_channel("/a", "json", schema)
     for number in range(COUNT):
@@ -73,6 +74,7 @@ def test_files_of_any_make_are_read_and_rewritten(tmp_path: Path, options: dict[
         reader = make_reader(file, validate_crcs=True)
         assert [message.log_time for _, _, message in reader.iter_messages()] == times
         assert [record.metadata for record in reader.iter_metadata()] == [{"scenario": "Tour"}]
+        assert [(record.name, record.data) for record in reader.iter_attachments()] == [("nöte.txt", b"hello")]
     rewritten, times_again = read(target.path)
     assert rewritten.has_summary
     assert times_again == times
