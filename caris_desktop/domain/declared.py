@@ -17,7 +17,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
-KeyPath = tuple[str | int, ...]
+from caris_desktop.domain.yaml_source import KeyPath
+
 Problem = tuple[KeyPath, str]
 # A frozen dataclass that says which keys stand together.
 Group: TypeAlias = Any

@@ -8,7 +8,6 @@ from typing import Any
 from caris_desktop.domain.declared import (
     Form,
     Group,
-    KeyPath,
     Problem,
     choices_of,
     form_of,
@@ -18,6 +17,7 @@ from caris_desktop.domain.declared import (
     item_of,
     keys_of,
 )
+from caris_desktop.domain.yaml_source import KeyPath
 
 _KIND_WORDS = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
 _GROUP_WORDS = "a group of 'key: value' lines"

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from caris_desktop.domain.controls import control_data, control_from_data
-from caris_desktop.domain.declared import Foreign, KeyPath, Problem
+from caris_desktop.domain.declared import Foreign, Problem
 from caris_desktop.domain.declared_check import (
     allowed_words,
     missing_keys,
@@ -14,6 +14,7 @@ from caris_desktop.domain.declared_check import (
     wrong_kind,
 )
 from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.domain.yaml_source import KeyPath
 
 _SCHEMA = "robot-control.schema.json"
 _TYPE_WORDS = {

@@ -51,8 +51,8 @@ def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = l
     return replace(scenario, sha256=hashlib.sha256(raw).hexdigest())
 
 
-def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Write ``scenario`` to ``path``, whole or not at all.
+def save_scenario(scenario: Scenario, path: Path) -> Scenario:
+    """Write ``scenario`` to ``path``, whole or not at all. Gives it as it loads from there now.
 
     What the file says already, or else the file that the scenario came from, stays as its author wrote it, comments and
     order included; only what differs is written anew.
@@ -62,40 +62,42 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     ScenarioError
         If the file cannot be written, has a mistake, or the scenario would not load again.
     """
-    data = scenario_data(scenario)
-    wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
-    if wrong is not None:
-        raise ScenarioError(f"{_shown(path)} was not written: {wrong[1]}")
-    try:
-        _write(path, _text_of(scenario, data, path))
-    except OSError as error:
-        raise ScenarioError(
-            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
-        ) from error
+    return _save(scenario, path, _known(path))
 
 
 def save_places(scenario: Scenario, path: Path) -> Scenario:
-    """Write the places of ``scenario`` into the file ``path``; all else in it stays as it is there.
-
-    A file that does not exist yet is written whole. Gives the scenario as it loads from ``path`` now.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be written or would not load again; it is then as it was before.
-    """
-    return _save_part(scenario, path, lambda current: replace(current, places=scenario.places))
+    """As :func:`save_scenario`, but of a file that is there only the places change, whatever else it says by now."""
+    known = _known(path)
+    return _save(scenario if known is None else replace(known[1], places=scenario.places), path, known)
 
 
 def save_layout(scenario: Scenario, path: Path) -> Scenario:
     """As :func:`save_places`, for the arrangement of the panels."""
-    return _save_part(scenario, path, lambda current: replace(current, layout=scenario.layout))
+    known = _known(path)
+    return _save(scenario if known is None else replace(known[1], layout=scenario.layout), path, known)
 
 
-def _save_part(scenario: Scenario, path: Path, with_part: Callable[[Scenario], Scenario]) -> Scenario:
-    """What else was written into the file since ``scenario`` was read stays there."""
-    save_scenario(with_part(load_scenario(path)) if path.is_file() else scenario, path)
-    return load_scenario(path)
+def _known(path: Path) -> tuple[str, Scenario] | None:
+    """Text and meaning of a file; None where there is none. Raises ScenarioError."""
+    if not path.is_file():
+        return None
+    text = _decoded(_read(path), path)
+    return text, parse_scenario(text, path=path.resolve())
+
+
+def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) -> Scenario:
+    data = scenario_data(scenario)
+    wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
+    if wrong is not None:
+        raise ScenarioError(f"{_shown(path)} was not written: {wrong[1]}")
+    text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
+    try:
+        _write(path, text)
+    except OSError as error:
+        raise ScenarioError(
+            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
+        ) from error
+    return saved
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -143,34 +145,34 @@ def parse_scenario(
     return replace(scenario, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
 
 
-def _text_of(scenario: Scenario, data: dict[str, Any], path: Path) -> str:
-    """That of the file itself, or of the one that ``scenario`` came from, changed where it differs."""
-    if path.is_file():
-        before = _decoded(_read(path), path)
-        return _changed(before, parse_scenario(before, path=path), data)
+def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
+    """From the file that ``scenario`` came from, if that is still there."""
     comment = f"# yaml-language-server: $schema={_schema_reference(path)}"
     text = yaml_text(data)
-    if scenario.path is not None:
-        try:
-            before = _decoded(_read(scenario.path), scenario.path)
-            text = _changed(before, parse_scenario(before, path=scenario.path), data)
-        except ScenarioError:
-            # It is gone or no longer what the scenario was read from; then there is nothing to keep.
-            pass
+    try:
+        origin = None if scenario.path is None else _known(scenario.path)
+        if origin is not None:
+            text, _said = _changed(*origin, data, path)
+    except ScenarioError:
+        # It is no longer what the scenario was read from; then there is nothing to keep.
+        pass
     # A reference to the schema from another folder leads nowhere in this one.
     text, found = _SCHEMA_COMMENT.subn(lambda _match: comment, text, count=1)
-    return text if found else f"{comment}\n{text}"
+    text = text if found else f"{comment}\n{text}"
+    return text, parse_scenario(text, path=path.resolve())
 
 
-def _changed(before: str, said: Scenario, data: dict[str, Any]) -> str:
+def _changed(before: str, said: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
     """``before``, which says ``said``, so that it says ``data``; as it was wherever both agree."""
     try:
         text = edited(before, scenario_data(said), data)
-        if scenario_data(parse_scenario(text, path=Path())) == data:
-            return text
+        saved = parse_scenario(text, path=path.resolve())
+        if scenario_data(saved) == data:
+            return text, saved
     except (UnusualLayoutError, ScenarioError):
         pass
-    return yaml_text(data)
+    text = yaml_text(data)
+    return text, parse_scenario(text, path=path.resolve())
 
 
 def _read(path: Path) -> bytes:

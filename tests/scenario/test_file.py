@@ -257,13 +257,14 @@ def assert_same(loaded: Scenario, expected: Scenario) -> None:
 
 
 @given(scenario=scenarios(), other=scenarios())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_what_is_saved_loads_again(
     tmp_path_factory: pytest.TempPathFactory, scenario: Scenario, other: Scenario
 ) -> None:
     path = tmp_path_factory.mktemp("saved") / "s.yaml"
-    save_scenario(scenario, path)
+    saved = save_scenario(scenario, path)
     loaded = load_scenario(path)
+    assert saved == loaded
     assert_same(loaded, scenario)
     first = path.read_bytes()
     save_scenario(loaded, path)
@@ -307,7 +308,7 @@ def test_the_complete_file_has_every_key(complete: str) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_misspelled_key_is_told_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
     lines = complete.splitlines()
     # Of two letters nobody can tell which word they were.

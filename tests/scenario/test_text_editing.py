@@ -84,6 +84,7 @@ def changes(before: str, after: str) -> list[str]:
 
 def changed_places(path: Path, *places: Place) -> list[str]:
     saved = save_places(dataclasses.replace(load_scenario(path), places=places), path)
+    assert saved == load_scenario(path)
     assert [place.name for place in saved.places] == [place.name for place in places]
     for place, wanted in zip(saved.places, places, strict=True):
         assert place.pose_in_map.heading_rad == pytest.approx(wanted.pose_in_map.heading_rad)
@@ -92,6 +93,7 @@ def changed_places(path: Path, *places: Place) -> list[str]:
 
 def changed_layout(path: Path, layout: LayoutNode) -> list[str]:
     saved = save_layout(dataclasses.replace(load_scenario(path), layout=layout), path)
+    assert saved == load_scenario(path)
     assert saved.layout == layout
     return changes(WRITTEN, path.read_text(encoding="utf-8"))
 
@@ -278,17 +280,20 @@ placed = st.builds(
 )
 
 
-@given(places=st.lists(st.lists(placed, max_size=5, unique_by=lambda place: place.name.casefold()), max_size=3))
-@settings(max_examples=60, deadline=None)
+@given(
+    places=st.lists(st.lists(placed, max_size=4, unique_by=lambda place: place.name.casefold()), min_size=1, max_size=2)
+)
+@settings(max_examples=30, deadline=None)
 def test_whatever_is_saved_no_comment_outside_is_lost(
     tmp_path_factory: pytest.TempPathFactory, places: list[list[Place]]
 ) -> None:
     path = tmp_path_factory.mktemp("edited") / "mine.yaml"
     path.write_text(WRITTEN, encoding="utf-8")
+    scenario = load_scenario(path)
     head, tail = WRITTEN.partition("places:")[0], WRITTEN.partition("# --- what is allowed")[2]
     for some in places:
-        saved = save_places(dataclasses.replace(load_scenario(path), places=tuple(some)), path)
-        assert saved.places == tuple(some)
+        scenario = save_places(dataclasses.replace(scenario, places=tuple(some)), path)
+        assert scenario.places == tuple(some)
         text = path.read_text(encoding="utf-8")
         assert text.startswith(head)
         assert text.endswith(tail)
