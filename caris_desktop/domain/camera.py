@@ -59,6 +59,15 @@ class CameraModel:
             up,
         )
 
+    def optical_rotation(self) -> tuple[float, float, float, float]:
+        """From the optical frame (REP 103: z forward, x right, y down) to the robot's: a quaternion x, y, z, w."""
+        cos_heading, sin_heading = math.cos(self.heading_rad / 2.0), math.sin(self.heading_rad / 2.0)
+        cos_tilt, sin_tilt = math.cos(self.tilt_rad / 2.0), math.sin(self.tilt_rad / 2.0)
+        # Heading and tilt, then the axes: their product with (0.5, -0.5, 0.5, -0.5).
+        w, x = cos_heading * cos_tilt, -sin_heading * sin_tilt
+        y, z = cos_heading * sin_tilt, sin_heading * cos_tilt
+        return (-w + x - y - z) / 2.0, (w + x + y - z) / 2.0, (-w + x + y + z) / 2.0, (w + x - y + z) / 2.0
+
     def floor_point(self, u_px: float, v_px: float) -> tuple[float, float] | None:
         """(x_m, y_m) in the robot frame where the pixel meets the floor; None at or above the horizon."""
         forward, left, up = self.ray(u_px, v_px)

@@ -15,12 +15,16 @@ import typing
 import zlib
 from collections.abc import Callable
 from enum import Enum
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, NewType, TypeVar, get_args, get_origin
 
 import numpy as np
 
 T = TypeVar("T")
 _NAN = "nan"
+Base64 = NewType("Base64", str)
+"""Bytes as base64."""
+PLAIN_BYTES = "base64"
+"""The encoding of a grid whose bytes are not deflated."""
 
 
 def to_jsonable(value: Any) -> Any:
@@ -31,7 +35,7 @@ def to_jsonable(value: Any) -> Any:
         if value.dtype.kind in "iu":
             return _deflated(value)
         if value.dtype == np.float32:
-            value = _in_few_digits(value)
+            value = in_few_digits(value)
         if value.dtype.kind != "f" or bool(np.isfinite(value).all()):
             return value.tolist()
         flat = [item if math.isfinite(item) else _NAN if math.isnan(item) else None for item in value.ravel().tolist()]
@@ -70,11 +74,16 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
 
 def json_schema(value_type: type[Any]) -> dict[str, Any]:
     """JSON Schema of one dataclass, self-contained."""
-    schema = _schema(value_type)
+    schema = shape_schema(value_type)
     schema["title"] = value_type.__name__
     if value_type.__doc__:
         schema["description"] = value_type.__doc__
     return schema
+
+
+def shape_schema(kind: Any) -> dict[str, Any]:
+    """JSON Schema of what a type's values look like: a dataclass, a TypedDict, or what their fields are made of."""
+    return _schema(kind)
 
 
 def _as_it_is(data: Any) -> Any:
@@ -224,7 +233,7 @@ def _field_builders(kind: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     )
 
 
-def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """The same numbers as float64 with as few decimals as tell them apart: 1.234 instead of 1.2339999675750732."""
     wide = value.astype(np.float64)
     for decimals in (3, 5, 8):
@@ -237,7 +246,7 @@ def _in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
     content = np.ascontiguousarray(grid)
     return {
-        "encoding": "zlib+base64",
+        "encoding": _DEFLATED_BYTES,
         "dtype": content.dtype.name,
         "shape": list(content.shape),
         "data": base64.b64encode(zlib.compress(content.data, 1)).decode("ascii"),
@@ -247,13 +256,16 @@ def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
 def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any]:
     """Raises ValueError for content that is not what ``shape`` and ``dtype`` say, however far it would unfold."""
     shape = tuple(_plain(int, size) for size in _items(data["shape"]))
-    if data.get("encoding") != "zlib+base64" or data.get("dtype") != dtype.name or min(shape, default=0) < 0:
-        raise ValueError(f"expected a grid of {dtype.name} as zlib+base64")
+    encoding = data.get("encoding")
+    if encoding not in _GRID_ENCODINGS or data.get("dtype") != dtype.name or min(shape, default=0) < 0:
+        raise ValueError(f"expected a grid of {dtype.name} as {' or '.join(_GRID_ENCODINGS)}")
     size_bytes = math.prod(shape) * dtype.itemsize
     if size_bytes > _LARGEST_GRID_BYTES:
         raise ValueError(f"a grid of {size_bytes} bytes is too large")
     try:
-        content = zlib.decompressobj().decompress(base64.b64decode(data["data"], validate=True), size_bytes + 1)
+        content = base64.b64decode(data["data"], validate=True)
+        if encoding != PLAIN_BYTES:
+            content = zlib.decompressobj().decompress(content, size_bytes + 1)
     except (binascii.Error, zlib.error) as error:
         raise ValueError(f"a grid that cannot be inflated: {error}") from error
     if len(content) != size_bytes:
@@ -261,13 +273,15 @@ def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any
     return np.frombuffer(content, dtype=dtype).reshape(shape)
 
 
+_DEFLATED_BYTES = "zlib+base64"
+_GRID_ENCODINGS = (_DEFLATED_BYTES, PLAIN_BYTES)
 _LARGEST_GRID_BYTES = 2**30
 _LEAST_WHOLE, _LARGEST_WHOLE = -(2**63), 2**63 - 1
 _GRID_SCHEMA = {
     "type": "object",
     "description": "A grid: rows of whole numbers as little-endian bytes, deflated by zlib, in base64.",
     "properties": {
-        "encoding": {"const": "zlib+base64"},
+        "encoding": {"type": "string", "const": _DEFLATED_BYTES},
         "dtype": {"type": "string"},
         "shape": {"type": "array", "items": {"type": "integer"}},
         "data": {"type": "string", "contentEncoding": "base64"},
@@ -281,6 +295,12 @@ def _schema(kind: Any) -> dict[str, Any]:
     origin = get_origin(kind)
     if kind in _PRIMITIVES:
         return {"type": _PRIMITIVES[kind]}
+    if kind is Base64:
+        return {"type": "string", "contentEncoding": "base64"}
+    if typing.is_typeddict(kind):
+        hints = typing.get_type_hints(kind)
+        properties = {name: _schema(hint) for name, hint in hints.items()}
+        return {"type": "object", "properties": properties, "required": list(hints)}
     if kind is type(None):
         return {"type": "null"}
     if origin is Literal:
@@ -303,7 +323,7 @@ def _schema(kind: Any) -> dict[str, Any]:
         fields = dataclasses.fields(kind)
         return {
             "type": "object",
-            "properties": {field.name: _schema(hints[field.name]) for field in fields},
+            "properties": {field.name: _field_schema(field, hints[field.name]) for field in fields},
             "required": [
                 field.name
                 for field in fields
@@ -311,3 +331,12 @@ def _schema(kind: Any) -> dict[str, Any]:
             ],
         }
     return {}
+
+
+def _field_schema(field: "dataclasses.Field[Any]", kind: Any) -> dict[str, Any]:
+    schema = _schema(kind)
+    if schema.get("type") == "array":
+        # Numbers of more than one dimension are lists of lists.
+        for _ in field.metadata.get("shape", ())[1:]:
+            schema = {"type": "array", "items": schema}
+    return schema

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, get_args
 
-from caris_desktop.domain import events, sensing
+from caris_desktop.domain import events, foxglove, sensing
+from caris_desktop.domain.foxglove import WellKnown
 
 
 class Delivery(Enum):
@@ -26,7 +27,8 @@ class StreamSpec:
 
     ``keyed_by`` names the field that parts the stream into values that stand beside one another: the newest of each
     counts. ``source`` does the same where all of them share one topic of the recording. ``record_every_s`` keeps large
-    values out of the recording that are replaced sooner than that.
+    values out of the recording that are replaced sooner than that. ``well_known`` is the schema of other programs as
+    which the stream is recorded, where there is one.
     """
 
     name: str
@@ -36,6 +38,7 @@ class StreamSpec:
     keyed_by: str = ""
     source: str = ""
     record_every_s: float = 0.0
+    well_known: WellKnown | None = None
 
     def topic_of(self, value: Any) -> str:
         """The topic of the recording's channel for ``value``: one for each key."""
@@ -63,17 +66,17 @@ def _event_name(value_type: type[Any]) -> str:
 
 
 STATE_STREAMS: tuple[StreamSpec, ...] = (
-    StreamSpec("scan", sensing.LaserScan, Delivery.LATEST, 0.1),
+    StreamSpec("scan", sensing.LaserScan, Delivery.LATEST, 0.1, well_known=foxglove.LASER_SCAN),
     StreamSpec("odometry", sensing.Odometry, Delivery.LATEST, 0.1),
-    StreamSpec("pose", sensing.RobotPose, Delivery.LATEST, 0.2),
-    StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST, record_every_s=1.0),
+    StreamSpec("pose", sensing.RobotPose, Delivery.LATEST, 0.2, well_known=foxglove.POSE),
+    StreamSpec("map", sensing.OccupancyGrid, Delivery.LATEST, record_every_s=1.0, well_known=foxglove.GRID),
     StreamSpec("battery", sensing.BatteryState, Delivery.LATEST),
-    StreamSpec("people", sensing.People, Delivery.LATEST, 0.3, source="camera"),
+    StreamSpec("people", sensing.People, Delivery.LATEST, 0.3, source="camera", well_known=foxglove.ANNOTATIONS),
     StreamSpec("people_in_map", sensing.PeopleInMap, Delivery.LATEST, 0.3, source="camera"),
-    StreamSpec("path", sensing.PlannedPath, Delivery.LATEST),
+    StreamSpec("path", sensing.PlannedPath, Delivery.LATEST, well_known=foxglove.PATH),
     StreamSpec("head", sensing.HeadState, Delivery.LATEST, 0.2),
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
-    StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera"),
+    StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera", well_known=foxglove.CALIBRATION),
     StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
     StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1, source="camera"),
@@ -82,8 +85,14 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
 # On their way to a file of their own, never in the log itself.
 CARRIER_STREAMS: tuple[StreamSpec, ...] = (StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),)
 
+_WELL_KNOWN_EVENTS: dict[type[Any], WellKnown] = {
+    events.UtteranceChanged: foxglove.UTTERANCE_LOG,
+    events.Problem: foxglove.PROBLEM_LOG,
+}
+
 EVENT_STREAMS: tuple[StreamSpec, ...] = tuple(
-    StreamSpec(_event_name(value_type), value_type, Delivery.LOSSLESS) for value_type in get_args(events.Event)
+    StreamSpec(_event_name(kind), kind, Delivery.LOSSLESS, well_known=_WELL_KNOWN_EVENTS.get(kind))
+    for kind in get_args(events.Event)
 )
 
 STREAMS: tuple[StreamSpec, ...] = STATE_STREAMS + EVENT_STREAMS

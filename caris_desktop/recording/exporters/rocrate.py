@@ -19,7 +19,9 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
-from caris_desktop.domain.schema import json_schema, to_jsonable
+from caris_desktop.domain.foxglove import INFINITE, INVALID
+from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
@@ -392,25 +394,25 @@ def _description(name: str) -> str:
 
 def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
     """How to read the record, for somebody who knows nothing of this program."""
-    channels = read_index(session.folder / "events.mcap").channels.values()
-    recorded = {spec.name for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
+    channels = list(read_index(session.folder / "events.mcap").channels.values())
+    recorded = {spec.name: channel for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
     specs = [spec for spec in BY_NAME.values() if spec.name in recorded]
+    schemas = {spec.name: recorded[spec.name].json_schema or schema_of(spec)[1] for spec in specs}
+    schemas |= {its.topic[1:]: its.json_schema or {} for its in channels if its.topic in DERIVED_TOPICS}
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
     (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
     with (out / "data_dictionary.csv").open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(("stream", "field", "type", "unit", "description"))
-        for spec in specs:
-            schema = json_schema(spec.value_type)
-            rows.writerow((spec.name, "", "record", "", " ".join(str(schema.get("description", "")).split())))
-            rows.writerows((spec.name, *row) for row in _fields(schema))
+        for stream, schema in schemas.items():
+            rows.writerow((stream, "", "record", "", " ".join(str(schema.get("description", "")).split())))
+            rows.writerows((stream, *row) for row in _fields(schema))
     written["data_dictionary.csv"] = "Each field of each stream in events.mcap: type, unit, meaning."
-    for spec in specs:
-        name = f"schemas/{spec.name.replace('/', '.')}.schema.json"
-        text = json.dumps(json_schema(spec.value_type), indent=2, ensure_ascii=False) + "\n"
-        (out / name).write_text(text, encoding="utf-8")
-        written[name] = f"JSON Schema of the values on the topic /{spec.name} in events.mcap."
+    for stream, schema in schemas.items():
+        name = f"schemas/{stream.replace('/', '.')}.schema.json"
+        (out / name).write_text(json.dumps(schema, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        written[name] = f"JSON Schema of the messages on the topic /{stream} in events.mcap."
     packed = []
     for name, description in written.items():
         content = (out / name).read_bytes()
@@ -419,7 +421,8 @@ def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
 
 
 def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, str, str]]:
-    for name, field in schema.get("properties", {}).items():
+    patterns = {pattern.strip("^$"): field for pattern, field in schema.get("patternProperties", {}).items()}
+    for name, field in {**schema.get("properties", {}), **patterns}.items():
         here = f"{path}{name}"
         kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
         kind = kinds[0] if kinds else {}
@@ -431,12 +434,31 @@ def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, 
         if kind.get("type") == "array" and "properties" in kind.get("items", {}):
             yield here, "list of records", unit, meaning
             yield from _fields(kind["items"], f"{here}[].")
-        elif "properties" in kind and "encoding" not in kind["properties"]:
+        elif kind.get("properties") and "encoding" not in kind["properties"]:
             yield from _fields(kind, f"{here}.")
-        elif "properties" in kind:
+        elif kind.get("properties"):
             yield here, "grid", unit, meaning
         else:
             yield here, told, unit, meaning
+
+
+_OF_NUMBERS = f"""\
+- **Known to others.** `/scan`, `/map`, `/pose`, `/path`, `/people`, `/lens`, what is said and problems have the
+  fields of a schema of Foxglove, with its name, and beside them those of this program. `/tf` (where the robot and its
+  fixed cameras are) follows from the others.
+- **A field that is missing** has no value.
+- **Numbers that JSON cannot hold** are `{INFINITE}` (infinite: nothing returned, of a scan) and `{INVALID}` (invalid)
+  in scans and paths.
+- **The map** is `data`: base64 of a signed byte for each cell, `column_count` in a row, the row at the origin first."""
+_OF_NUMBERS_BEFORE_3 = """\
+- **null** in a list of numbers is a value that JSON cannot hold: for scans, nothing returned (infinite).
+- **Grids** (maps) are objects: `data` is base64 of zlib-deflated bytes, `dtype` and `shape` say of what; row 0 first.\
+"""
+
+
+def _of_numbers(session: Session) -> str:
+    version = session.header.get("format_version")
+    return _OF_NUMBERS_BEFORE_3 if isinstance(version, int) and version < 3 else _OF_NUMBERS
 
 
 def _format_text(session: Session, specs: list[StreamSpec]) -> str:
@@ -470,8 +492,7 @@ schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file t
   how far it is ahead: robot clock minus session clock (`clock_offset_ms`) with a bound for the error.
 - **Units** end the names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are counter-clockwise, x forward,
   y left.
-- **null** in a list of numbers is a value that JSON cannot hold: for scans, nothing returned (infinite).
-- **Grids** (maps) are objects: `data` is base64 of zlib-deflated bytes, `dtype` and `shape` say of what; row 0 first.
+{_of_numbers(session)}
 
 | topic | what |
 | --- | --- |

@@ -1,4 +1,4 @@
-"""``events.mcap``: every value of the stream table as JSON, each channel with its JSON Schema."""
+"""``events.mcap``: every value of the stream table as JSON, each channel with the JSON Schema of its messages."""
 
 import json
 from collections import Counter
@@ -7,10 +7,12 @@ from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor, measured_ns
 from caris_desktop.domain.events import LinkQuality
-from caris_desktop.domain.schema import json_schema, to_jsonable
+from caris_desktop.domain.foxglove import time_of
+from caris_desktop.domain.recorded_form import DERIVED, derived_schema, schema_of, to_message
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.session.format import FORMAT_VERSION
 from caris_desktop.recording.session.mcap_file import McapFile
 
 
@@ -25,26 +27,36 @@ class EventLog:
         self._file = file
         self._anchor = anchor
         self._channels: dict[str, int] = {}
-        self._schemas: dict[type[Any], int] = {}
+        self._schemas: dict[str, int] = {}
+        self._derived: Counter[str] = Counter()
         self._robot_clock: LinkQuality | None = None
         self.counts: Counter[str] = Counter()
         self._writer = McapFile(file, library="caris-desktop")
-        self._writer.add_metadata("session", metadata)
+        self._writer.add_metadata("session", {"format_version": str(FORMAT_VERSION), **metadata})
 
     def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
         """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
-        data = json.dumps(to_jsonable(value), separators=(",", ":"), allow_nan=False).encode()
+        log_ns = max(0, self._anchor.utc_ns_at(arrived_ns))
+        happened_ns = max(0, self._anchor.utc_ns_at(self._happened_ns(value)))
+        data = _bytes_of(to_message(spec, value, at_utc_ns=happened_ns))
+        followed = [
+            (derived, derived.make(value, time_of(happened_ns))) for derived in DERIVED if type(value) in derived.of
+        ]
         topic = spec.topic_of(value)
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._register(spec, topic)
+        if topic not in self._channels:
+            self._register(topic, *schema_of(spec))
         self.counts[spec.name] += 1
+        self._add(topic, data, log_ns, happened_ns, self.counts[spec.name])
+        for derived, message in followed:
+            if message is not None:
+                if derived.topic not in self._channels:
+                    self._register(derived.topic, *derived_schema(derived))
+                self._derived[derived.topic] += 1
+                self._add(derived.topic, _bytes_of(message), log_ns, happened_ns, self._derived[derived.topic])
+
+    def _add(self, topic: str, data: bytes, log_ns: int, publish_ns: int, number: int) -> None:
         self._writer.add_message(
-            channel,
-            data,
-            log_time=max(0, self._anchor.utc_ns_at(arrived_ns)),
-            publish_time=max(0, self._anchor.utc_ns_at(self._happened_ns(value))),
-            sequence=self.counts[spec.name] & 0xFFFFFFFF,
+            self._channels[topic], data, log_time=log_ns, publish_time=publish_ns, sequence=number & 0xFFFFFFFF
         )
 
     def _happened_ns(self, value: Any) -> int:
@@ -81,10 +93,12 @@ class EventLog:
         finally:
             self._file.close()
 
-    def _register(self, spec: StreamSpec, topic: str) -> int:
-        schema = self._schemas.get(spec.value_type)
-        if schema is None:
-            text = json.dumps(json_schema(spec.value_type)).encode()
-            schema = self._writer.add_schema(f"caris.{spec.value_type.__name__}", "jsonschema", text)
-            self._schemas[spec.value_type] = schema
-        return self._writer.add_channel(topic, "json", schema)
+    def _register(self, topic: str, schema_name: str, schema: dict[str, Any]) -> None:
+        text = json.dumps(schema)
+        if text not in self._schemas:
+            self._schemas[text] = self._writer.add_schema(schema_name, "jsonschema", text.encode())
+        self._channels[topic] = self._writer.add_channel(topic, "json", self._schemas[text])
+
+
+def _bytes_of(message: Any) -> bytes:
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-FORMAT, FORMAT_VERSION = "caris-desktop session", 2
+# 1 and 2 had schemas of our own only, and null for None; 2 brought the checksums beside the record.
+FORMAT, FORMAT_VERSION = "caris-desktop session", 3
 TRIAL_METADATA = "trial."
 
 

@@ -5,15 +5,15 @@ import json
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any, TypeVar, cast
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import RobotChosen, ScenarioOpened, SessionStarted
-from caris_desktop.domain.schema import from_jsonable
+from caris_desktop.domain.recorded_form import from_message
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA
+from caris_desktop.recording.session.format import FORMAT, TRIAL_METADATA
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, Message
 from caris_desktop.recording.session.session_clock import SessionClock
 
@@ -21,6 +21,7 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T")
 _EVENTS = "events.mcap"
 _LIBRARY = "caris-desktop"
+_LAST_UNTOLD_VERSION = 2
 
 
 def holds_record(folder: Path) -> bool:
@@ -46,9 +47,10 @@ def rebuilt_header(folder: Path, what: str) -> dict[str, Any] | None:
             clock = SessionClock(anchor, started_ns)
             scenario = _first(file, index, ScenarioOpened)
             robot = _first(file, index, RobotChosen)
+            told = _metadata(index).get("format_version", "")
             return {
                 "format": FORMAT,
-                "format_version": FORMAT_VERSION,
+                "format_version": int(told) if told.isdecimal() else _LAST_UNTOLD_VERSION,
                 "program_version": _metadata(index).get("program_version", ""),
                 "scenario": {"title": "", "file": "", "sha256": ""}
                 if scenario is None
@@ -101,7 +103,7 @@ def _first(file: IO[bytes], index: BlockIndex, kind: type[T]) -> T | None:
     numbers = [number for number, channel in index.channels.items() if channel.topic == topic]
     for _, content in _messages(file, index, numbers):
         try:
-            return from_jsonable(kind, json.loads(content))
+            return cast(T, from_message(BY_TYPE[kind], json.loads(content)))
         except (ValueError, RecursionError):
             continue
     return None

@@ -4,13 +4,14 @@ A block is a chunk with its compressed messages, or a run of messages outside of
 for the records; what is damaged or cut is left out, never guessed.
 """
 
+import json
 import logging
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,18 @@ class Channel:
     def schema_number(self) -> int:
         """0 for a channel that needs no schema."""
         return int.from_bytes(self.record[HEAD.size + 2 : HEAD.size + 4], "little")
+
+    @property
+    def json_schema(self) -> dict[str, Any] | None:
+        """What its messages look like, as the file tells it; None where it does not."""
+        body = self.schema[HEAD.size + 2 :]
+        for _ in ("name", "encoding"):
+            body = body[4 + int.from_bytes(body[:4], "little") :]
+        try:
+            told = json.loads(body[4 : 4 + int.from_bytes(body[:4], "little")])
+        except (ValueError, RecursionError):
+            return None
+        return told if isinstance(told, dict) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,8 +199,10 @@ def library_of(path: Path) -> str:
     return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
 
 
-def listed_messages(file: IO[bytes], index: BlockIndex, number: int) -> int:
-    """How many messages of a chunk its indexes behind it tell of, whatever became of the chunk. Raises OSError."""
+def listed_messages(file: IO[bytes], index: BlockIndex, number: int, channels: Collection[int]) -> int:
+    """How many messages of these channels a chunk had, as its indexes behind it tell, whatever became of the chunk.
+    Raises OSError.
+    """
     place, count = int(index.offsets[number] + index.lengths[number]), 0
     while True:
         file.seek(place)
@@ -197,7 +212,8 @@ def listed_messages(file: IO[bytes], index: BlockIndex, number: int) -> int:
         opcode, length = HEAD.unpack_from(entry)
         if opcode != MESSAGE_INDEX:
             return count
-        count += int.from_bytes(entry[HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
+        if int.from_bytes(entry[HEAD.size : HEAD.size + 2], "little") in channels:
+            count += int.from_bytes(entry[HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
         place += HEAD.size + length
 
 

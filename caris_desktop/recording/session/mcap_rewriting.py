@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import IO
 
-from caris_desktop.domain.schema import json_schema
-from caris_desktop.domain.streams import spec_of_topic
+from caris_desktop.domain.recorded_form import recorded_schema
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import mcap_records as records
@@ -122,10 +121,8 @@ def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: byt
 
 def _schema_of(topic: str) -> tuple[str, bytes]:
     """Name and content of the JSON Schema that this program gives a topic."""
-    spec = spec_of_topic(topic)
-    if spec is None:
-        return "lost", b"{}"
-    return f"caris.{spec.value_type.__name__}", json.dumps(json_schema(spec.value_type)).encode()
+    name, schema = recorded_schema(topic) or ("lost", {})
+    return name, json.dumps(schema).encode()
 
 
 def _add(writer: McapFile, index: BlockIndex, added: AddedMessage) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
 from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
-from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
+from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.recording.disk_file import DiskFile
@@ -240,11 +240,12 @@ class _Repair:
             return None
         event = SessionEnded(self._ended_ns, self._folder.name, self._reason)
         ended_utc_ns = self._times.clock.anchor.utc_ns_at(self._ended_ns)
+        schema_name, schema = schema_of(spec)
         return AddedMessage(
             topic=f"/{spec.name}",
-            schema_name=f"caris.{SessionEnded.__name__}",
-            schema=json.dumps(json_schema(SessionEnded)).encode(),
-            data=json.dumps(to_jsonable(event), separators=(",", ":")).encode(),
+            schema_name=schema_name,
+            schema=json.dumps(schema).encode(),
+            data=json.dumps(to_message(spec, event, at_utc_ns=ended_utc_ns), separators=(",", ":")).encode(),
             log_ns=max(self._record.newest_utc_ns, ended_utc_ns),
             publish_ns=ended_utc_ns,
         )
@@ -263,7 +264,7 @@ class _Repair:
         record = self._record
         for message in mcap_blocks.messages_of(content):
             channel = index.channels.get(message.channel)
-            if channel is None or (only is not None and message.channel != only):
+            if channel is None or channel.topic in DERIVED_TOPICS or (only is not None and message.channel != only):
                 continue
             spec = spec_of_topic(channel.topic)
             name = channel.topic.removeprefix("/") if spec is None else spec.name
@@ -275,7 +276,7 @@ class _Repair:
             if spec is None or spec.value_type not in _LOOKED_AT:
                 continue
             try:
-                value = from_jsonable(spec.value_type, json.loads(content[message.start : message.end]))
+                value = from_message(spec, json.loads(content[message.start : message.end]))
             except (ValueError, RecursionError):
                 continue
             match value:

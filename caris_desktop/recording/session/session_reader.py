@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
-from caris_desktop.domain.schema import from_jsonable
+from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of
@@ -151,7 +151,7 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
         try:
             if spec is None:
                 raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream
-            return spec, from_jsonable(spec.value_type, json.loads(data))
+            return spec, from_message(spec, json.loads(data))
         except (ValueError, RecursionError) as error:
             if name not in unusable:
                 _log.warning("%s: values of %s are left out: %s", path, name, error)
@@ -185,7 +185,8 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
         raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
-    topics = {number: channel.topic for number, channel in index.channels.items()}
+    topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
+    every = topics
     if wanted:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in wanted}
@@ -198,7 +199,7 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
             except mcap_blocks.DamagedBlockError as error:
                 if number not in unreadable:
                     _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
-                    unreadable[number] = mcap_blocks.listed_messages(file, index, number)
+                    unreadable[number] = mcap_blocks.listed_messages(file, index, number, every)
                 continue
             except OSError as error:
                 raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error

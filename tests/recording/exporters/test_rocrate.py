@@ -14,7 +14,7 @@ from rocrate.rocrate import ROCrate
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.schema import to_jsonable
-from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.domain.sensing import RobotPose, StatusShown
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
@@ -170,7 +170,9 @@ def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made
         summary = make_reader(file, validate_crcs=True).get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert summary.statistics.message_count == sum(1 for _ in open_session(made.folder).values())
+        values = [value for _, value in open_session(made.folder).values()]
+        # Of each pose also where that puts the robot, for other programs.
+        assert summary.statistics.message_count == len(values) + sum(isinstance(value, RobotPose) for value in values)
 
 
 def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: MadeSession, tmp_path: Path) -> None:
@@ -225,7 +227,8 @@ def test_the_record_can_be_read_by_what_lies_beside_it(made: MadeSession, out: P
         rows = {(row["stream"], row["field"]): row for row in csv.DictReader(file)}
     assert rows["event/command_sent", "twist.turn_radps"]["unit"] == "radians per second"
     assert rows["people", "boxes[].left_px"]["unit"] == "pixels"
-    assert rows["map", "cells"]["type"] == "grid"
+    assert rows["map", "data"]["type"] == "string"
+    assert rows["map", "origin_in_map.x_m"]["unit"] == "metres"
     session = open_session(made.folder)
     text = (out / "FORMAT.md").read_text()
     assert f"{session.clock.anchor.utc_ns} + (stamp_ns - {session.clock.anchor.monotonic_ns})" in text

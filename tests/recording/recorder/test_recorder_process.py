@@ -143,8 +143,8 @@ def test_a_session_is_a_folder_that_ordinary_programs_can_read(tmp_path: Path, r
     publish_time, data = by_topic["/scan"][0]
     assert publish_time == begin.header.anchor.utc_ns_at(scans[0].stamp_ns)
     assert data["stamp_ns"] == scans[0].stamp_ns
-    assert data["ranges_m"][0] is None
-    assert data["ranges_m"][1] == pytest.approx(float(scans[0].ranges_m[1]))
+    assert data["ranges"][0] == 1e39, "nothing returned"
+    assert data["ranges"][1] == pytest.approx(float(scans[0].ranges_m[1]))
     assert [data["sequence"] for _, data in by_topic["/event/command_sent"]] == [1, 2, 3]
     assert by_topic["/event/utterance_changed"][0][1]["text"] == "Hello!"
     assert by_topic["/event/llm_exchange"][0][1]["messages"][1]["content"] == "What is this?"

@@ -201,7 +201,7 @@ def test_sound_lies_where_it_was_heard_and_silence_where_none_was_recorded(recor
 
 def test_session_json_says_with_what_and_why_it_was_recorded(recorded: Recorded) -> None:
     head = json.loads((recorded.folder / "session.json").read_text())
-    assert head["format_version"] == 2
+    assert head["format_version"] == 3
     assert head["software"] == {"PySide6": "6.11.2"}
     assert head["settings"] == {"voice": "joe"}
     assert (head["trial"]["recording"], head["trial"]["purpose"]) == ("2", "pilot")

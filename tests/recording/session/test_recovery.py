@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from caris_desktop.domain.events import SessionEnded
-from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
@@ -96,7 +96,9 @@ def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert summary.statistics.message_count == len(killed_session.values) + 1
+        # Of each pose also where that puts the robot, for other programs.
+        poses = sum(isinstance(value, RobotPose) for _, value in killed_session.values)
+        assert summary.statistics.message_count == len(killed_session.values) + poses + 1
         assert len(summary.chunk_indexes) == summary.statistics.chunk_count
         assert sum(1 for _ in reader.iter_messages(topics=["/event/marked"])) == len(labels(session))
     for sound in session.header["audio"]:

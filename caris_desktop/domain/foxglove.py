@@ -1,0 +1,453 @@
+"""What other programs know our streams as: Foxglove's schemas (https://docs.foxglove.dev/docs/sdk/schemas), and values
+in their shapes.
+
+Foxglove, Lichtblick and others show a channel whose schema has such a name without being told how. A message has the
+fields of that schema, and beside them those fields of our own value that it does not hold: nothing large is in it
+twice, and what was recorded reads back exactly.
+
+JSON has no infinity, so numbers that float32 cannot hold stand for it (:data:`INFINITE`): others read them as
+infinitely far, as they are, and draw nothing there.
+"""
+
+import base64
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain import events, sensing
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema import PLAIN_BYTES, Base64, in_few_digits
+
+MAP, BASE = "map", "base_link"  # REP 105
+INFINITE, INVALID = 1e39, 2e39
+_NUMERIC_INT8, _LINE_LOOP = 2, 2
+_DEBUG, _INFO, _WARNING, _ERROR = 1, 2, 3, 4
+_LEVELS: dict[events.Severity, int] = {"info": _INFO, "warning": _WARNING}
+_LABEL_PX, _LINE_PX = 14.0, 2.0
+
+
+# The shapes, each named and filled as Foxglove says
+
+
+class Time(TypedDict):
+    sec: int
+    nsec: int
+
+
+class Vector2(TypedDict):
+    x: float
+    y: float
+
+
+class Vector3(TypedDict):
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(TypedDict):
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class Pose(TypedDict):
+    position: Vector3
+    orientation: Quaternion
+
+
+class Color(TypedDict):
+    r: float
+    g: float
+    b: float
+    a: float
+
+
+class KeyValuePair(TypedDict):
+    key: str
+    value: str
+
+
+class LaserScan(TypedDict):
+    """With our name for the frame of the laser itself beside the one that ``pose`` is in."""
+
+    timestamp: Time
+    frame_id: str
+    pose: Pose
+    start_angle: float
+    end_angle: float
+    ranges: list[float]
+    intensities: list[float]
+    laser_frame_id: str
+
+
+class PackedElementField(TypedDict):
+    name: str
+    offset: int
+    type: int
+
+
+class Grid(TypedDict):
+    """With our count of rows, which others know from the amount of data."""
+
+    timestamp: Time
+    frame_id: str
+    pose: Pose
+    column_count: int
+    cell_size: Vector2
+    row_stride: int
+    cell_stride: int
+    fields: list[PackedElementField]
+    data: Base64
+    row_count: int
+
+
+class PoseInFrame(TypedDict):
+    timestamp: Time
+    frame_id: str
+    pose: Pose
+
+
+class PosesInFrame(TypedDict):
+    timestamp: Time
+    frame_id: str
+    poses: list[Pose]
+
+
+class FrameTransform(TypedDict):
+    timestamp: Time
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+class FrameTransforms(TypedDict):
+    transforms: list[FrameTransform]
+
+
+class CircleAnnotation(TypedDict):
+    timestamp: Time
+    position: Vector2
+    diameter: float
+    thickness: float
+    fill_color: Color
+    outline_color: Color
+    metadata: list[KeyValuePair]
+
+
+class PointsAnnotation(TypedDict):
+    timestamp: Time
+    type: int
+    points: list[Vector2]
+    outline_color: Color
+    outline_colors: list[Color]
+    fill_color: Color
+    thickness: float
+    metadata: list[KeyValuePair]
+
+
+class TextAnnotation(TypedDict):
+    timestamp: Time
+    position: Vector2
+    text: str
+    font_size: float
+    text_color: Color
+    background_color: Color
+    metadata: list[KeyValuePair]
+
+
+class ImageAnnotations(TypedDict):
+    timestamp: Time
+    circles: list[CircleAnnotation]
+    points: list[PointsAnnotation]
+    texts: list[TextAnnotation]
+    metadata: list[KeyValuePair]
+
+
+class CameraCalibration(TypedDict):
+    timestamp: Time
+    frame_id: str
+    width: int
+    height: int
+    distortion_model: str
+    D: list[float]
+    K: list[float]
+    R: list[float]
+    P: list[float]
+
+
+class Log(TypedDict):
+    timestamp: Time
+    level: int
+    message: str
+    name: str
+    file: str
+    line: int
+
+
+# Which stream is what
+
+
+@dataclass(frozen=True, slots=True)
+class WellKnown:
+    """A schema that other programs know, and how a value of ours fills it.
+
+    ``fill`` is given the value and its moment in UTC. ``holds`` names the fields of ours that the filled message holds
+    already, and ``restore`` makes those, in the form of :func:`schema.to_jsonable`, of a message; nothing of one that
+    an older version wrote, which has our own fields only.
+    """
+
+    name: str
+    shape: type[Any]
+    fill: Callable[[Any, Time], Mapping[str, Any]]
+    holds: frozenset[str] = frozenset()
+    restore: Callable[[dict[str, Any]], dict[str, Any]] = lambda _message: {}
+
+
+def time_of(utc_ns: int) -> Time:
+    """Of nanoseconds since 1970; there is none before."""
+    seconds, nanoseconds = divmod(max(0, utc_ns), 1_000_000_000)
+    return {"sec": seconds, "nsec": nanoseconds}
+
+
+def pose_of(pose: Pose2D | None) -> Pose:
+    """That of a pose on the floor; of None the origin."""
+    x_m, y_m, half_rad = (0.0, 0.0, 0.0) if pose is None else (pose.x_m, pose.y_m, pose.heading_rad / 2.0)
+    half_rad = _finite(half_rad)
+    return {
+        "position": {"x": _finite(x_m), "y": _finite(y_m), "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half_rad), "w": math.cos(half_rad)},
+    }
+
+
+def transforms_of(value: Any, at: Time) -> FrameTransforms | None:
+    """Where the frames of reference are, as far as this value tells: the robot in the map, a fixed camera on it."""
+    match value:
+        case sensing.RobotPose():
+            pose = pose_of(value.pose_in_map)
+            return {"transforms": [_transform(at, MAP, BASE, pose["position"], pose["orientation"])]}
+        case sensing.CameraLens() if not value.model.on_head:
+            model = value.model
+            x, y, z, w = map(_finite, model.optical_rotation())
+            position: Vector3 = {"x": _finite(model.x_m), "y": _finite(model.y_m), "z": _finite(model.z_m)}
+            rotation: Quaternion = {"x": x, "y": y, "z": z, "w": w}
+            return {"transforms": [_transform(at, BASE, _optical_frame(value.camera), position, rotation)]}
+    return None
+
+
+def _transform(at: Time, parent: str, child: str, translation: Vector3, rotation: Quaternion) -> FrameTransform:
+    return {
+        "timestamp": at,
+        "parent_frame_id": parent,
+        "child_frame_id": child,
+        "translation": translation,
+        "rotation": rotation,
+    }
+
+
+def _finite(number: float) -> float:
+    return number if math.isfinite(number) else 0.0
+
+
+def _optical_frame(camera: str) -> str:
+    return f"{camera}_optical_frame"
+
+
+# Scans
+
+
+def _fill_scan(scan: sensing.LaserScan, at: Time) -> LaserScan:
+    """In the map where it was measured: a turning robot has left that place when its pose is told."""
+    frame, pose = scan.frame_id, None
+    if scan.map_from_laser is not None:
+        frame, pose = MAP, scan.map_from_laser
+    elif scan.robot_from_laser is not None:
+        frame, pose = BASE, scan.robot_from_laser
+    last_rad = scan.angle_min_rad + scan.angle_increment_rad * max(0, len(scan.ranges_m) - 1)
+    return {
+        "timestamp": at,
+        "frame_id": frame,
+        "pose": pose_of(pose),
+        "start_angle": _finite(scan.angle_min_rad),
+        "end_angle": _finite(last_rad),
+        "ranges": _numbers(scan.ranges_m),
+        "intensities": _numbers(scan.intensities),
+        "laser_frame_id": scan.frame_id,
+    }
+
+
+def _restore_scan(message: dict[str, Any]) -> dict[str, Any]:
+    if "ranges" not in message:
+        return {}
+    return {
+        "frame_id": message.get("laser_frame_id"),
+        "ranges_m": _with_invalid(message["ranges"]),
+        "intensities": _with_invalid(message.get("intensities")),
+    }
+
+
+def _numbers(array: NDArray[np.float32]) -> list[float]:
+    """Finite numbers, of which some stand for those that JSON does not know."""
+    short = in_few_digits(array)
+    if not np.isfinite(short).all():
+        short[np.isnan(short)] = INVALID
+        short[np.isposinf(short)] = INFINITE
+        short[np.isneginf(short)] = -INFINITE
+    numbers: list[float] = short.tolist()
+    return numbers
+
+
+def _with_invalid(numbers: Any) -> Any:
+    """The infinite ones need nothing done: float32 cannot hold them."""
+    if not isinstance(numbers, list) or INVALID not in numbers:
+        return numbers
+    return ["nan" if number == INVALID else number for number in numbers]
+
+
+# The map
+
+
+def _fill_grid(grid: sensing.OccupancyGrid, at: Time) -> Grid:
+    rows, columns = grid.cells.shape
+    size_m = _finite(grid.resolution_m)
+    return {
+        "timestamp": at,
+        "frame_id": MAP,
+        "pose": pose_of(grid.origin_in_map),
+        "column_count": columns,
+        "cell_size": {"x": size_m, "y": size_m},
+        "row_stride": columns,
+        "cell_stride": 1,
+        "fields": [{"name": "occupancy", "offset": 0, "type": _NUMERIC_INT8}],
+        # As it is, which others demand; the file's own compression takes what deflating it took.
+        "data": Base64(base64.b64encode(np.ascontiguousarray(grid.cells).data).decode("ascii")),
+        "row_count": rows,
+    }
+
+
+def _restore_grid(message: dict[str, Any]) -> dict[str, Any]:
+    if "data" not in message:
+        return {}
+    shape = [message.get("row_count"), message.get("column_count")]
+    return {"cells": {"encoding": PLAIN_BYTES, "dtype": "int8", "shape": shape, "data": message["data"]}}
+
+
+# Poses, cameras, people
+
+
+def _fill_pose(pose: sensing.RobotPose, at: Time) -> PoseInFrame:
+    return {"timestamp": at, "frame_id": MAP, "pose": pose_of(pose.pose_in_map)}
+
+
+_AHEAD: Quaternion = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+
+
+def _fill_path(path: sensing.PlannedPath, at: Time) -> PosesInFrame:
+    """Its points; which way the robot is to look there, nobody told."""
+    points: Any = _numbers(path.points_in_map)
+    poses: list[Pose] = [{"position": {"x": x, "y": y, "z": 0.0}, "orientation": _AHEAD} for x, y in points]
+    return {"timestamp": at, "frame_id": MAP, "poses": poses}
+
+
+def _restore_path(message: dict[str, Any]) -> dict[str, Any]:
+    if "poses" not in message:
+        return {}
+    points = [_with_invalid([pose["position"]["x"], pose["position"]["y"]]) for pose in message["poses"]]
+    return {"points_in_map": points}
+
+
+def _fill_lens(lens: sensing.CameraLens, at: Time) -> CameraCalibration:
+    model: CameraModel = lens.model
+    fx, fy, cx, cy = map(_finite, (model.fx_px, model.fy_px, model.cx_px, model.cy_px))
+    return {
+        "timestamp": at,
+        "frame_id": _optical_frame(lens.camera),
+        "width": model.width_px,
+        "height": model.height_px,
+        "distortion_model": "plumb_bob",
+        "D": [0.0] * 5,
+        "K": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "P": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+
+
+_OUTLINE: Color = {"r": 0.2, "g": 0.6, "b": 1.0, "a": 1.0}
+_NOTHING: Color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
+_LETTERS: Color = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
+_BEHIND: Color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
+
+
+def _fill_people(people: sensing.People, at: Time) -> ImageAnnotations:
+    return {
+        "timestamp": at,
+        "circles": [],
+        "points": [_box_around(box, at) for box in people.boxes],
+        "texts": [_label_of(box, at) for box in people.boxes],
+        "metadata": [],
+    }
+
+
+def _box_around(box: sensing.PersonBox, at: Time) -> PointsAnnotation:
+    left, top = _finite(box.left_px), _finite(box.top_px)
+    right, bottom = left + _finite(box.width_px), top + _finite(box.height_px)
+    return {
+        "timestamp": at,
+        "type": _LINE_LOOP,
+        "points": [{"x": left, "y": top}, {"x": right, "y": top}, {"x": right, "y": bottom}, {"x": left, "y": bottom}],
+        "outline_color": _OUTLINE,
+        "outline_colors": [],
+        "fill_color": _NOTHING,
+        "thickness": _LINE_PX,
+        "metadata": [],
+    }
+
+
+def _label_of(box: sensing.PersonBox, at: Time) -> TextAnnotation:
+    return {
+        "timestamp": at,
+        "position": {"x": _finite(box.left_px), "y": _finite(box.top_px)},
+        "text": box.person_id or f"track {box.track}",
+        "font_size": _LABEL_PX,
+        "text_color": _LETTERS,
+        "background_color": _BEHIND,
+        "metadata": [],
+    }
+
+
+# Words
+
+
+def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
+    """At level info once, when it is said; a recogniser tells the words when they are finished."""
+    said = "finished" if utterance.speaker == "participant" else "started"
+    level = _INFO if utterance.state == said else _WARNING if utterance.state in ("interrupted", "failed") else _DEBUG
+    return _log(at, level, utterance.text, utterance.speaker)
+
+
+def _fill_problem(problem: events.Problem, at: Time) -> Log:
+    words = " ".join(part for part in (problem.what, problem.meaning, problem.advice) if part)
+    return _log(at, _LEVELS.get(problem.severity, _ERROR), words, "console")
+
+
+def _log(at: Time, level: int, message: str, name: str) -> Log:
+    return {"timestamp": at, "level": level, "message": message, "name": name, "file": "", "line": 0}
+
+
+LASER_SCAN = WellKnown(
+    "foxglove.LaserScan", LaserScan, _fill_scan, frozenset({"frame_id", "ranges_m", "intensities"}), _restore_scan
+)
+GRID = WellKnown("foxglove.Grid", Grid, _fill_grid, frozenset({"cells"}), _restore_grid)
+POSE = WellKnown("foxglove.PoseInFrame", PoseInFrame, _fill_pose)
+PATH = WellKnown("foxglove.PosesInFrame", PosesInFrame, _fill_path, frozenset({"points_in_map"}), _restore_path)
+CALIBRATION = WellKnown("foxglove.CameraCalibration", CameraCalibration, _fill_lens)
+ANNOTATIONS = WellKnown("foxglove.ImageAnnotations", ImageAnnotations, _fill_people)
+UTTERANCE_LOG = WellKnown("foxglove.Log", Log, _fill_utterance)
+PROBLEM_LOG = WellKnown("foxglove.Log", Log, _fill_problem)

@@ -1,0 +1,157 @@
+"""How a value lies in the record: one JSON message, with the schema that its channel carries.
+
+Fields of ours that are None are not written, so that each field has one type, which is what programs need that make
+columns of a schema; one that is missing reads as None.
+"""
+
+import dataclasses
+import functools
+import types
+import typing
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from caris_desktop.domain.foxglove import FrameTransforms, Time, time_of, transforms_of
+from caris_desktop.domain.schema import from_jsonable, json_schema, shape_schema, to_jsonable
+from caris_desktop.domain.sensing import CameraLens, RobotPose
+from caris_desktop.domain.streams import StreamSpec, spec_of_topic
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class DerivedChannel:
+    """What is written beside values, for other programs only: a reader of ours has it from the values themselves.
+
+    ``make`` gives the message that follows from a value of one of the types ``of``, None where none does.
+    """
+
+    topic: str
+    schema_name: str
+    shape: type[Any]
+    of: tuple[type[Any], ...]
+    make: Callable[[Any, Time], Any | None]
+
+
+DERIVED: tuple[DerivedChannel, ...] = (
+    DerivedChannel("/tf", "foxglove.FrameTransforms", FrameTransforms, (RobotPose, CameraLens), transforms_of),
+)
+DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
+
+
+def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any]:
+    """What is written of a value that was measured, or happened, at that moment.
+
+    Raises TypeError or ValueError for what is no value of the stream.
+    """
+    known, fields = spec.well_known, _fields_of(spec)
+    if known is None:
+        message: dict[str, Any] = to_jsonable(value)
+    else:
+        own = {name: to_jsonable(getattr(value, name)) for name in fields.beside}
+        message = {**known.fill(value, time_of(at_utc_ns)), **own}
+    for name in fields.left_out:
+        if name in message and message[name] is None:
+            del message[name]
+    return message
+
+
+def from_message(spec: StreamSpec, message: Any) -> Any:
+    """The value, of a message of this version or an older one. Raises ValueError where there is none."""
+    if isinstance(message, dict):
+        absent = {name: None for name in _fields_of(spec).needed if name not in message}
+        try:
+            restored = {} if spec.well_known is None else spec.well_known.restore(message)
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"not a message of {spec.name}: {error}") from error
+        if absent or restored:
+            message = {**message, **absent, **restored}
+    return from_jsonable(spec.value_type, message)
+
+
+def recorded_schema(topic: str) -> tuple[str, dict[str, Any]] | None:
+    """Name and JSON Schema of the messages of a topic; None for one that this program does not write."""
+    spec = spec_of_topic(topic)
+    if spec is not None:
+        return schema_of(spec)
+    derived = next((channel for channel in DERIVED if channel.topic == topic), None)
+    return None if derived is None else derived_schema(derived)
+
+
+def derived_schema(channel: DerivedChannel) -> tuple[str, dict[str, Any]]:
+    return channel.schema_name, {"title": channel.schema_name, **shape_schema(channel.shape)}
+
+
+def schema_of(spec: StreamSpec) -> tuple[str, dict[str, Any]]:
+    """Name and JSON Schema of a stream's messages."""
+    schema, fields = json_schema(spec.value_type), _fields_of(spec)
+    properties = dict(schema["properties"])
+    for name in fields.left_out:
+        kinds = [kind for kind in properties[name].get("anyOf", ()) if kind.get("type") != "null"]
+        if kinds:
+            properties[name] = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
+    required = [name for name in schema["required"] if name not in fields.left_out]
+    name = f"caris.{spec.value_type.__name__}"
+    if spec.well_known is not None:
+        name, shape = spec.well_known.name, shape_schema(spec.well_known.shape)
+        properties = {**shape["properties"], **{field: properties[field] for field in fields.beside}}
+        required = [*shape["required"], *(field for field in required if field in fields.beside)]
+    return name, _for_viewers({**schema, "title": name, "properties": properties, "required": required})
+
+
+_PLAIN_TYPES = ("boolean", "string", "number", "integer", "object")
+
+
+def _for_viewers(schema: dict[str, Any]) -> dict[str, Any]:
+    """Says the same, but under ``properties`` only what has one type: viewers give up on a channel with another.
+
+    What may be of several types, or is a list of lists, is under ``patternProperties``.
+    """
+    if schema.get("type") == "array":
+        return {**schema, "items": _for_viewers(schema["items"])} if "items" in schema else schema
+    if schema.get("type") != "object":
+        return schema
+    fields = {name: _for_viewers(field) for name, field in schema.get("properties", {}).items()}
+    others = {f"^{name}$": field for name, field in fields.items() if not _has_one_type(field)}
+    plain = {name: field for name, field in fields.items() if _has_one_type(field)}
+    return {**schema, "properties": plain, **({"patternProperties": others} if others else {})}
+
+
+def _has_one_type(schema: dict[str, Any]) -> bool:
+    kind = schema.get("items", {}).get("type") if schema.get("type") == "array" else schema.get("type")
+    return kind in _PLAIN_TYPES
+
+
+class _Fields(NamedTuple):
+    """Fields of ours: those ``beside`` what a well-known schema holds, those ``left_out`` where they are None, and of
+    these the ones without a default, which are ``needed`` to make a value.
+    """
+
+    beside: tuple[str, ...]
+    left_out: tuple[str, ...]
+    needed: tuple[str, ...]
+
+
+def _fields_of(spec: StreamSpec) -> _Fields:
+    kind: Any = spec.value_type
+    return _found_fields(kind, frozenset() if spec.well_known is None else spec.well_known.holds)
+
+
+@functools.cache
+def _found_fields(kind: Any, held: frozenset[str]) -> _Fields:
+    hints, missing = typing.get_type_hints(kind), dataclasses.MISSING
+    fields = dataclasses.fields(kind)
+    needed = [field.name for field in fields if field.default is missing and field.default_factory is missing]
+    left_out = [
+        field.name
+        for field in fields
+        if _may_be_none(hints[field.name]) and (field.default is None or field.name in needed)
+    ]
+    return _Fields(
+        tuple(field.name for field in fields if field.name not in held),
+        tuple(left_out),
+        tuple(name for name in left_out if name in needed),
+    )
+
+
+def _may_be_none(kind: Any) -> bool:
+    union = typing.get_origin(kind) in (types.UnionType, typing.Union)
+    return kind is Any or (union and type(None) in typing.get_args(kind))

@@ -1,0 +1,140 @@
+"""Sessions as earlier versions recorded them: they open, replay and export as they did.
+
+``tests/recording/formats/format-N`` was written by the recorder of that version, ``format-N.exported.json`` by the
+exporters of the last program that wrote version 2.
+"""
+
+import csv
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import SessionStarted, UtteranceChanged
+from caris_desktop.domain.schema import to_jsonable
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, People, RobotPose
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.export import export_session
+from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.format import FORMAT_VERSION
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import open_session
+from tests.support.recorded_session import number_in
+
+NOON_NS = 1_790_000_000_000_000_000
+FORMATS = Path(__file__).parents[1] / "formats"
+_WHEN_EXPORTED = re.compile(r' DATE="[^"]*"')
+
+
+@pytest.fixture(params=[1, 2])
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A copy: opening may mend a session."""
+    return Path(shutil.copytree(FORMATS / f"format-{request.param}", tmp_path / f"format-{request.param}"))
+
+
+def exported(folder: Path, out: Path) -> dict[str, str]:
+    """The texts that the exporters made of a session, by name of file."""
+    written = [path for kind in ("csv", "eaf") for path in export_session(folder, kind, out / kind)]
+    return {path.name: path.read_bytes().decode() for path in written if path.suffix in (".csv", ".eaf")}
+
+
+def as_it_was(name: str, now: str, then: str) -> str:
+    """``now`` without columns that came later, and without when it was exported."""
+    if name.endswith(".eaf"):
+        return _WHEN_EXPORTED.sub(_WHEN_EXPORTED.findall(then)[0], now)
+    rows, columns = list(csv.reader(io.StringIO(now, newline=""))), next(csv.reader(io.StringIO(then, newline="")))
+    kept = [rows[0].index(column) for column in columns]
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows([row[at] for at in kept] for row in rows)
+    return text.getvalue()
+
+
+def assert_exports_as_before(folder: Path, out: Path) -> None:
+    then = json.loads((FORMATS / f"{folder.name}.exported.json").read_text(encoding="utf-8"))
+    now = exported(folder, out)
+    assert set(then) <= set(now)
+    assert len(then) > 40
+    for name, text in then.items():
+        assert as_it_was(name, now[name], text) == text, name
+
+
+def test_it_exports_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    assert_exports_as_before(folder, tmp_path / "out")
+
+
+def test_it_opens_and_replays(folder: Path) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    session = open_session(folder)
+    assert (session.closed_properly, session.notices, session.losses) == (True, (), ())
+    with SessionTimeline(session) as timeline, VideoReader(session) as videos:
+        state = {type(value): value for value in timeline.state_at(timeline.start_ns + 5_000_000_000)}
+        assert state[OccupancyGrid].cells.shape == (10, 16)
+        assert state[OccupancyGrid].cells[0].tolist() == [100] * 16
+        assert len(state[LaserScan].ranges_m) == 24
+        assert state[RobotPose].pose_in_map.x_m == pytest.approx(11.5, abs=1.0)
+        assert [box.person_id for box in state[People].boxes] == ["p-3", "p-2"]
+        assert [event.text for _, event in timeline.events(UtteranceChanged) if event.state == "finished"]
+        picture = videos.frame("front", 10)
+        assert picture is not None
+        assert number_in(picture.image_bgr) == 10
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
+
+
+def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Path) -> None:
+    """Every value of it, and so every export, through what is written today."""
+    session = open_session(folder)
+    recorded = list(session.arrivals())
+    again = tmp_path / "again" / folder.name
+    shutil.copytree(folder, again)
+    (again / "events.mcap").unlink()
+    log = EventLog(DiskFile(again / "events.mcap"), anchor=session.clock.anchor, metadata={})
+    for arrived_ns, _, value in recorded:
+        log.write(BY_TYPE[type(value)], value, arrived_ns)
+    log.close()
+    header = json.loads((again / "session.json").read_text())
+    (again / "session.json").write_text(json.dumps(header | {"format_version": FORMAT_VERSION, "files": []}))
+    assert FORMAT_VERSION == 3
+    channels = mcap_blocks.read_index(again / "events.mcap").channels.values()
+    assert [b"foxglove.LaserScan" in channel.schema for channel in channels if channel.topic == "/scan"] == [True]
+    same = open_session(again, repair=False).arrivals()
+    assert [(at_ns, to_jsonable(value)) for at_ns, _, value in same] == [
+        (at_ns, to_jsonable(value)) for at_ns, _, value in recorded
+    ]
+    then, now = exported(folder, tmp_path / "then"), exported(again, tmp_path / "now")
+    # session.csv tells of the files themselves.
+    for name in set(then) - {"session.csv"}:
+        assert as_it_was(name, now[name], then[name]) == then[name], name
+
+
+@pytest.mark.logs(r"session_header|recovery|header_rebuilding")
+def test_a_record_tells_its_version_where_its_head_is_lost(folder: Path, tmp_path: Path) -> None:
+    (folder / "session.json").unlink()
+    assert open_session(folder).header["format_version"] == 2
+    for version, told in (("3", 3), ("4", None), ("none", 2)):
+        lost = tmp_path / version
+        lost.mkdir()
+        log = EventLog(
+            DiskFile(lost / "events.mcap"), anchor=ClockAnchor(0, NOON_NS), metadata={"format_version": version}
+        )
+        log.write(BY_TYPE[SessionStarted], SessionStarted(5, "s"), 5)
+        log.close()
+        if told is None:
+            with pytest.raises(SessionError, match="version 4; this program reads up to version 3"):
+                open_session(lost)
+        else:
+            assert open_session(lost).header["format_version"] == told
+
+
+def test_a_newer_version_is_refused_and_told(folder: Path) -> None:
+    path = folder / "session.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"format_version": FORMAT_VERSION + 1}))
+    with pytest.raises(SessionError, match=r"version 4; this program reads up to version 3. Update CARIS Desktop"):
+        open_session(folder)
