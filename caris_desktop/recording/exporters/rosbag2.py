@@ -1,4 +1,7 @@
-"""A session as bags: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, the same standard messages in both."""
+"""A session as bags: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, the same standard messages in both.
+
+Pictures alone differ: ROS 2 gets the video as it was encoded, each frame, ROS 1 some of them as JPEG.
+"""
 
 import json
 import math
@@ -7,14 +10,13 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
+from caris_desktop.domain.foxglove import BASE, MAP
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
@@ -30,9 +32,9 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.exporters.pictures import Pace, picture_of
+from caris_desktop.recording.exporters.pictures import Pace, info_of, picture_of
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
-from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session.robot_text import VelocityType, velocity_type
 from caris_desktop.recording.session.session_reader import Session
@@ -40,7 +42,7 @@ from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.fields import Message, encode_header, encode_pose
 
-MAP, ODOM, BASE = "map", "odom", "base_link"
+ODOM = "odom"
 SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
 IMAGE_HZ = 5.0
 _JPEG_QUALITY = 90
@@ -53,11 +55,12 @@ _WHOLE = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatterySta
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """``latched``: whoever comes later still gets the newest message."""
+    """``latched``: whoever comes later still gets the newest message. ``ros``: in which of the bags it is."""
 
     name: str
     type: str
     latched: bool = False
+    ros: tuple[Ros, ...] = (1, 2)
 
 
 SCAN = RosTopic("/scan", "sensor_msgs/msg/LaserScan")
@@ -80,7 +83,7 @@ _Out = Iterator[tuple[RosTopic, Message]]
 def write_rosbag2(
     session: Session, out: Path, context: ExportContext, *, image_hz: float | None = IMAGE_HZ
 ) -> list[Path]:
-    """Fill the folder ``out``. ``image_hz`` bounds the pictures of each camera; None takes every frame of the video.
+    """Fill the folder ``out``. ``image_hz`` bounds the JPEG pictures of each camera; None takes every frame.
 
     Raises OSError, SessionError.
     """
@@ -111,6 +114,8 @@ def write_rosbag2(
                 bags.write(topic, at_utc_ns, message)
             if not number % 200:
                 context.progress(min(1.0, max(0.0, (arrival_ns - session.started_ns) / duration_ns)))
+        for at_utc_ns, topic, message in translator.rest_of_videos():
+            bags.write(topic, at_utc_ns, message)
         topics = bags.topics
     if bags.left_out:
         context.warn(f"{bags.left_out} message(s) were left out: their moments or numbers are none that ROS knows.")
@@ -157,6 +162,7 @@ class _Translator:
         self._videos = videos
         self._has_odometry = has_odometry
         self._pace = Pace(image_hz)
+        self._packets: dict[str, _Packets] = {camera: _Packets(videos.packets(camera)) for camera in videos.cameras}
         self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=_KEPT_ODOMETRY)
         self._poses: deque[tuple[int, Pose2D]] = deque()
         self._static: dict[str, Message] = {}
@@ -259,6 +265,15 @@ class _Translator:
         )
 
     def _image(self, ref: FrameRef, at_ns: int) -> _Out:
+        packets = self._packets.get(ref.camera)
+        if packets is None:
+            return
+        encoded = packets.exist
+        if encoded:
+            info = info_of(self._videos, ref.camera, ref.stamp_ns)
+            for frame, data in packets.until(-1 if info is None else info.number):
+                here = info is not None and frame.number == info.number
+                yield self._video_message(frame, data, at_ns if here else self._moments.utc_ns(frame, frame.stamp_ns))
         if not self._pace.is_due(ref.camera, ref.stamp_ns):
             return
         picture = picture_of(self._videos, ref.camera, ref.stamp_ns)
@@ -267,17 +282,29 @@ class _Translator:
         self._pace.take(ref.camera, ref.stamp_ns)
         import cv2
 
+        name = self._name_of(ref.camera)
+        topic = RosTopic(f"/camera/{name}/image/compressed", "sensor_msgs/msg/CompressedImage")
         _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         yield (
-            RosTopic(f"/camera/{self._name_of(ref.camera)}/image/compressed", "sensor_msgs/msg/CompressedImage"),
+            replace(topic, ros=(1,)) if encoded else topic,
             messages.encode_compressed_image(
-                _PLAIN,
-                jpeg.tobytes(),
-                stamp_ns=at_ns,
-                encoding="jpeg",
-                frame_id=_camera_frame(self._name_of(ref.camera)),
+                _PLAIN, jpeg.tobytes(), stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
             ),
         )
+
+    def rest_of_videos(self) -> Iterator[tuple[int, RosTopic, Message]]:
+        """Frames of which the record does not tell (any more), each with its moment in UTC."""
+        for packets in self._packets.values():
+            for frame, data in packets.until(None):
+                at_ns = self._moments.utc_ns(frame, frame.stamp_ns)
+                yield at_ns, *self._video_message(frame, data, at_ns)
+
+    def _video_message(self, frame: RecordedFrame, data: bytes, at_ns: int) -> tuple[RosTopic, Message]:
+        name = self._name_of(frame.camera)
+        # The name under which image_transport looks for this encoding of /camera/NAME/image.
+        topic = RosTopic(f"/camera/{name}/image/foxglove", "foxglove_msgs/msg/CompressedVideo", ros=(2,))
+        stamp = encode_time(_PLAIN, at_ns)
+        return topic, {"timestamp": stamp, "frame_id": _camera_frame(name), "data": data, "format": "h264"}
 
     def _people(self, people: PeopleInMap, at_ns: int) -> _Out:
         header = encode_header(_PLAIN, stamp_ns=at_ns, frame_id=MAP)
@@ -350,6 +377,31 @@ class _Translator:
             yield TF_STATIC, {"transforms": [transform]}
 
 
+class _Packets:
+    """The frames of a camera's videos as they are encoded, one after another."""
+
+    def __init__(self, frames: Iterator[tuple[RecordedFrame, bytes]]) -> None:
+        self._frames = frames
+        self._next: tuple[RecordedFrame, bytes] | None = None
+        self._begun = False
+        self._had_any = False
+
+    @property
+    def exist(self) -> bool:
+        """Whether there are, or were, any."""
+        if not self._begun:
+            self._begun = True
+            self._next = next(self._frames, None)
+            self._had_any = self._next is not None
+        return self._had_any
+
+    def until(self, number: int | None) -> Iterator[tuple[RecordedFrame, bytes]]:
+        """Those up to the frame of that number, or all that are left: a decoder needs each of them."""
+        while self.exist and self._next is not None and (number is None or self._next[0].number <= number):
+            yield self._next
+            self._next = next(self._frames, None)
+
+
 class _Bags:
     """Both bags, written side by side; a context manager."""
 
@@ -364,7 +416,7 @@ class _Bags:
         # Version 8: the newest whose metadata ROS 2 Humble reads too.
         self._ros2: Writer2 = Writer2(out / "ros2", version=8, storage_plugin=StoragePlugin.MCAP)
         self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._connections: dict[RosTopic, tuple[Any, Any]] = {}
+        self._connections: dict[tuple[RosTopic, Ros], Any] = {}
         self.counts: dict[RosTopic, int] = {}
         self.left_out = 0
         self._chunks = 0
@@ -392,36 +444,32 @@ class _Bags:
         return dict(self.counts)
 
     def write(self, topic: RosTopic, at_utc_ns: int, message: Message) -> None:
-        connections = self._connections.get(topic)
-        if connections is None:
-            connections = self._connections[topic] = self._connect(topic)
         try:
             try:
-                ros1, ros2 = _serialized(topic, message)
+                serialized = _serialized(topic, message)
             except UnicodeEncodeError:
                 # Half a character that an input method left behind.
-                ros1, ros2 = _serialized(topic, _encodable(message))
+                serialized = _serialized(topic, _encodable(message))
         except (struct.error, OverflowError, ValueError):
             self.left_out += 1
             return
         if not 0 <= at_utc_ns < _ROS1_ENDS_NS:
             self.left_out += 1
             return
-        self._ros1.write(connections[0], at_utc_ns, ros1)
-        self._ros2.write(connections[1], at_utc_ns, ros2)
+        for ros, content in serialized.items():
+            if (topic, ros) not in self._connections:
+                self._connections[topic, ros] = self._connect(topic, ros)
+            (self._ros1 if ros == 1 else self._ros2).write(self._connections[topic, ros], at_utc_ns, content)
         self.counts[topic] = self.counts.get(topic, 0) + 1
         if len(self._ros1.chunks) > self._chunks + 1:
             self._forget_written_chunks()
 
-    def _connect(self, topic: RosTopic) -> tuple[Any, Any]:
-        return (
-            self._ros1.add_connection(
-                topic.name, topic.type, typestore=typestore(1), latching=1 if topic.latched else None
-            ),
-            self._ros2.add_connection(
-                topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=[_quality(latched=topic.latched)]
-            ),
-        )
+    def _connect(self, topic: RosTopic, ros: Ros) -> Any:
+        if ros == 1:
+            latching = 1 if topic.latched else None
+            return self._ros1.add_connection(topic.name, topic.type, typestore=typestore(1), latching=latching)
+        quality = [_quality(latched=topic.latched)]
+        return self._ros2.add_connection(topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=quality)
 
     def _forget_written_chunks(self) -> None:
         """The writer keeps the place of every message, but of written chunks needs only how many there were."""
@@ -438,14 +486,16 @@ def _lz4_for_ros(chunk: bytes) -> bytes:
     return frame
 
 
-_BOTH: tuple[Ros, Ros] = (1, 2)
 # Its seconds have 32 bits.
 _ROS1_ENDS_NS = 2**32 * 1_000_000_000
 
 
-def _serialized(topic: RosTopic, message: Message) -> tuple[Any, Any]:
-    ros1, ros2 = (typed(ros, topic.type, message) for ros in _BOTH)
-    return typestore(1).serialize_ros1(ros1, topic.type), typestore(2).serialize_cdr(ros2, topic.type)
+def _serialized(topic: RosTopic, message: Message) -> dict[Ros, Any]:
+    typed_for = {ros: typed(ros, topic.type, message) for ros in topic.ros}
+    return {
+        ros: typestore(1).serialize_ros1(made, topic.type) if ros == 1 else typestore(2).serialize_cdr(made, topic.type)
+        for ros, made in typed_for.items()
+    }
 
 
 def _encodable(value: Any) -> Any:
@@ -519,10 +569,7 @@ def _transform(parent: str, child: str, pose: Pose2D, *, at_ns: int) -> Message:
 
 def _camera_transform(model: CameraModel, frame: str, *, at_ns: int) -> Message:
     """Of the optical frame (REP 103: z forward, x right, y down)."""
-    half_heading, half_tilt = model.heading_rad / 2.0, model.tilt_rad / 2.0
-    heading = np.array([math.cos(half_heading), 0.0, 0.0, math.sin(half_heading)])
-    tilt = np.array([math.cos(half_tilt), 0.0, math.sin(half_tilt), 0.0])
-    w, x, y, z = _product(_product(heading, tilt), np.array([0.5, -0.5, 0.5, -0.5])).tolist()
+    x, y, z, w = model.optical_rotation()
     return {
         "header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=BASE),
         "child_frame_id": frame,
@@ -531,13 +578,6 @@ def _camera_transform(model: CameraModel, frame: str, *, at_ns: int) -> Message:
             "rotation": {"x": x, "y": y, "z": z, "w": w},
         },
     }
-
-
-def _product(one: Any, other: Any) -> Any:
-    """Of two quaternions w, x, y, z."""
-    scalar = one[0] * other[0] - one[1:] @ other[1:]
-    vector = one[0] * other[1:] + other[0] * one[1:] + np.cross(one[1:], other[1:])
-    return np.array([scalar, *vector])
 
 
 def _upright(x_m: float, y_m: float, z_m: float) -> Message:
@@ -556,6 +596,10 @@ def _camera_frame(ros_name: str) -> str:
     return f"{ros_name}_optical_frame"
 
 
+def _only_in(topic: RosTopic) -> str:
+    return "" if len(topic.ros) > 1 else f" (ROS {topic.ros[0]} only)"
+
+
 def _readme(
     session: Session, clock: RobotClock, topics: dict[RosTopic, int], moments: _Moments, image_hz: float | None
 ) -> str:
@@ -572,13 +616,18 @@ def _readme(
         )
     pictures = "every frame" if image_hz is None else f"at most {image_hz:g} pictures per second"
     rows = "\n".join(
-        f"| `{topic.name}` | `{topic.type.replace('/msg/', '/')}` | {count} |"
+        f"| `{topic.name}` | `{topic.type.replace('/msg/', '/')}`{_only_in(topic)} | {count} |"
         for topic, count in sorted(topics.items(), key=lambda item: item[0].name)
     )
     return f"""# Session {session.folder.name} as ROS bags
 
 `ros2/` is a rosbag2 (MCAP, CDR, message definitions inside): `ros2 bag play ros2`. `session.bag` is the same for
-ROS 1: `rosbag play --clock session.bag`. Both hold the same messages.
+ROS 1: `rosbag play --clock session.bag`. Both hold the same messages, except for pictures:
+
+- ROS 2 has every frame as the camera's video holds it, not encoded anew: H.264 in `foxglove_msgs/CompressedVideo`,
+  with what a decoder needs before each key frame. Foxglove and Lichtblick show it; for other nodes the image_transport
+  plugin `foxglove_compressed_video_transport` unfolds `/camera/NAME/image`.
+- ROS 1, which has no such message, has {pictures} of each camera as JPEG.
 
 ## Clocks
 - The time of a message in the bag is when the value reached the console, in UTC by the clock of that computer.
@@ -588,12 +637,13 @@ ROS 1: `rosbag play --clock session.bag`. Both hold the same messages.
 
 ## Frames
 REP 105: `{MAP}` -> `{ODOM}` -> `{BASE}` -> laser; `{MAP}` -> `{BASE}` where the robot sent no odometry. Metres and
-radians. Cameras: optical frames, {pictures} of each (JPEG); the videos themselves are in the session.
+radians. Cameras: optical frames.
 
 ## Topics
-`{VALUE_TOPICS}STREAM` are values and events for which there is no standard message, as JSON in `std_msgs/String`, in
-the schema that the channels of the session's `events.mcap` carry. `{COMMAND}` are the velocities as they were
-sent, in the robot's own type; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are opaque ids.
+`{VALUE_TOPICS}STREAM` are values and events for which there is no standard message, as JSON in `std_msgs/String`: the
+fields of this program that the channel of that name has in the session's `events.mcap`. `{COMMAND}` are the velocities
+as they were sent, in the robot's own type; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are
+opaque ids.
 
 | topic | type | messages |
 | --- | --- | --- |

@@ -23,8 +23,12 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 Ros = Literal[1, 2]
 _MAX_DEFINITION_CHARS = 200_000
-# Not in rosbags' table of ROS 1, where tf is a package of its own.
+# Not in rosbags' tables; in ROS 1, tf is a package of its own.
 _MORE_OF_ROS1 = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
+_MORE_OF_ROS2 = {
+    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\n"
+    "string format",
+}
 # As it was until ROS 1 Melodic.
 _OLDER_OF_ROS1 = {
     "sensor_msgs/msg/BatteryState": "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\n"
@@ -41,13 +45,12 @@ class NotUnderstoodError(ValueError):
 
 @lru_cache(maxsize=2)
 def typestore(ros: Ros) -> "Typestore":
-    """The standard messages of ROS 1 (Noetic) or of ROS 2 (Jazzy)."""
+    """The standard messages of ROS 1 (Noetic) or of ROS 2 (Jazzy), and video as Foxglove has it."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
-    if ros == 1:
-        for name, text in _MORE_OF_ROS1.items():
-            store.register(get_types_from_msg(text, name))
+    for name, text in (_MORE_OF_ROS1 if ros == 1 else _MORE_OF_ROS2).items():
+        store.register(get_types_from_msg(text, name))
     return store
 
 

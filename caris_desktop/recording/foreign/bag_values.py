@@ -50,6 +50,7 @@ _IMAGE_WORDS = frozenset(
         "image_mono",
         "compressed",
         "theora",
+        "foxglove",
         "camera_info",
     ]
 )
@@ -176,6 +177,8 @@ def _role(channel: BagChannel) -> Role | str:
             if "depth" in words:
                 return "it is a depth image"
             return Role("frame", "compressed_image", camera_name(channel.topic))
+        case "foxglove_msgs/CompressedVideo":
+            return Role("frame", "compressed_video", camera_name(channel.topic))
         case "sensor_msgs/Image":
             return "it is a depth image" if "depth" in words else Role("frame", "image", camera_name(channel.topic))
         case "sensor_msgs/CameraInfo":
@@ -240,7 +243,7 @@ def _merge_cameras(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
     """Of a camera that is there raw and compressed, the one with more pictures."""
     cameras: dict[str, list[BagChannel]] = {}
     for channel, role in casting.roles.items():
-        if role.kind in ("image", "compressed_image"):
+        if role.kind in ("image", "compressed_image", "compressed_video"):
             cameras.setdefault(role.camera, []).append(channel)
     for channels in cameras.values():
         best = max(channels, key=lambda item: (counts[item], item.type))
@@ -302,6 +305,7 @@ class ValueMaker:
         self._moving: set[str] = set()
         self._commands = self._goals = self._utterances = 0
         self._lenses: dict[str, CameraModel] = {}
+        self._decoders: dict[str, Any] = {}
         self.lasers_without_place: set[str] = set()
         self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
             "scan": self._scan,
@@ -335,6 +339,8 @@ class ValueMaker:
             case "compressed_image":
                 image = messages.decode_compressed_image(message)
                 yield Picture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
+            case "compressed_video":
+                yield from self._video_frames(role.camera, message)
             case "camera_info":
                 yield from self._lens(role.camera, message, stamp_ns)
             case "value":
@@ -422,6 +428,26 @@ class ValueMaker:
         yield UtteranceChanged(
             at_ns, f"bag-{self._utterances}", speaker, said, "heard", "finished", detail=f"from {channel.topic}"
         )
+
+    def _video_frames(self, camera: str, message: Message) -> Iterator[Picture]:
+        """What a packet of video shows, by all those before it. One decoder for each camera."""
+        import av
+
+        video = messages.decode_compressed_image({**message, "header": {"stamp": message.get("timestamp")}})
+        if video.encoding != "h264":
+            raise MessageError(f"video that is encoded as '{video.encoding}'")
+        if camera not in self._decoders:
+            decoder = self._decoders[camera] = av.CodecContext.create("h264", "r")
+            decoder.options = {"max_pixels": str(MOST_PIXELS)}
+            # A frame is shown by its own packet; none waits for the next.
+            decoder.flags |= av.codec.context.Flags.low_delay
+            decoder.thread_type = "NONE"
+        try:
+            frames = self._decoders[camera].decode(av.Packet(video.content))
+        except av.error.FFmpegError as error:
+            raise MessageError(f"video that cannot be decoded ({error})") from error
+        for frame in frames:
+            yield Picture(camera, video.robot_stamp_ns, frame.to_ndarray(format="bgr24"))
 
     def _own_value(self, stream: str, message: Message, at_ns: int) -> Iterator[Any]:
         try:

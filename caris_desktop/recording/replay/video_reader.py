@@ -118,6 +118,17 @@ class VideoReader:
         image_bgr: NDArray[np.uint8] = small.to_ndarray()
         return image_bgr
 
+    def packets(self, camera: str) -> Iterator[tuple[RecordedFrame, bytes]]:
+        """Every frame of a camera as it lies in its videos, in their order: H.264 in Annex B, and before each key frame
+        what a decoder needs to begin there. Nothing of a video in another encoding, or from where it is damaged.
+        """
+        videos = self._known(camera)
+        for first, video in zip(self._firsts[camera].tolist(), videos, strict=True):
+            for at, packet in zip(range(video.times.count), video.packets(), strict=False):
+                info = self._info(camera, first + at)
+                if info is not None:
+                    yield info, packet
+
     def close(self) -> None:
         for videos in self._videos.values():
             for video in videos:
@@ -221,6 +232,23 @@ class _Video:
             _log.warning("%s cannot be read at frame %d: %s", self.path, number, error)
             self._at, self._frames = None, iter(())
             return None
+
+    def packets(self) -> Iterator[bytes]:
+        """Each frame as it is encoded."""
+        import av
+        from av.bitstream import BitStreamFilterContext
+
+        try:
+            with av.open(str(self.path)) as container:
+                stream = container.streams.video[0]
+                if stream.codec_context.codec.canonical_name != "h264":
+                    return
+                to_annex_b = BitStreamFilterContext("h264_mp4toannexb", stream)
+                for packet in container.demux(stream):
+                    # The last one is empty, and ends the stream.
+                    yield from map(bytes, to_annex_b.filter(packet) if packet.size else ())
+        except (av.error.FFmpegError, OSError, IndexError) as error:
+            _log.warning("%s cannot be read: %s", self.path, error)
 
     def close(self) -> None:
         if self._container is not None:

@@ -3,13 +3,15 @@
 import json
 import subprocess
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
@@ -28,6 +30,7 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,
     CameraLens,
+    FrameRef,
     LaserScan,
     OccupancyGrid,
     Odometry,
@@ -38,6 +41,7 @@ from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.rosbag2 import write_rosbag2
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.foreign.bag_messages import typed, typestore
+from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.ros import messages
 from caris_desktop.ros.dialect import Dialect
@@ -160,7 +164,8 @@ def test_the_frames_of_reference_lead_from_the_map_to_the_laser(made: MadeSessio
                 assert place == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
 
 
-def test_pictures_are_those_of_their_moment(made: MadeSession, bag: dict[str, list[Read]]) -> None:
+def test_pictures_of_ros_1_are_those_of_their_moment(made: MadeSession, out: Path) -> None:
+    bag = messages_in(out / "session.bag")
     for camera in made.plan.cameras:
         pictures = bag[f"/camera/{camera}/image/compressed"]
         stamps_ns = made.plan.frame_stamps_ns(camera).tolist()
@@ -169,6 +174,64 @@ def test_pictures_are_those_of_their_moment(made: MadeSession, bag: dict[str, li
             image_bgr = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
             assert message.format == "jpeg"
             assert number_in(image_bgr) == bisect_right(stamps_ns, at_ns - utc_ns(made, 0)) - 1
+
+
+def decoded(packets: Iterable[bytes]) -> list[Any]:
+    """What these packets show, by a decoder that has nothing else."""
+    decoder = av.CodecContext.create("h264", "r")
+    frames = [frame for packet in packets for frame in decoder.decode(av.Packet(packet))]
+    return [*frames, *decoder.decode(None)]
+
+
+def test_ros_2_has_the_video_as_it_was_encoded(made: MadeSession, out: Path) -> None:
+    bag, offset_ns, way_ns = messages_in(out / "ros2"), utc_ns(made, 0), round(made.plan.under_way_ms * 1e6)
+    assert not [topic for topic in bag if topic.endswith("/compressed")]
+    for camera in made.plan.cameras:
+        found = bag[f"/camera/{camera}/image/foxglove"]
+        packets = [bytes(message.data) for _, message in found]
+        assert {(message.format, message.frame_id) for _, message in found} == {("h264", f"{camera}_optical_frame")}
+        with av.open(str(made.folder / f"video-{camera}.mp4")) as video:
+            frames = list(video.decode(video=0))
+        # The very same pictures, bit by bit: nothing was encoded anew.
+        for shown, frame in zip(decoded(packets), frames, strict=True):
+            np.testing.assert_array_equal(shown.to_ndarray(format="yuv420p"), frame.to_ndarray(format="yuv420p"))
+        keys = [number for number, frame in enumerate(frames) if frame.key_frame]
+        assert len(keys) > 5
+        for key, following in pairwise([*keys, len(frames)]):
+            # Each begins with what a decoder needs (the types of its units: parameters 7 and 8, then a key frame 5).
+            units = [unit[0] & 31 for unit in packets[key].replace(b"\0\0\0\1", b"\0\0\1").split(b"\0\0\1")[1:]]
+            assert units.index(7) < units.index(8) < units.index(5)
+            assert len(decoded(packets[key:following])) == following - key
+        stamps_ns = made.plan.frame_stamps_ns(camera).tolist()
+        assert len(stamps_ns) == len(frames)
+        for number, (at_ns, message) in enumerate(found):
+            assert number == bisect_right(stamps_ns, at_ns - offset_ns) - 1
+            told_ns = int(message.timestamp.sec) * SECOND_NS + int(message.timestamp.nanosec)
+            assert abs(told_ns - offset_ns - (stamps_ns[number] - way_ns)) < 3.5e6
+
+
+def test_its_video_comes_back_with_the_bag(made: MadeSession, out: Path, tmp_path: Path) -> None:
+    import_bag(out / "ros2", tmp_path / "again")
+    with VideoReader(open_session(tmp_path / "again")) as videos:
+        for camera in made.plan.cameras:
+            count = len(made.plan.frame_stamps_ns(camera))
+            pictures = [videos.frame(camera, number) for number in range(count)]
+            assert [number_in(picture.image_bgr) for picture in pictures if picture is not None] == list(range(count))
+
+
+def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) -> None:
+    """A decoder needs every packet, and a record may have lost its end."""
+    made = make_session(tmp_path / "s", seconds=2.0, cameras=("front",), audio=(), keep=True)
+    frames = of(made, FrameRef)
+    lost = {ref.sequence for _, ref in (frames[3], *frames[-5:])}
+    left = [pair for pair in made.values if not (isinstance(pair[1], FrameRef) and pair[1].sequence in lost)]
+    rerecorded(made, left)
+    export_session(made.folder, "rosbag2", tmp_path / "out")
+    found = messages_in(tmp_path / "out" / "ros2")["/camera/front/image/foxglove"]
+    numbers = [number_in(frame.to_ndarray(format="bgr24")) for frame in decoded(bytes(one.data) for _, one in found)]
+    assert numbers == list(range(len(frames)))
+    stamps_ns = [int(one.timestamp.sec) * SECOND_NS + int(one.timestamp.nanosec) for _, one in found]
+    assert stamps_ns == sorted(stamps_ns)
 
 
 def test_whatever_has_no_standard_message_is_there_as_json(made: MadeSession, bag: dict[str, list[Read]]) -> None:
@@ -205,7 +268,7 @@ def test_every_frame_where_that_is_asked_for(made: MadeSession, tmp_path: Path) 
     fractions: list[float] = []
     context = ExportContext(progress=fractions.append)
     write_rosbag2(open_session(made.folder), tmp_path, context, image_hz=None)
-    with AnyReader([tmp_path / "ros2"]) as reader:
+    with AnyReader([tmp_path / "session.bag"]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     for camera in made.plan.cameras:
         assert counts[f"/camera/{camera}/image/compressed"] == len(made.plan.frame_stamps_ns(camera))

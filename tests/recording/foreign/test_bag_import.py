@@ -356,7 +356,7 @@ def test_an_imported_bag_can_be_exported_again(tmp_path: Path) -> None:
     assert [(pose.pose.position.x, pose.pose.position.y) for pose in path.poses] == [(1.0, 0.0), (2.0, 1.0)]
     assert [(goal.pose.position.x, goal.pose.position.y) for goal in read["/goal_pose"]] == [(3.0, 4.0)]
     assert [said.data for said in read["/speech/participant"]] == ["Hi robot"]
-    assert {"/camera/rgb/image/compressed", "/camera/head/image/compressed", "/cmd_vel", "/map"} <= set(read)
+    assert {"/camera/rgb/image/foxglove", "/camera/head/image/foxglove", "/cmd_vel", "/map"} <= set(read)
 
 
 def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
