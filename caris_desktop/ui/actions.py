@@ -129,6 +129,10 @@ ACTIONS: tuple[ActionSpec, ...] = (
         "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving",
         intent=intents.LookAt(0.0, 0.0), group="Head (hold)", by_position=True, needs="head",
     ),
+    ActionSpec(
+        "nod", "Nod", "arrows-down-up", ("Alt+N",), ("N",), "driving",
+        intent=intents.Nod(), group="Head (hold)", by_position=True, needs="head",
+    ),
     *(
         ActionSpec(
             f"place_{number}", f"Go to place {number}", "flag", (f"Alt+{number}",), (str(number),), "driving",
