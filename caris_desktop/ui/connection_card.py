@@ -134,9 +134,7 @@ class ConnectionCard(Overlay):
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._facts.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._facts.palette()
-        palette.setColor(self._facts.foregroundRole(), self._theme.color("dim"))
-        self._facts.setPalette(palette)
+        self._theme.color_text(self._facts, "dim")
         if self._plot is None:
             return
         import pyqtgraph

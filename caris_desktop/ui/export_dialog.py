@@ -285,7 +285,7 @@ class ExportDialog(QWidget):
             text = "Choose at least one format."
         self._what.setText(text)
         self._what.setVisible(bool(text))
-        self._color(self._what, role)
+        self._theme.color_text(self._what, role)
 
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
@@ -304,16 +304,11 @@ class ExportDialog(QWidget):
 
     def _style(self) -> None:
         for label in self._dim:
-            self._color(label, "dim")
+            self._theme.color_text(label, "dim")
         self._which.setFont(self._theme.font(tokens.STATUS_PX))
         self._what.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self._show_state()
         self.update()
-
-    def _color(self, label: QLabel, role: str) -> None:
-        palette = label.palette()
-        palette.setColor(label.foregroundRole(), self._theme.color(role))
-        label.setPalette(palette)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -247,9 +247,7 @@ class GamepadDialog(QDialog):
         else:
             text = "It does not drive while this window is in front. What you change is kept for this gamepad."
         self._hint.setText(text)
-        palette = self._hint.palette()
-        palette.setColor(self._hint.foregroundRole(), self._theme.color(role))
-        self._hint.setPalette(palette)
+        self._theme.color_text(self._hint, role)
 
     def _on_slider_moved(self, _value: int) -> None:
         self._gamepads.set_mapping(
@@ -294,9 +292,7 @@ class BindingRow(QWidget):
 
     def _style(self) -> None:
         self._bound.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._bound.palette()
-        palette.setColor(self._bound.foregroundRole(), self._theme.color("dim"))
-        self._bound.setPalette(palette)
+        self._theme.color_text(self._bound, "dim")
 
 
 class GamepadView(QWidget):

@@ -3,8 +3,8 @@
 import time
 
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.wizard_console import WizardConsole
@@ -13,6 +13,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 ERROR_KINDS = (
@@ -95,7 +96,7 @@ class MarkCard(QWidget):
         correct.setSpacing(6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
             correct.addWidget(button)
-        self.field = NoteField()
+        self.field = EnterField()
         self.field.setObjectName("note_field")
         self.field.setAccessibleName("Note")
         self.field.setPlaceholderText("What happens now?")
@@ -377,9 +378,7 @@ class MarkCard(QWidget):
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
         self._line.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._line.palette()
-        palette.setColor(self._line.foregroundRole(), self._theme.color("dim"))
-        self._line.setPalette(palette)
+        self._theme.color_text(self._line, "dim")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -393,20 +392,6 @@ class MarkCard(QWidget):
         name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
         name = "warning" if kind == "wizard_error" else name
         draw_icon(painter, QRectF(14, 13, 20, 20), name, self._theme.color("blue"))
-
-
-class NoteField(QLineEdit):
-    """Return belongs to the field, wherever it is a key of the window."""
-
-    def event(self, event: QEvent) -> bool:
-        if (
-            event.type() == QEvent.Type.ShortcutOverride
-            and isinstance(event, QKeyEvent)
-            and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-        ):
-            event.accept()
-            return True
-        return super().event(event)
 
 
 def _moment_ns(mark: Marked) -> int:

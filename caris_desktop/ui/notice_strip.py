@@ -60,9 +60,7 @@ class NoticeStrip(QWidget):
 
     def _style(self) -> None:
         self._now.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._now.palette()
-        palette.setColor(self._now.foregroundRole(), self._theme.color("dim"))
-        self._now.setPalette(palette)
+        self._theme.color_text(self._now, "dim")
         self._now.setAlignment(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
         self._now.setContentsMargins(14, 0, 8, 0)
         self._say()

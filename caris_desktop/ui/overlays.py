@@ -416,9 +416,7 @@ class ShortcutSheet(Overlay):
     def _dim(self, text: str) -> QLabel:
         label = QLabel(text)
         label.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = label.palette()
-        palette.setColor(label.foregroundRole(), self._theme.color("dim"))
-        label.setPalette(palette)
+        self._theme.color_text(label, "dim")
         return label
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

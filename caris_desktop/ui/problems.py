@@ -180,9 +180,7 @@ class ProblemCard(QWidget):
         self.setAccessibleName(f"{word}: {self.problem.what}. {self.problem.meaning} {self.problem.advice}")
         self._what.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
         for label, role in ((self._what, "text"), (self._meaning, "dim"), (self._advice, "text")):
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), self._theme.color(role))
-            label.setPalette(palette)
+            self._theme.color_text(label, role)
         for label in (self._meaning, self._advice):
             label.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self.update()

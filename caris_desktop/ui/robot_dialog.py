@@ -27,7 +27,7 @@ from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address, load_profile
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
 from caris_desktop.ui import tokens
-from caris_desktop.ui.robot_rows import MappingRow, NoteLine, colored
+from caris_desktop.ui.robot_rows import MappingRow, NoteLine
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -491,7 +491,7 @@ class RobotDialog(QDialog):
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label):
             label.setFont(self._theme.font(tokens.STATUS_PX))
-            colored(label, self._theme.color("dim"))
+            self._theme.color_text(label, "dim")
 
     def done(self, result: int) -> None:
         self._explorer.cancel()

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.robot.proposal import FieldProposal
@@ -68,7 +68,7 @@ class NoteLine(QWidget):
         self._style()
 
     def _style(self) -> None:
-        colored(self._label, self._theme.color("text"))
+        self._theme.color_text(self._label, "text")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -166,7 +166,7 @@ class MappingRow(QWidget):
         self._words = text
         self._elide()
         self._verdict.setToolTip(text)
-        colored(self._verdict, self._theme.color("text" if self._check is not None else "dim"))
+        self._theme.color_text(self._verdict, "text" if self._check is not None else "dim")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -181,9 +181,3 @@ class MappingRow(QWidget):
 
 def _icon_rect(top: float) -> QRectF:
     return QRectF(2, top, 18, 18)
-
-
-def colored(label: QLabel, color: QColor) -> None:
-    palette = label.palette()
-    palette.setColor(label.foregroundRole(), color)
-    label.setPalette(palette)

@@ -246,7 +246,7 @@ class SessionsWindow(QWidget):
         if status.updating:
             text = "Updating the list…" if not status.total else f"{text} · updating…"
         self._status.setText(text)
-        self._color(self._status, role)
+        self._theme.color_text(self._status, role)
         self._all.setVisible(filtered)
         empty = ""
         if not status.sessions:
@@ -333,17 +333,12 @@ class SessionsWindow(QWidget):
         self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))
         for label in (self._status, self._found, self._lacks):
             label.setFont(self._theme.font(tokens.STATUS_PX))
-            self._color(label, "dim")
-        self._color(self._lacks, "amber")
-        self._color(self._empty, "dim")
+            self._theme.color_text(label, "dim")
+        self._theme.color_text(self._lacks, "amber")
+        self._theme.color_text(self._empty, "dim")
         self._say(self._library.found.value)
         self.table.viewport().update()
         self.update()
-
-    def _color(self, label: QLabel, role: str) -> None:
-        palette = label.palette()
-        palette.setColor(label.foregroundRole(), self._theme.color(role))
-        label.setPalette(palette)
 
     def _place_empty(self) -> None:
         self._empty.setGeometry(self.table.viewport().geometry())

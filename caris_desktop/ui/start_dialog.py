@@ -133,7 +133,7 @@ class StartDialog(QDialog):
         self._room.setObjectName("start_room")
         self._room.setVisible(bool(self._room.text()))
         if self._short_of_room():
-            self._color(self._room, "amber")
+            self._theme.color_text(self._room, "amber")
             self._room.setText(f"{self._room.text()}. Free some disk space before a long session.")
         begin = ActionButton(theme, "Start recording", icon="record", key="Enter", look="primary", height_px=38)
         begin.setObjectName("start_dialog_begin")
@@ -176,13 +176,8 @@ class StartDialog(QDialog):
         label.setWordWrap(True)
         label.setTextFormat(Qt.TextFormat.PlainText)
         label.setFont(self._theme.font(tokens.STATUS_PX))
-        self._color(label, "dim")
+        self._theme.color_text(label, "dim")
         return label
-
-    def _color(self, label: QLabel, role: str) -> None:
-        palette = label.palette()
-        palette.setColor(label.foregroundRole(), self._theme.color(role))
-        label.setPalette(palette)
 
     def _make_microphones(self) -> DropDown | None:
         """The choice of a microphone, where the scenario records sound at all."""

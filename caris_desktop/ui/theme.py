@@ -4,7 +4,7 @@ from typing import Literal
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalette
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
@@ -53,6 +53,12 @@ class Theme(QObject):
 
     def color(self, role: str) -> QColor:
         return QColor(getattr(self.colors, role))
+
+    def color_text(self, widget: QWidget, role: str) -> None:
+        """What is written on ``widget`` gets this colour; to be called again on ``changed``."""
+        palette = widget.palette()
+        palette.setColor(widget.foregroundRole(), self.color(role))
+        widget.setPalette(palette)
 
     def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
         """A font of the size and weight; the same one each time, as looking up the face costs more than drawing."""

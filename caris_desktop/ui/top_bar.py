@@ -259,9 +259,7 @@ class TopBar(QWidget):
             menu.setActiveAction(menu.actions()[0])
 
     def _style(self) -> None:
-        palette = self._trial.palette()
-        palette.setColor(self._trial.foregroundRole(), self._theme.color("dim"))
-        self._trial.setPalette(palette)
+        self._theme.color_text(self._trial, "dim")
         self.update()
 
     # On press, not on click: a stop must not wait for the button to come up.

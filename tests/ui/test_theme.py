@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication, QPalette
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
+from pytestqt.qtbot import QtBot
 
 import caris_desktop.ui
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.theme import Theme, as_choice, colors_for
+from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, TEXT_PAIRS, Colors, contrast
 from tests.ui.conftest import MemorySettings
 
@@ -49,6 +50,24 @@ def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettin
         assert settings.values["theme"] == choice
         assert qapp.palette().color(QPalette.ColorRole.Window).name() == colors.window
         assert window.grab().toImage().pixelColor(2, window.height() // 2).name() == colors.window
+
+
+def colours_across(label: QLabel) -> set[str]:
+    image = label.grab().toImage()
+    return {image.pixelColor(x, image.height() // 2).name() for x in range(image.width())}
+
+
+@pytest.mark.parametrize("choice", ["light", "dark"])
+def test_a_text_is_drawn_in_the_colour_of_its_role(qtbot: QtBot, theme: Theme, choice: ThemeChoice) -> None:
+    theme.set_choice(choice)
+    label = QLabel("█" * 20)
+    qtbot.addWidget(label)
+    theme.color_text(label, "amber")
+    assert theme.colors.amber in colours_across(label)
+    theme.color_text(label, "dim")
+    assert theme.colors.dim in colours_across(label)
+    assert theme.colors.amber not in colours_across(label)
+    theme.set_choice("dark")
 
 
 def test_an_unknown_choice_follows_the_system() -> None:

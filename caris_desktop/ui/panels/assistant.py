@@ -232,9 +232,7 @@ class AssistantPanel(Panel):
         self._note.setText(text)
         self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), self.theme.color(color))
-            label.setPalette(palette)
+            self.theme.color_text(label, color)
 
 
 class _AnswerField(QPlainTextEdit):

@@ -396,6 +396,4 @@ class DiagnosticsPanel(Panel):
             f" border-bottom: 1px solid {colors.line}; font-size: {tokens.STATUS_PX}px; }}"
         )
         for label in (self._summary, self._empty):
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), theme.color("dim"))
-            label.setPalette(palette)
+            theme.color_text(label, "dim")

@@ -257,9 +257,7 @@ class DrivePanel(Panel):
         self._speed.show_fraction(drive.speed_fraction)
         text, role = self._reason_words(drive, going_to)
         self._reason.setText(text)
-        palette = self._reason.palette()
-        palette.setColor(self._reason.foregroundRole(), self.theme.color(role))
-        self._reason.setPalette(palette)
+        self.theme.color_text(self._reason, role)
         free = drive.allowed and not drive.emergency_stop
         for view in (self._pad, self._stick, self._head):
             view.setEnabled(free)

@@ -186,9 +186,7 @@ class MotionPanel(Panel):
             plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)
             plot.getAxis("left").setScale(1.0)
         self._odometry_line.setFont(theme.font(tokens.STATUS_PX))
-        palette = self._odometry_line.palette()
-        palette.setColor(self._odometry_line.foregroundRole(), dim)
-        self._odometry_line.setPalette(palette)
+        theme.color_text(self._odometry_line, "dim")
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, CommandSent):

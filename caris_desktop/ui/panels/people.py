@@ -19,7 +19,6 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QCursor, QFontMetrics, QHideEvent, QKeyEvent, QMouseEvent, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import (
     QLabel,
-    QLineEdit,
     QStackedLayout,
     QStyle,
     QStyledItemDelegate,
@@ -37,6 +36,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
+from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.row_list import RowList
 
 _ROW_PX = 52
@@ -143,9 +143,7 @@ class PeoplePanel(Panel):
             case _:
                 text = "Finding people is off."
         self._empty.setText(text)
-        palette = self._empty.palette()
-        palette.setColor(self._empty.foregroundRole(), self.theme.color("dim"))
-        self._empty.setPalette(palette)
+        self.theme.color_text(self._empty, "dim")
 
 
 def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
@@ -260,7 +258,7 @@ class PeopleList(RowList):
         self.setModel(model)
         self.setItemDelegate(PersonDelegate(theme, model, self, can_name=can_name))
         self.setMouseTracking(True)
-        self._field = _NameField(self.viewport())
+        self._field = EnterField(self.viewport())
         self._field.setObjectName("person_name_field")
         self._field.setMaxLength(60)
         self._field.hide()
@@ -456,11 +454,3 @@ class PersonDelegate(QStyledItemDelegate):
         painter.setPen(theme.color("text"))
         words_rect = QRect(left + 25, rect.top(), rect.right() - left - 25, rect.height())
         painter.drawText(words_rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), text)
-
-
-class _NameField(QLineEdit):
-    """Enter in it says nothing to the rest of the window."""
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        super().keyPressEvent(event)
-        event.accept()

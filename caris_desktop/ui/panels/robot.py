@@ -13,7 +13,7 @@ from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.control_faces import colored, face_for, row_direction
+from caris_desktop.ui.widgets.control_faces import face_for, row_direction
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 ASKING_ENDS_AFTER_MS = 10_000
@@ -189,7 +189,7 @@ class RobotPanel(Panel):
     def _style(self) -> None:
         for label, role in ((self._empty, "dim"), (self._reason, "amber")):
             label.setFont(self.theme.font(tokens.BODY_PX if label is self._empty else tokens.STATUS_PX))
-            colored(label, self.theme, role)
+            self.theme.color_text(label, role)
 
 
 class ControlEntry(QWidget):
@@ -327,7 +327,7 @@ class ControlEntry(QWidget):
         self._note.setFont(self._theme.font(tokens.STATUS_PX))
         self._note.setText(f"{control.title} {shown}" if compact and shown else shown)
         self._note.setVisible(bool(shown) and not asking)
-        colored(self._note, self._theme, "amber" if state == "failed" else "dim")
+        self._theme.color_text(self._note, "amber" if state == "failed" else "dim")
         tip = self._reason or words
         self._face.setToolTip(f"{control.title}: {tip}" if tip else self._face.tip)
         self._note.setToolTip(words)
@@ -415,4 +415,4 @@ class _Heading(QLabel):
 
     def _style(self) -> None:
         self.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        colored(self, self._theme, "dim")
+        self._theme.color_text(self, "dim")

@@ -277,9 +277,7 @@ class SessionPanel(Panel):
                 self.set_fact("not recording")
         self._what.setText(text)
         self._what.setFont(self.theme.font(tokens.STATUS_PX))
-        palette = self._what.palette()
-        palette.setColor(self._what.foregroundRole(), self.theme.color(role))
-        self._what.setPalette(palette)
+        self.theme.color_text(self._what, role)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

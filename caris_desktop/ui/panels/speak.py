@@ -118,9 +118,7 @@ class SpeakPanel(Panel):
     def _style(self) -> None:
         for label in (self._queue, *self._hint_labels):
             label.setFont(self.theme.font(tokens.STATUS_PX + 1))
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), self.theme.color("dim"))
-            label.setPalette(palette)
+            self.theme.color_text(label, "dim")
 
     def _on_said(self, text: str) -> None:
         self.console.do(intents.Say(text, "typed"))

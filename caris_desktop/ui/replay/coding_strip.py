@@ -99,6 +99,4 @@ class CodingStrip(QWidget):
 
     def _style(self) -> None:
         self._words.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._words.palette()
-        palette.setColor(self._words.foregroundRole(), self._theme.color("dim"))
-        self._words.setPalette(palette)
+        self._theme.color_text(self._words, "dim")

@@ -72,9 +72,7 @@ class ImportDialog(QDialog):
         self._refusal.setWordWrap(True)
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             label.setFont(theme.font(tokens.STATUS_PX))
-            palette = label.palette()
-            palette.setColor(label.foregroundRole(), theme.color(role))
-            label.setPalette(palette)
+            theme.color_text(label, role)
         take = ActionButton(theme, "Import", icon="check", key="Enter", look="primary", height_px=40)
         take.setObjectName("import_take")
         take.clicked.connect(self._on_import)

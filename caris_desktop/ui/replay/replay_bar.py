@@ -217,9 +217,7 @@ class ReplayBar(QWidget):
 
     def _style(self) -> None:
         self._hint.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._hint.palette()
-        palette.setColor(self._hint.foregroundRole(), self._theme.color("dim"))
-        self._hint.setPalette(palette)
+        self._theme.color_text(self._hint, "dim")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

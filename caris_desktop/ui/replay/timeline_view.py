@@ -300,9 +300,7 @@ class TimelineView(QWidget):
         self._title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
         self._fact.setFont(theme.font(tokens.STATUS_PX))
         self.rows.filter.setFont(theme.font(tokens.STATUS_PX))
-        palette = self._fact.palette()
-        palette.setColor(self._fact.foregroundRole(), theme.color("dim"))
-        self._fact.setPalette(palette)
+        theme.color_text(self._fact, "dim")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

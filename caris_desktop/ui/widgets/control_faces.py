@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen, QWheelEvent
-from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QSizePolicy, QSlider, QWidget
+from PySide6.QtGui import QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
 
 from caris_desktop.domain.controls import Choice, ControlValue, RobotControl
 from caris_desktop.ui import tokens
@@ -13,6 +13,7 @@ from caris_desktop.ui.control_words import value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 SEND_EVERY_MS = 100
@@ -93,7 +94,7 @@ class _ButtonFace(ControlFace):
 
     def _style(self) -> None:
         self._value.setFont(self.theme.font(tokens.STATUS_PX))
-        colored(self._value, self.theme, "dim")
+        self.theme.color_text(self._value, "dim")
 
     def show_reading(self, value: ControlValue | None) -> None:
         if self.control.reading is not None:
@@ -265,7 +266,7 @@ class _SliderFace(_TitledFace):
 
     def _style(self) -> None:
         self._value.setFont(self.theme.font(tokens.STATUS_PX))
-        colored(self._value, self.theme, "dim")
+        self.theme.color_text(self._value, "dim")
 
     def _chosen(self) -> float:
         control = self.control
@@ -398,7 +399,7 @@ class _TextFace(_TitledFace):
         self._use = use
         self._now = QLabel()
         self._now.setTextFormat(Qt.TextFormat.PlainText)
-        self._field = _SendField()
+        self._field = EnterField()
         self._field.setObjectName(f"control_{control.id}_field")
         self._field.setAccessibleName(control.title)
         self._field.setMaxLength(500)
@@ -416,7 +417,7 @@ class _TextFace(_TitledFace):
 
     def _style(self) -> None:
         self._now.setFont(self.theme.font(tokens.STATUS_PX))
-        colored(self._now, self.theme, "dim")
+        self.theme.color_text(self._now, "dim")
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
@@ -425,14 +426,6 @@ class _TextFace(_TitledFace):
     def _on_send(self) -> None:
         self._use(self._field.text())
         self._field.selectAll()
-
-
-class _SendField(QLineEdit):
-    """Enter in it says nothing to the rest of the window."""
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        super().keyPressEvent(event)
-        event.accept()
 
 
 class _ReadoutFace(ControlFace):
@@ -456,8 +449,8 @@ class _ReadoutFace(ControlFace):
     def _style(self) -> None:
         self._title.setFont(self.theme.font(tokens.STATUS_PX))
         self._value.setFont(self.theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        colored(self._title, self.theme, "dim")
-        colored(self._value, self.theme, "text" if self.value_text else "dim")
+        self.theme.color_text(self._title, "dim")
+        self.theme.color_text(self._value, "text" if self.value_text else "dim")
         self.update()
 
     def show_reading(self, value: ControlValue | None) -> None:
@@ -490,9 +483,3 @@ def face_for(theme: Theme, control: RobotControl, use: Callable[[ControlValue], 
             return _TextFace(theme, control, use)
         case "readout":
             return _ReadoutFace(theme, control)
-
-
-def colored(label: QLabel, theme: Theme, role: str) -> None:
-    palette = label.palette()
-    palette.setColor(label.foregroundRole(), theme.color(role))
-    label.setPalette(palette)

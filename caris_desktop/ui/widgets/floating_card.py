@@ -5,13 +5,14 @@ A popup window would end driving and take the keys; these are children of what t
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QHideEvent, QKeyEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QHideEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.enter_field import EnterField
 
 
 class FloatingCard(QWidget):
@@ -75,9 +76,7 @@ class ChoiceCard(FloatingCard):
 
     def _style(self) -> None:
         self._line.setFont(self._theme.font(tokens.STATUS_PX))
-        palette = self._line.palette()
-        palette.setColor(self._line.foregroundRole(), self._theme.color("dim"))
-        self._line.setPalette(palette)
+        self._theme.color_text(self._line, "dim")
 
     def offer(
         self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
@@ -114,20 +113,6 @@ class ChoiceCard(FloatingCard):
         return run
 
 
-class _NameField(QLineEdit):
-    """Return belongs to the field, also inside a panel where it is a key of the window."""
-
-    def event(self, event: QEvent) -> bool:
-        if (
-            event.type() == QEvent.Type.ShortcutOverride
-            and isinstance(event, QKeyEvent)
-            and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-        ):
-            event.accept()
-            return True
-        return super().event(event)
-
-
 class NameCard(FloatingCard):
     """Asks for a name, in place."""
 
@@ -136,7 +121,7 @@ class NameCard(FloatingCard):
     def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
         super().__init__(theme, parent)
         self.setObjectName(name)
-        self.field = _NameField()
+        self.field = EnterField()
         self.field.setObjectName(f"{name}_field")
         self.field.setMinimumWidth(150)
         self.field.setMaxLength(60)
