@@ -24,6 +24,7 @@ from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.icons import icon
+from caris_desktop.ui.late_imports import LateImports
 from caris_desktop.ui.layout_keeper import LayoutKeeper, Settings, WindowPlace
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notice_strip import NoticeStrip
@@ -130,6 +131,7 @@ class MainWindow(QWidget):
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         ActionConditions(self.actions_table, console.state)
         self.show_scenario(console.scenario)
+        self._late = LateImports(lambda: self.hold.motion.moving, self)
         self._place = WindowPlace(self, settings)
         self._place.restore()
 
@@ -325,6 +327,8 @@ class MainWindow(QWidget):
     def show_in_place(self) -> None:
         """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""
         self._place.show()
+        if self._replay is None:
+            self._late.begin()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self.closing.asks_first(event):
@@ -332,6 +336,7 @@ class MainWindow(QWidget):
             return
         self._place.keep()
         self.layout_keeper.rest.stop()
+        self._late.end()
         self.sessions.close()
         self.hold.close()
         self.closed.emit()

@@ -1,0 +1,57 @@
+"""What the first window did without is imported piece by piece while nobody drives: opened later, it stalls nothing."""
+
+import importlib
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.ui.panel_table import PANELS
+
+BEGIN_AFTER_MS = 3000
+EVERY_MS = 250
+
+MODULES: tuple[str, ...] = (
+    "caris_desktop.ui.start_dialog",
+    "caris_desktop.ui.gamepad_dialog",
+    *(f"caris_desktop.ui.panels.{spec.module}" for spec in PANELS.values()),
+    # What the dialogs below stand on, in pieces that are each soon imported.
+    "caris_desktop.recording.session.recovery",
+    "caris_desktop.recording.annotation.store",
+    "caris_desktop.recording.names",
+    "caris_desktop.recording.export",
+    "caris_desktop.robot.proposal",
+    "caris_desktop.ui.search_hits",
+    "caris_desktop.ui.sessions_window",
+    "caris_desktop.ui.export_dialog",
+    "caris_desktop.ui.robot_dialog",
+)
+
+
+class LateImports(QObject):
+    """``busy`` says whether a stall would be felt now: a window's thread that hangs ends direct driving."""
+
+    def __init__(self, busy: Callable[[], bool], parent: QObject, modules: Sequence[str] = MODULES) -> None:
+        super().__init__(parent)
+        self._busy = busy
+        self._left = deque(modules)
+        self._next = QTimer(self, interval=EVERY_MS)
+        self._next.timeout.connect(self.import_next)
+        self._begin = QTimer(self, singleShot=True, interval=BEGIN_AFTER_MS)
+        self._begin.timeout.connect(self._next.start)
+
+    def begin(self) -> None:
+        """The window stands; once it has settled the rest is imported."""
+        self._begin.start()
+
+    def end(self) -> None:
+        self._begin.stop()
+        self._next.stop()
+
+    def import_next(self) -> None:
+        if self._busy():
+            return
+        if self._left:
+            importlib.import_module(self._left.popleft())
+        if not self._left:
+            self.end()
