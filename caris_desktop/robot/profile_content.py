@@ -18,7 +18,8 @@ from caris_desktop.domain.controls import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.yaml_source import KeyPath
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_file import PROFILE_VERSION, ProfileText
+from caris_desktop.robot.profile_model import (
     DEFAULT_ADDRESS,
     CameraTopic,
     EmergencyStopInterface,
@@ -38,7 +39,6 @@ from caris_desktop.robot.profile import (
     VelocityTopic,
     check_address,
 )
-from caris_desktop.robot.profile_file import PROFILE_VERSION, ProfileText
 
 _SOURCES = ("scan", "odometry", "pose", "tf", "tf_static", "map", "map_updates", "path", "battery")
 _ALWAYS_LATCHED = ("map", "tf_static")

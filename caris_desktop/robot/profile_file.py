@@ -11,7 +11,7 @@ import yaml
 from caris_desktop.domain.migrations import Migration, migrated
 from caris_desktop.domain.shipped import schema_validator
 from caris_desktop.domain.yaml_source import KeyPath, PlainScalars, YamlSourceError, know_scalars, parse_yaml
-from caris_desktop.robot.profile import ProfileError
+from caris_desktop.robot.profile_model import ProfileError
 
 PROFILE_VERSION = 1
 MIGRATIONS: Mapping[int, Migration] = {}
