@@ -223,7 +223,8 @@ def pose_of(pose: Pose2D | None) -> Pose:
     half_rad = _finite(half_rad)
     return {
         "position": {"x": _finite(x_m), "y": _finite(y_m), "z": 0.0},
-        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half_rad), "w": math.cos(half_rad)},
+        # What is beside it is exact; here more digits would only take room.
+        "orientation": {"x": 0.0, "y": 0.0, "z": round(math.sin(half_rad), 9), "w": round(math.cos(half_rad), 9)},
     }
 
 
@@ -396,8 +397,8 @@ def _fill_people(people: sensing.People, at: Time) -> ImageAnnotations:
 
 
 def _box_around(box: sensing.PersonBox, at: Time) -> PointsAnnotation:
-    left, top = _finite(box.left_px), _finite(box.top_px)
-    right, bottom = left + _finite(box.width_px), top + _finite(box.height_px)
+    left, top = _pixel(box.left_px), _pixel(box.top_px)
+    right, bottom = _pixel(box.left_px + box.width_px), _pixel(box.top_px + box.height_px)
     return {
         "timestamp": at,
         "type": _LINE_LOOP,
@@ -413,13 +414,17 @@ def _box_around(box: sensing.PersonBox, at: Time) -> PointsAnnotation:
 def _label_of(box: sensing.PersonBox, at: Time) -> TextAnnotation:
     return {
         "timestamp": at,
-        "position": {"x": _finite(box.left_px), "y": _finite(box.top_px)},
+        "position": {"x": _pixel(box.left_px), "y": _pixel(box.top_px)},
         "text": box.person_id or f"track {box.track}",
         "font_size": _LABEL_PX,
         "text_color": _LETTERS,
         "background_color": _BEHIND,
         "metadata": [],
     }
+
+
+def _pixel(place_px: float) -> float:
+    return round(_finite(place_px), 1)
 
 
 # Words
