@@ -625,8 +625,8 @@ def _readme(
 ROS 1: `rosbag play --clock session.bag`. Both hold the same messages, except for pictures:
 
 - ROS 2 has every frame as the camera's video holds it, not encoded anew: H.264 in `foxglove_msgs/CompressedVideo`,
-  with what a decoder needs before each key frame. Foxglove and Lichtblick show it; for other nodes the image_transport
-  plugin `foxglove_compressed_video_transport` unfolds `/camera/NAME/image`.
+  with what a decoder needs before each key frame. Foxglove shows it; for other nodes the image_transport plugin
+  `foxglove_compressed_video_transport` unfolds `/camera/NAME/image`.
 - ROS 1, which has no such message, has {pictures} of each camera as JPEG.
 
 ## Clocks
