@@ -15,22 +15,6 @@ METHODS, LINES = 45, 600
 LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
 """What has to be taken in at one look, whatever reason there may be."""
 
-# What is not yet as it should be, with what stands in the way. Whoever mends one takes it off; nothing comes on.
-LONG_YET = {
-    "conversation/language_models.py": "two dialects of one API, told apart in place",
-    "recording/exporters/html.py": "the report and its drawings, of one template",
-    "recording/exporters/methods_sheet.py": "one question after another",
-    "recording/exporters/rocrate.py": "the graph of an archive by hand",
-    "recording/exporters/rosbag2.py": "two kinds of bags from one pass",
-    "recording/exporters/tables.py": "every table with its columns",
-    "recording/foreign/bag_files.py": "three containers with their bounds",
-    "recording/recorder/session_recorder.py": "where each value goes, and when to give up",
-    "recording/studies/measures.py": "every figure is defined once, here",
-    "robot/explore.py": "looking and listening share their connections",
-    "robot/proposal.py": "what each thing of a robot is known by",
-    "robot/transport.py": "all of roslibpy's API that is replaced",
-}
-
 
 @cache
 def files() -> dict[str, str]:
@@ -60,8 +44,7 @@ def with_many_methods() -> dict[str, int]:
 
 
 def test_no_file_is_long_without_a_reason() -> None:
-    assert too_long() - set(LONG_YET) == set(), f"over {LINES} lines: cut it, or say why in its docstring"
-    assert set(LONG_YET) - too_long() == set(), "done: take it off the list"
+    assert too_long() == set(), f"over {LINES} lines: cut it, or say why in its docstring"
 
 
 @pytest.mark.parametrize(("name", "lines"), LIMITS.items())

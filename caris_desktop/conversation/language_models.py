@@ -1,4 +1,7 @@
-"""Streaming chat with language models over HTTP: OpenAI-compatible servers and Ollama."""
+"""Streaming chat with language models over HTTP: OpenAI-compatible servers and Ollama.
+
+Long because two dialects of one API are told apart in one place.
+"""
 
 import asyncio
 import importlib

@@ -1,6 +1,8 @@
 """Looks at an unknown robot: what it offers, which profile fits it, and whether what a profile names really comes.
 
 Everything here is asyncio and opens connections of its own; ``*_blocking`` functions are for where no loop runs.
+
+Long because looking and listening share their connections.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""From what a robot offers to a profile for it: candidates for each thing by type and name, with reasons in words."""
+"""From what a robot offers to a profile for it: candidates for each thing by type and name, with reasons in words.
+
+Long because it holds what each thing of a robot is known by.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping

@@ -28,6 +28,8 @@ Beyond that: ``wss://`` and rosauth as the profile's security settings say; ever
 (:mod:`caris_desktop.robot.traffic`); a message that is malformed, unknown or too large is refused and reported, and
 never ends the read loop; when messages come faster than they are handled, the newest of each topic wins (a
 ``SafeTopic`` can ask for every one); an exception in one callback reaches the log and nothing else.
+
+Long because all of the API of roslibpy that is replaced is here.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""A report of a session for people: one page that needs nothing else, on screen and on paper."""
+"""A report of a session for people: one page that needs nothing else, on screen and on paper.
+
+Long because the report and its drawings come from one template.
+"""
 
 import base64
 import logging

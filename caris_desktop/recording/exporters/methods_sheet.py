@@ -4,6 +4,8 @@ The questions are those of the reporting guidelines of Riek, "Wizard of Oz Studi
 Reporting Guidelines", Journal of Human-Robot Interaction 1(1), 2012, and what journals ask to be disclosed of language
 models: which one, which version, with which parameters and prompts, for what, and who decided about its answers.
 Nothing is invented: what the record does not tell is left for the researcher, and marked so.
+
+Long because one question follows another, as readers go through them.
 """
 
 import json

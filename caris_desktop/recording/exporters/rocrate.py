@@ -2,6 +2,8 @@
 
 https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads it in tests; its writer copies
 files as they are, where these are checked and given pseudonyms on the way, and of the rest would spare only braces.
+
+Long because it is the whole graph of an archive.
 """
 
 import csv

@@ -1,6 +1,8 @@
 """A session as bags: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, the same standard messages in both.
 
 Pictures alone differ: ROS 2 gets the video as it was encoded, each frame, ROS 1 some of them as JPEG.
+
+Long because two kinds of bags are written in one pass.
 """
 
 import json

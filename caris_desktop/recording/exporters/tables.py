@@ -2,6 +2,8 @@
 
 The tables of streams and events follow from the stream table; what is put together from several events (utterances,
 marks, annotations) is listed here.
+
+Long because it holds every table with its columns.
 """
 
 import dataclasses

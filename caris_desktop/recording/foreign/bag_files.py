@@ -2,6 +2,8 @@
 
 Each file is read from front to back and never written; what it unfolds to is bounded before it is unfolded. Formats:
 https://wiki.ros.org/Bags/Format/2.0, https://mcap.dev/spec, https://github.com/ros2/rosbag2.
+
+Long because it reads three containers, each within its bounds.
 """
 
 import bz2

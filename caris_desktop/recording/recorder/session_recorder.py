@@ -1,4 +1,7 @@
-"""One session being recorded: where each value goes, what is missing, and when to give up."""
+"""One session being recorded: where each value goes, what is missing, and when to give up.
+
+Long because it decides where each value goes, and when to give up.
+"""
 
 import json
 import logging

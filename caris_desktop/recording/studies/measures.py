@@ -1,6 +1,8 @@
 """What can be counted and timed in a session: one definition of each figure, for report, methods sheet and statistics.
 
 Times are those of the session clock; what was recorded before and after a pause is never joined to one figure.
+
+Long because every figure is defined once, here.
 """
 
 import itertools
