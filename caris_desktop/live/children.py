@@ -11,6 +11,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 
 Heard = Callable[[Any], None]
+Reads = Callable[[Any, bytes], None]
 
 
 class Children(QObject):
@@ -29,7 +30,7 @@ class Children(QObject):
         self._closed = True
 
     def new(
-        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Any = None
+        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """A child that is not started yet.
 
@@ -49,7 +50,7 @@ class Children(QObject):
         return child
 
     def start(
-        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Any = None
+        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """The same, started."""
         child = self.new(body, ended=ended, heard=heard, reads=reads)

@@ -17,7 +17,7 @@ from caris_desktop.domain.intents import Intent, UseRobot
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.children import Children
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
@@ -262,5 +262,5 @@ class Console(QObject):
         for service in self._services:
             service.use_scenario(scenario)
 
-    def _new_link(self, body: ProcessBody) -> Any:
+    def _new_link(self, body: ProcessBody) -> ChildProcess:
         return self._children.start(body, ended=self._robot.on_child_ended, heard=self._speech.on_heard)

@@ -24,3 +24,16 @@ def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) 
     qtbot.waitUntil(lambda: "due" in order, timeout=5000)
     assert order == ["timer", "due"]
     assert pace.may_begin()
+
+
+def test_passes_can_be_held_to_a_rate_and_let_go_again(qtbot: QtBot) -> None:
+    pace, due = PassPace(), []
+    pace.due.connect(lambda: due.append(time.monotonic()))
+    pace.at_most_every(0.15)
+    begun_s = time.monotonic()
+    assert pace.may_begin()
+    assert not pace.may_begin()
+    qtbot.waitUntil(lambda: bool(due), timeout=5000)
+    assert due[0] - begun_s >= 0.14, "a timer may be late, never as early as without"
+    pace.at_most_every(0.0)
+    assert pace.may_begin()

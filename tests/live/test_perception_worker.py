@@ -1,6 +1,7 @@
 """The perception worker: newest frame in, people out, and a crash costs boxes only."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,16 @@ def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
     told, seen = len(setup.rows), len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 10)
     assert len(setup.rows) == told
+
+
+def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.people())
+    setup.worker.look_at_most_every(0.6)
+    seen = len(setup.people())
+    _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 4)
+    stamps = [people.stamp_ns for people in setup.people()[-3:]]
+    # A machine that is late looks later, never sooner.
+    assert all(later - earlier >= 500_000_000 for earlier, later in pairwise(stamps))
 
 
 def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Setup) -> None:

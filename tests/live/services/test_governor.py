@@ -1,6 +1,15 @@
 """Who pays when the machine is busy: in steps, with patience on the way back."""
 
-from caris_desktop.live.services.governor import LOOK_EVERY_MS, STEPS, LoadSteps
+from dataclasses import replace
+
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.app.composition import find_scenario
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.services.governor import LOOK_EVERY_MS, STEPS, GovernorService, LoadSteps
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus, LoadStatus
 
 SECOND_NS = 1_000_000_000
 
@@ -46,3 +55,55 @@ def test_people_pay_first_and_the_picture_last() -> None:
     assert looks == sorted(looks) and passes == sorted(passes)
     assert passes[1] == 0.0 and looks[1] > 0.0
     assert all(bool(step[2]) == (number > 0) for number, step in enumerate(STEPS))
+
+
+class People:
+    """Takes down how often it may look."""
+
+    every_s = 0.0
+
+    def look_at_most_every(self, seconds: float) -> None:
+        self.every_s = seconds
+
+
+class Governed:
+    def __init__(self) -> None:
+        self.owner = QObject()
+        self.state = LiveState(self.owner)
+        self.people = People()
+        self.now_ns = 0
+        bus = Bus(self.state, self.owner)
+        self.passes: list[float] = []
+        bus.pass_at_most_every = self.passes.append  # type: ignore[method-assign]
+        self.governor = GovernorService(
+            self.state, bus, self.people, parent=self.owner, now_ns=lambda: self.now_ns  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    def run(self, seconds: float, *, late_ms: float) -> None:
+        for _ in range(round(seconds * 1000 / (LOOK_EVERY_MS + late_ms))):
+            self.now_ns += round((LOOK_EVERY_MS + late_ms) * 1e6)
+            self.governor._look()
+
+
+def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
+    governed = Governed()
+    governed.run(3.0, late_ms=60.0)
+    assert governed.people.every_s == STEPS[1][0] > 0.0
+    assert governed.state.load.value == LoadStatus(1, "people are looked for less often")
+    governed.run(60.0, late_ms=60.0)
+    assert (governed.people.every_s, governed.passes[-1]) == (STEPS[-1][0], STEPS[-1][1])
+    governed.run(60.0, late_ms=0.0)
+    assert (governed.people.every_s, governed.passes[-1], governed.state.load.value) == (0.0, 0.0, LoadStatus())
+
+
+def test_an_answer_of_the_model_on_this_computer_comes_before_boxes(qapp: QApplication) -> None:
+    governed = Governed()
+    tour = find_scenario("tour-guide")
+    elsewhere = replace(tour, assistant=replace(tour.assistant, model="openai:small"))
+    for scenario, every_s in ((tour, STEPS[2][0]), (elsewhere, 0.0)):
+        governed.governor.use_scenario(scenario)
+        governed.state.assistant.set(AssistantStatus("answering"))
+        assert governed.people.every_s == every_s
+        assert governed.state.load.value == LoadStatus(), "the machine keeps up all the same"
+        governed.state.assistant.set(AssistantStatus("ready"))
+        assert governed.people.every_s == 0.0
