@@ -20,7 +20,7 @@ _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
 _MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
 # What is cut short then. What is recorded is neither.
-_MAY_BE_CUT = ("link", "dropped", "perception", "refused", "battery", "disk")
+_MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0

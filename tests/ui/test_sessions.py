@@ -1,6 +1,7 @@
 """Sessions: started, paused, found, searched, exported; what the window tells of room and of what is missing."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import ExportStatus, LibraryStatus, RecordingStatus
+from caris_desktop.live.services.governor import STEPS
+from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.model import PanelLeaf, Permissions, RecordingSettings, SplitNode
@@ -540,3 +542,15 @@ def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConso
     assert find(window, "record_button").property("text") == "Not recording: failed"
     panel = session_panel(window)
     assert panel.fact == ("not recording", "red")
+
+
+def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:
+    change(console, room_s=19_200.0, bytes_per_s=333_000.0)
+    console.state.load.set(LoadStatus(3, STEPS[3][2]))
+    window.status_bar.refresh()
+    QApplication.processEvents()
+    items = window.status_bar.items
+    assert items["load"].text.startswith("busy: people seldom")
+    shown = sorted((item.geometry() for item in items.values() if item.isVisible()), key=lambda place: place.left())
+    assert all(left.right() < right.left() for left, right in itertools.pairwise(shown)), "nothing lies over another"
+    assert items["recording"].isVisible() and window.width() == 1366

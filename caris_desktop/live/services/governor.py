@@ -25,9 +25,9 @@ _BACK_AFTER_NS = 8_000_000_000
 # Of each step: the least time from one look for people to the next, the same of the panels, and what the wizard reads.
 STEPS: tuple[tuple[float, float, str], ...] = (
     (0.0, 0.0, ""),
-    (0.25, 0.0, "people are looked for less often"),
-    (0.6, 0.07, "people are looked for less often, panels are slower"),
-    (1.2, 0.15, "people are looked for seldom, picture and panels are slower"),
+    (0.25, 0.0, "people less often"),
+    (0.6, 0.07, "people less often, panels slower"),
+    (1.2, 0.15, "people seldom, picture and panels slower"),
 )
 _ANSWERING = 2
 """While the language model answers, whoever waits for it comes before boxes."""

@@ -89,7 +89,7 @@ def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(3.0, late_ms=60.0)
     assert governed.people.every_s == STEPS[1][0] > 0.0
-    assert governed.state.load.value == LoadStatus(1, "people are looked for less often")
+    assert governed.state.load.value == LoadStatus(1, "people less often")
     governed.run(60.0, late_ms=60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (STEPS[-1][0], STEPS[-1][1])
     governed.run(60.0, late_ms=0.0)
