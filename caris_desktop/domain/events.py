@@ -370,6 +370,10 @@ class LayoutChanged:
     layout: str
 
 
+OVERTAKEN = "more came at once than could be taken"
+"""The reason of a gap that the link leaves where newer values replace older ones."""
+
+
 @dataclass(frozen=True, slots=True)
 class Gap:
     """Values of ``stream`` that were not recorded."""

@@ -66,9 +66,13 @@ class ControlLink:
         self._report = LinkReporter("control", address, outbox)
         traffic = TrafficMeter("control")
         self._ros = SafeRos(address, self, security=profile.security, traffic=traffic)
+        sources = {"scan": profile.scan, "odometry": profile.odometry}
         self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put, link="control", simulation_time=profile.simulation_time
-        )
+            self._ros, traffic, self._put,
+            link="control",
+            streams={source.topic: stream for stream, source in sources.items() if source is not None},
+            simulation_time=profile.simulation_time,
+        )  # fmt: skip
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardNews()
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)

@@ -4,11 +4,11 @@ import asyncio
 import logging
 import statistics
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.events import LinkQuality
+from caris_desktop.domain.events import OVERTAKEN, Gap, LinkQuality
 from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
@@ -30,6 +30,8 @@ class LinkMeasurement:
     ----------
     link
         Which link it is. Only the control link sends LinkQuality; both send TrafficMeasured.
+    streams
+        Of which stream of the record the messages of a topic are, where one that is left out is to be told.
     simulation_time
         The robot's stamps come from a simulated clock, told with :meth:`take_simulation_time`.
     """
@@ -41,12 +43,14 @@ class LinkMeasurement:
         put: Callable[[Any], None],
         *,
         link: Literal["control", "media"],
+        streams: Mapping[str, str],
         simulation_time: bool = False,
     ) -> None:
         self._ros = ros
         self._traffic = traffic
         self._put = put
         self._link = link
+        self._streams = streams
         self._simulation_time = simulation_time
         self._clock = ClockOffset.of_simulation_time() if simulation_time else ClockOffset()
         self._simulation_time_ns = 0
@@ -88,6 +92,9 @@ class LinkMeasurement:
         while True:
             await asyncio.sleep(MEASURE_EVERY_S)
             at_ns = now_ns()
+            for topic, count in self._ros.factory.take_overtaken().items():
+                if topic in self._streams:
+                    self._put(Gap(at_ns, self._streams[topic], count, OVERTAKEN))
             if not self._ros.is_connected:
                 continue
             self._put(self._traffic.measure(at_ns, self._clock.at))

@@ -54,8 +54,11 @@ class MediaLink:
             address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=profile.security, traffic=traffic
         )
         self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put, link="media", simulation_time=profile.simulation_time
-        )
+            self._ros, traffic, self._put,
+            link="media",
+            streams={camera.topic: "frame" for camera in profile.cameras},
+            simulation_time=profile.simulation_time,
+        )  # fmt: skip
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}

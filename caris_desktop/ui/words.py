@@ -336,6 +336,8 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
             return "Session", f"Robot: {title}"
         case events.ScenarioOpened(title=title):
             return "Session", f"Scenario: {title}"
+        case events.Gap(reason=events.OVERTAKEN):
+            return None  # every second on a crowded machine
         case events.Gap(stream=stream, count=count, reason=reason):
             return "Problems", _with_detail(missing(stream, count), reason)
         case events.Problem(severity=severity, what=what, meaning=meaning):

@@ -14,7 +14,8 @@ from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
-# On a crowded machine the link itself leaves out older values before they reach the console, as driving needs.
+# On a crowded machine the link itself leaves out older values before they reach the console, as driving needs. It tells
+# so once a second.
 pytestmark = pytest.mark.alone
 _MARKS = 40
 
@@ -76,7 +77,12 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
     assert [title for title, _ in titles] == ["Tour guide", "Second tour"], "what changed meanwhile is known afterwards"
     paused_ns, resumed_ns = (pause.stamp_ns for pause in pauses)
     sent = _sent(log)
-    for kind, topic in ((LaserScan, "/scan"), (Odometry, "/odom")):
+    told = {
+        stream: sum(value.count for value in values if isinstance(value, Gap) and value.stream == stream)
+        for stream in ("scan", "odometry", "frame")
+    }
+    for kind, topic, stream in ((LaserScan, "/scan", "scan"), (Odometry, "/odom", "odometry")):
+        left_out = 0
         recorded = [value for value in values if isinstance(value, kind)]
         inside = [value for value in recorded if paused_ns + 300_000_000 < value.stamp_ns < resumed_ns]
         assert inside == [], "nothing of the pause is recorded"
@@ -87,11 +93,12 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
             # The first may be the one that stood when the recording began or went on.
             first, last = part[1], part[-1]
             delivered = [stamp for stamp in sent[topic] if first <= stamp <= last]
-            assert part[1:] == delivered, topic
+            assert [stamp for stamp in delivered if stamp in set(part)] == part[1:], "what is there is in its order"
+            left_out += len(delivered) - len(part[1:])
             assert len(part) > 5
+        assert left_out <= told[stream], f"what is missing of {topic} is written down as missing"
     (pictures,) = {topic for topic in sent if "image" in topic}
     refs = [value for value in values if isinstance(value, FrameRef)]
-    told = sum(value.count for value in values if isinstance(value, Gap) and value.stream == "frame")
     missing = 0
     for of_part in (
         [ref.robot_stamp_ns for ref in refs if ref.stamp_ns <= paused_ns],
@@ -100,4 +107,4 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
         assert len(of_part) > 10
         delivered = [stamp for stamp in sent[pictures] if of_part[0] <= stamp <= of_part[-1]]
         missing += len(set(delivered) - set(of_part))
-    assert missing <= told, "a frame that is missing is written down as missing"
+    assert missing <= told["frame"], "a frame that is missing is written down as missing"

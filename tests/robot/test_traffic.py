@@ -1,14 +1,19 @@
 """What is told about the traffic of a link."""
 
 import json
+import os
+import signal
+import time
 import timeit
 from collections.abc import Iterator
 
 import pytest
 
-from caris_desktop.domain.events import LinkQuality, TopicTraffic, TrafficMeasured
+from caris_desktop.domain.events import OVERTAKEN, Gap, LinkQuality, TopicTraffic, TrafficMeasured
+from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.traffic import TrafficMeter, stamp_of
+from tests.robot.bridge_double import ODOMETRY
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.support.polling import wait_for
 
@@ -106,5 +111,24 @@ def test_a_link_tells_traffic_round_trip_and_clock_once_a_second(bridge: BridgeD
         bridge.tell(text=json.dumps({"op": "publish", "topic": "/scan", "msg": {"ranges": "x"}}))
         wait_for(lambda: link.of(TrafficMeasured)[-1].refused == refused + 1, "the refusal is counted")
         assert scan_traffic()[-1].refused == 1
+    finally:
+        link.close()
+
+
+def test_what_newer_values_replaced_before_it_was_taken_is_told(bridge: BridgeDouble) -> None:
+    link = LinkProcess(bridge.address)
+    try:
+        link.wait_for_state("connected")
+        wait_for(lambda: link.of(Odometry), "odometry")
+
+        def told_after_a_pause() -> bool:
+            os.kill(link.process.pid, signal.SIGSTOP)
+            for _ in range(30):
+                bridge.publish("/odom", ODOMETRY)
+            time.sleep(0.1)  # on their way meanwhile; else another pause follows
+            os.kill(link.process.pid, signal.SIGCONT)
+            return any(gap.stream == "odometry" and gap.reason == OVERTAKEN for gap in link.of(Gap))
+
+        wait_for(told_after_a_pause, "what is missing is told", timeout_s=30.0)
     finally:
         link.close()

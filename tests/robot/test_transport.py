@@ -257,18 +257,26 @@ def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) 
     async def use(ros: SafeRos, observer: Observer) -> None:
         newest: list[Any] = []
         every: list[Any] = []
+        pictures: list[Any] = []
+        SafeTopic(ros, "/large", "std_msgs/String").subscribe(pictures.append)
         SafeTopic(ros, "/newest", "std_msgs/String").subscribe(newest.append)
         SafeTopic(ros, "/every", "std_msgs/String", every_message=True).subscribe(every.append)
-        await until(lambda: len(bridge.operations("subscribe")) == 2, "subscribed")
+        await until(lambda: len(bridge.operations("subscribe")) == 3, "subscribed")
         for number in range(50):
             for topic in ("/newest", "/every"):
                 text = json.dumps({"op": "publish", "topic": topic, "msg": {"data": number}})
                 # All of it in one turn of the loop, as after a stall.
                 ros.factory.wire_received(text.encode())
-        await until(lambda: len(every) == 50 and newest, "all")
-        assert newest == [{"data": 49}]
+            large = json.dumps({"op": "publish", "topic": "/large", "msg": {"data": f"{number:_>40000}"}})
+            ros.factory.wire_received(large.encode())
+        await until(lambda: len(every) == 50 and newest and pictures, "all")
+        assert [message["data"] for message in newest] == [45, 46, 47, 48, 49], "a short pause costs nothing small"
+        assert [message["data"].strip("_") for message in pictures] == ["49"], (
+            "what is worked on for long is the newest"
+        )
         assert [message["data"] for message in every] == list(range(50))
-        assert ros.factory.overtaken == 49
+        assert ros.factory.take_overtaken() == {"/newest": 45, "/large": 49}
+        assert not ros.factory.take_overtaken(), "each is told once"
 
     connected(bridge, use)
 

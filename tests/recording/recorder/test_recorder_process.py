@@ -421,10 +421,12 @@ def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
 
 def test_a_disk_that_fills_up_ends_the_video_first_and_then_the_session(tmp_path: Path) -> None:
     said, kept = fill_disk(tmp_path, "slowly")
-    assert said["problems"][0].startswith("The disk is filling up")
-    assert said["problems"][1].startswith("The disk is nearly full")
-    assert said["problems"][2].startswith("The disk is full: from here on only events")
-    assert said["problems"][3:] == ["The disk is full."]
+    # On a crowded machine it is also told that it does not keep up with the video.
+    told = [problem for problem in said["problems"] if problem.startswith("The disk")]
+    assert told[0].startswith("The disk is filling up")
+    assert told[1].startswith("The disk is nearly full")
+    assert told[2].startswith("The disk is full: from here on only events")
+    assert told[3:] == ["The disk is full."]
     head = check_session_of_full_disk(said, kept)
     # The video had room for its index and is an ordinary mp4.
     assert len(video_times_s(kept / "video-front.mp4")[0]) == head["videos"][0]["frames"] > 0
@@ -434,7 +436,8 @@ def test_a_disk_that_is_suddenly_full_keeps_what_was_recorded(tmp_path: Path) ->
     said, kept = fill_disk(tmp_path, "suddenly")
     assert said["problems"][-1] == "The disk is full."
     head = check_session_of_full_disk(said, kept)
-    assert len(video_times_s(kept / "video-front.mp4")[0]) == head["videos"][0]["frames"] > 0
+    # Of the last half second nobody could be told any more whether it still found room.
+    assert len(video_times_s(kept / "video-front.mp4")[0]) >= head["videos"][0]["frames"] > 0
 
 
 def check_session_of_full_disk(said: dict[str, Any], kept: Path) -> dict[str, Any]:
