@@ -237,7 +237,7 @@ def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
     link = LinkProcess(simulator.address, PROFILES[2])
     listener = None
     try:
-        wait_for(lambda: link.of(LaserScan), "scans")
+        wait_for(lambda: link.of(LaserScan) and link.of(Odometry), "scans and odometry")
         link.drive(0.3)
         link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.1, "the robot moves")
         changes = len(link.states())

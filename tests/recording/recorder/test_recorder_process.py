@@ -239,7 +239,8 @@ def test_what_cannot_be_recorded_is_counted_and_written_down(tmp_path: Path, rin
         ("GazeMeasured", 1),
         ("scan", 3),
     }
-    assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == SLOT_COUNT
+    # A machine that is too slow for one encoder goes on with another, in another file.
+    assert sum(len(video_times_s(path)[0]) for path in (tmp_path / "s").glob("video-front*.mp4")) == SLOT_COUNT
 
 
 def test_what_the_scenario_forbids_is_not_recorded(tmp_path: Path, ring: FrameRing) -> None:
