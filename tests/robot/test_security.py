@@ -304,7 +304,8 @@ def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
                 ],
                 "the age of pictures",
             )
-            assert -50.0 < told[-1].age_ms < 1000.0  # type: ignore[operator]
+            # With the robot's clock taken for ours it would be off by years; how fast this machine is is another matter.
+            assert -50.0 < told[-1].age_ms < 60_000.0  # type: ignore[operator]
             wait_for(lambda: control.of(TrafficMeasured), "the traffic of the control link")
             wait_for(lambda: control.of(TrafficMeasured)[-1].encoding == "both", "scans in CBOR, odometry in JSON")
             assert media.of(TrafficMeasured)[-1].encoding in ("cbor", "both")
