@@ -24,9 +24,14 @@ from caris_desktop.domain.events import LlmExchange
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.console import Console
 
+_NOBODY_THERE = "ws://127.0.0.1:9"
+
 
 class ConsoleUnderLoad:
-    """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all."""
+    """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all.
+
+    Without a ``robot`` it is an idle console: no video, nobody is looked for, and nothing is waited for.
+    """
 
     def __init__(
         self,
@@ -34,14 +39,16 @@ class ConsoleUnderLoad:
         record: bool = True,
         language_model: bool = False,
         perception_timeout_s: float = 120.0,
-        robot: Callable[[Console], DemoRobot] = lambda console: DemoRobot(console, seed=7),
+        robot: Callable[[Console], DemoRobot] | None = lambda console: DemoRobot(console, seed=7),
     ) -> None:
         self._began = (time.monotonic(), _cpu_of_machine_s(), _cpu_of_program_s())
         self._asking = QTimer()
         self._folder = tempfile.TemporaryDirectory(prefix="caris-benchmark-")
         root = Path(self._folder.name)
         self.run = ConsoleRun(
-            default_arguments(scenario="tour-guide", study=root / "study"),
+            default_arguments(
+                scenario="tour-guide", study=root / "study", robot=None if robot is not None else _NOBODY_THERE
+            ),
             settings=QSettings(str(root / "settings.ini"), QSettings.Format.IniFormat),
             robot=robot,
         )
@@ -49,10 +56,11 @@ class ConsoleUnderLoad:
         self.state = self.console.state
         self.window.resize(1600, 900)
         self.run.show()
-        self.wait_for(lambda: self.state.link.value.state == "connected", "link", 120.0)
-        self.wait_for(lambda: self.state.frame.freshness == "fresh", "video", 60.0)
-        self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
-        self.wait_for(lambda: self.state.people.value is not None, "people", 60.0)
+        if robot is not None:
+            self.wait_for(lambda: self.state.link.value.state == "connected", "link", 120.0)
+            self.wait_for(lambda: self.state.frame.freshness == "fresh", "video", 60.0)
+            self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
+            self.wait_for(lambda: self.state.people.value is not None, "people", 60.0)
         if record:
             self.console.do(intents.StartRecording(TrialDetails(participant="benchmark")))
             self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 60.0)

@@ -21,6 +21,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import DriveEnded, Marked
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.panels.session import LOG_ROWS
+from tests.benchmarks.burners import Burners
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 from tests.benchmarks.ui_stalls import STALL_MS, LatenessMeter
@@ -31,34 +32,12 @@ LET_GO_S = 0.4
 MARK_EVERY_MS = 500
 SETTLED_S = 4.0
 ENDED_BY_THE_CONSOLE = "The console stopped answering for a moment"
-# Ends with the benchmark, however that ends.
-_BURN = """
-import os
-parent = os.getppid()
-while os.getppid() == parent:
-    for _ in range(1_000_000):
-        pass
-"""
 # Side by side, three rows of them.
 _ROWS: tuple[tuple[PanelName, ...], ...] = (
     ("video", "map", "people"),
     ("speak", "assistant", "drive", "session"),
     ("motion", "diagnostics", "robot"),
 )
-
-
-class Burners:
-    """Programs of somebody else that never rest."""
-
-    def __init__(self, count: int) -> None:
-        # Of another session, as what is started elsewhere is: Linux shares its cores among sessions first.
-        self._running = [subprocess.Popen([sys.executable, "-c", _BURN], start_new_session=True) for _ in range(count)]
-
-    def end(self) -> None:
-        for process in self._running:
-            process.kill()
-        for process in self._running:
-            process.wait()
 
 
 class Driver(QObject):

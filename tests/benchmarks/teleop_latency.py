@@ -2,13 +2,15 @@
 
 Beside it, in the same run and under the same load, the floor: a bare Qt key event to a websocket message over the same
 simulated robot's relay, pressed in turn with the console's keys. The load is everything that a session has: video,
-people recognition, recording, and a language model that streams one answer after the other. Prints one JSON object.
+people recognition, recording, and a language model that streams one answer after the other; and, where asked for,
+foreign programs that burn every core. Prints one JSON object; of several runs also the median of each percentile.
 """
 
 import argparse
 import json
 import os
 import random
+import statistics
 import subprocess
 import sys
 import time
@@ -19,6 +21,7 @@ from PySide6.QtTest import QTest
 
 from caris_desktop.domain.events import CommandSent
 from tests.benchmarks.bare_qt_key_to_websocket import TOPIC as FLOOR_TOPIC
+from tests.benchmarks.burners import Burners
 from tests.benchmarks.console_under_load import ConsoleUnderLoad, stop_process
 from tests.benchmarks.screen_and_statistics import above, on_a_screen, percentiles
 
@@ -45,7 +48,7 @@ def _run_only_when_idle(pid: int) -> None:
         os.sched_setscheduler(int(thread.name), os.SCHED_IDLE, os.sched_param(0))
 
 
-def measure(presses: int, *, language_model: bool, idle_perception: bool) -> dict[str, object]:
+def measure(presses: int, *, language_model: bool, idle_perception: bool, burners: int) -> dict[str, object]:
     load = ConsoleUnderLoad(language_model=language_model)
     if idle_perception:
         _run_only_when_idle(load.console.child_pids["inference"])
@@ -59,6 +62,7 @@ def measure(presses: int, *, language_model: bool, idle_perception: bool) -> dic
     floor = start_program("tests.benchmarks.bare_qt_key_to_websocket", load.address)
     sent: list[CommandSent] = []
     load.state.event_happened.connect(lambda event: sent.append(event) if isinstance(event, CommandSent) else None)
+    foreign = Burners(burners)
     pad = load.focus_driving()
     pressed_ns: list[int] = []
     released_ns: list[int] = []
@@ -86,6 +90,7 @@ def measure(presses: int, *, language_model: bool, idle_perception: bool) -> dic
         load.let_qt_run(chance.uniform(0.07, 0.12))
     load.let_qt_run(0.3)
     report = load.load()
+    foreign.end()
     stop_process(floor)
     lines = [json.loads(line) for line in stop_process(listener).splitlines() if line.startswith("{")]
     load.close()
@@ -114,11 +119,25 @@ def measure(presses: int, *, language_model: bool, idle_perception: bool) -> dic
             "key_to_socket": percentiles(first_after(pressed_ns, released_ns, at_socket, moves=True)),
             "release_to_socket": percentiles(first_after(released_ns, ends_ns, at_socket, moves=False)),
         },
+        "burners": burners,
         "presses": presses,
         "presses_without_twist": presses - len(to_twist),
         "releases_without_zero": presses - len(to_zero),
         "load": report,
     }
+
+
+def medians(runs: list[dict[str, object]]) -> dict[str, dict[str, float]]:
+    """The median over the runs of each figure above the floor."""
+    found: dict[str, dict[str, float]] = {}
+    for name in ("key_above_floor_ms", "release_above_floor_ms"):
+        figures = [run[name] for run in runs]
+        assert all(isinstance(each, dict) for each in figures)
+        found[name] = {
+            at: round(statistics.median(each[at] for each in figures if isinstance(each, dict)), 3)
+            for at in ("p50", "p95", "p99")
+        }
+    return found
 
 
 def first_after(
@@ -138,14 +157,20 @@ if __name__ == "__main__":
     parser.add_argument("--presses", type=int, default=500)
     parser.add_argument("--no-language-model", action="store_true")
     parser.add_argument("--idle-perception", action="store_true", help="try what a still lower priority of it gives")
+    parser.add_argument("--burners", type=int, default=0, help="foreign programs that burn a core each")
+    parser.add_argument("--runs", type=int, default=1, help="how often all of it, each time in a console of its own")
     arguments = parser.parse_args()
     on_a_screen()
-    print(
-        json.dumps(
-            measure(
-                arguments.presses,
-                language_model=not arguments.no_language_model,
-                idle_perception=arguments.idle_perception,
-            )
+    reports = [
+        measure(
+            arguments.presses,
+            language_model=not arguments.no_language_model,
+            idle_perception=arguments.idle_perception,
+            burners=arguments.burners,
         )
-    )
+        for _ in range(arguments.runs)
+    ]
+    if arguments.runs == 1:
+        print(json.dumps(reports[0]))
+    else:
+        print(json.dumps({"benchmark": "teleop_latency", "median": medians(reports), "runs": reports}))

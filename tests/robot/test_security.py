@@ -304,7 +304,7 @@ def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
                 ],
                 "the age of pictures",
             )
-            # With the robot's clock taken for ours it would be off by years; how fast this machine is is another matter.
+            # With the robot's clock taken for ours it would be off by years; how fast the machine is does not matter.
             assert -50.0 < told[-1].age_ms < 60_000.0  # type: ignore[operator]
             wait_for(lambda: control.of(TrafficMeasured), "the traffic of the control link")
             wait_for(lambda: control.of(TrafficMeasured)[-1].encoding == "both", "scans in CBOR, odometry in JSON")

@@ -1,0 +1,113 @@
+"""How many people the console counts on a machine that has no time for it, beside how many really came by.
+
+The real console records and looks for people while foreign programs burn every core and, where asked for, the robot
+turns; the simulated robot writes down whom its camera could see. A true visit is a stretch of time in sight, at least
+a second long; stretches less than ``presence.LEAVE_AFTER_S`` apart are one. Prints one JSON object.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.domain.events import PersonAppeared
+from caris_desktop.live.console import Console
+from caris_desktop.live.simulated_robot import SimulatedRobotProcess
+from caris_desktop.people.presence import LEAVE_AFTER_S
+from tests.benchmarks.burners import Burners
+from tests.benchmarks.console_under_load import ConsoleUnderLoad
+from tests.benchmarks.screen_and_statistics import on_a_screen
+
+_SEEN_AT_LEAST_S = 1.0
+
+
+class _RobotWithVisits(DemoRobot):
+    def __init__(self, console: Console, log: Path) -> None:
+        super().__init__(console)
+        command = [sys.executable, "-m", "tests.benchmarks.robot_with_visits", str(log)]
+        command += ["--port", "0", "--end-with-stdin", "--seed", "7"]
+        self.process = SimulatedRobotProcess(command, on_ready=self._ready.emit, on_failed=self._failed.emit)
+
+
+def true_visits(stretches: list[dict[str, float]]) -> int:
+    """How many visits the stretches of time in sight are."""
+    visits = 0
+    for person in {each["person"] for each in stretches}:
+        spans = sorted((each["from_s"], each["until_s"]) for each in stretches if each["person"] == person)
+        joined: list[list[float]] = []
+        for begin_s, end_s in spans:
+            if joined and begin_s - joined[-1][1] < LEAVE_AFTER_S:
+                joined[-1][1] = end_s
+            else:
+                joined.append([begin_s, end_s])
+        visits += sum(end_s - begin_s >= _SEEN_AT_LEAST_S for begin_s, end_s in joined)
+    return visits
+
+
+def measure(seconds: float, *, burners: int, language_model: bool, turning: bool) -> dict[str, object]:
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "in_sight.jsonl"
+        load = ConsoleUnderLoad(language_model=language_model, robot=lambda console: _RobotWithVisits(console, log))
+        foreign = Burners(burners)
+        pad = load.focus_driving()
+        appeared: set[str] = {row.person_id for row in load.state.persons.value if row.here}
+        load.state.event_happened.connect(
+            lambda event: appeared.add(event.person_id) if isinstance(event, PersonAppeared) else None
+        )
+        looks = load.state.people.arrivals
+        before = log.read_text().count("\n")
+        until_s = time.monotonic() + seconds
+        turn = 0
+        while time.monotonic() < until_s:
+            if turning:
+                key = (Qt.Key.Key_A, Qt.Key.Key_D)[turn % 2]
+                turn += 1
+                QTest.keyPress(pad, key)
+                load.let_qt_run(1.0)
+                QTest.keyRelease(pad, key)
+            load.let_qt_run(4.0)
+        counted, looks = len(appeared), load.state.people.arrivals - looks
+        report = load.load()
+        foreign.end()
+        load.close()
+        # Who is in sight when it begins is one of them, as they are counted by the console too.
+        stretches = [json.loads(line) for line in log.read_text().splitlines()[before:]]
+    visits = true_visits(stretches)
+    return {
+        "benchmark": "people_counted",
+        "seconds": seconds,
+        "burners": burners,
+        "turning": turning,
+        "people_walking": len({each["person"] for each in stretches}),
+        "true_visits": visits,
+        "counted": counted,
+        "counted_per_visit": round(counted / max(1, visits), 2),
+        "looks_per_s": round(looks / seconds, 1),
+        "load": report,
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--burners", type=int, default=4)
+    parser.add_argument("--language-model", action="store_true", help="it answers one question after the other as well")
+    parser.add_argument("--turning", action="store_true", help="the robot turns a little to and fro")
+    arguments = parser.parse_args()
+    on_a_screen()
+    print(
+        json.dumps(
+            measure(
+                arguments.seconds,
+                burners=arguments.burners,
+                language_model=arguments.language_model,
+                turning=arguments.turning,
+            )
+        )
+    )
