@@ -4,91 +4,188 @@ Plain data: ``$value`` in a template stands for what the wizard chose, and nothi
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from caris_desktop.domain.declared import Elsewhere, Rule, Spread
 
 ControlKind = Literal["button", "toggle", "slider", "choice", "text", "readout"]
 ControlValue = bool | float | str
 
 VALUE = "$value"
+ROS_NAME = "ROS name"
+RosName = Annotated[
+    str,
+    Rule(
+        noun=ROS_NAME,
+        longest=255,
+        pattern="^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*$",
+        allowed="a ROS name such as /cmd_vel.",
+    ),
+]
+RosType = Annotated[
+    str,
+    Rule(
+        noun="ROS type",
+        longest=255,
+        pattern="^[A-Za-z][A-Za-z0-9_]*(/(msg|srv|action))?/[A-Za-z][A-Za-z0-9_]*$",
+        allowed="a ROS type such as std_msgs/String or std_msgs/msg/String.",
+    ),
+]
+_Template = Mapping[str, Any]
 _VELOCITY_TYPES = ("Twist", "TwistStamped")
+_SENDING = ("kind", "button", "toggle", "slider", "choice", "text")
+_SLIDER = ("kind", "slider")
+_CHOICE = ("kind", "choice")
 
 
 @dataclass(frozen=True, slots=True)
 class PublishMessage:
     """Publish ``message`` on ``topic``."""
 
-    topic: str
-    type: str
-    message: Mapping[str, Any]
+    topic: Annotated[RosName, Rule("Where.")]
+    type: Annotated[RosType, Rule("What the topic carries.")]
+    message: Annotated[_Template, Rule("The message; `$value` stands for what the wizard chose.")] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class CallService:
     """Call ``service`` with ``request``."""
 
-    service: str
-    type: str
-    request: Mapping[str, Any]
+    service: Annotated[RosName, Rule("Which one.")]
+    type: Annotated[RosType, Rule("Its type.")]
+    request: Annotated[_Template, Rule("The request; `$value` stands for what the wizard chose.")] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class SendActionGoal:
-    """Send ``goal`` to the action server ``action`` (actionlib in ROS 1)."""
+    """Send ``goal`` to an action server (actionlib in ROS 1)."""
 
-    action: str
-    type: str
-    goal: Mapping[str, Any]
+    action: Annotated[RosName, Rule("Which action.", key="name")]
+    type: Annotated[RosType, Rule("Its type.")]
+    goal: Annotated[_Template, Rule("The goal; `$value` stands for what the wizard chose.")] = field(
+        default_factory=dict
+    )
 
 
 ControlEffect = PublishMessage | CallService | SendActionGoal
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What of a topic is shown: ``field`` is a path such as ``data`` or ``status[0].level``; shown times ``scale``."""
+class _EffectKeys:
+    """What a control does, under the key of its kind."""
 
-    topic: str
-    type: str
-    field: str
-    scale: float = 1.0
-    throttle_ms: int = 200
+    publish: Annotated[PublishMessage | None, Rule("Publish a message.", beside=_SENDING, needed=_SENDING)] = None
+    call: Annotated[CallService | None, Rule("Call a service.", beside=_SENDING, instead_of=("publish",))] = None
+    action: Annotated[
+        SendActionGoal | None, Rule("Send a goal to an action.", beside=_SENDING, instead_of=("publish", "call"))
+    ] = None
+
+    def effect(self) -> ControlEffect | None:
+        return self.publish or self.call or self.action
+
+
+def _effect_keys(effect: ControlEffect | None) -> _EffectKeys:
+    match effect:
+        case PublishMessage():
+            return _EffectKeys(publish=effect)
+        case CallService():
+            return _EffectKeys(call=effect)
+        case SendActionGoal():
+            return _EffectKeys(action=effect)
+    return _EffectKeys()
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What of a topic is shown."""
+
+    topic: Annotated[RosName, Rule("Where the robot tells it.")]
+    type: Annotated[RosType, Rule("What the topic carries.")]
+    field: Annotated[
+        str,
+        Rule(
+            "One value of the message.",
+            pattern="^[A-Za-z_][A-Za-z0-9_]*(\\[[0-9]+\\])*(\\.[A-Za-z_][A-Za-z0-9_]*(\\[[0-9]+\\])*)*$",
+            allowed="a path such as data or status[0].level.",
+        ),
+    ]
+    scale: Annotated[float, Rule("The value is shown times this.", quiet=True)] = 1.0
+    throttle_ms: Annotated[
+        int, Rule("At most one message in this time.", unit="milliseconds", at_least=0, at_most=60_000, quiet=True)
+    ] = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
     """One line of a ``choice``."""
 
-    title: str
-    value: ControlValue
+    title: Annotated[str, Rule("What the wizard reads.")]
+    value: Annotated[ControlValue, Rule("What `$value` stands for then.")]
 
 
 @dataclass(frozen=True, slots=True)
 class RobotControl:
-    """One control. ``effect`` is None for a readout; ``reading`` is None where the robot does not tell the state.
+    """A button, toggle, slider, choice, text field or readout bound to a topic, service or action of the robot."""
 
-    ``lowest``, ``highest`` and ``step`` belong to a slider, ``choices`` to a choice. ``confirm`` asks first.
-    Unless its file says ``moves: false`` (a light, a volume), using it counts as motion.
-    """
+    id: Annotated[
+        str,
+        Rule(
+            "Unique among the controls; it is what the recording says.",
+            pattern="^[a-z][a-z0-9_]*$",
+            allowed="a short lower-case name of letters, digits and _.",
+        ),
+    ]
+    title: Annotated[str, Rule("What the wizard reads.", shortest=1, longest=60)]
+    kind: Annotated[ControlKind, Rule("What it is.", noun="kind")]
+    effect: Annotated[ControlEffect | None, Spread(_EffectKeys, _EffectKeys.effect, _effect_keys), Rule(order=1)] = None
+    reading: Annotated[
+        Reading | None, Rule("The state as the robot tells it.", key="shows", needed=("kind", "readout"), order=2)
+    ] = None
+    group: Annotated[str, Rule("Controls of one group stand together under this heading.", longest=40, quiet=True)] = ""
+    unit: Annotated[str, Rule("Shown behind the number.", longest=12, quiet=True)] = ""
+    range: Annotated[
+        tuple[float, float] | None, Rule("Lowest and highest value of a slider.", beside=_SLIDER, needed=_SLIDER)
+    ] = None
+    step: Annotated[float, Rule("Step of a slider; 0: continuous.", at_least=0, beside=_SLIDER, quiet=True)] = 0.0
+    choices: Annotated[
+        tuple[Choice, ...],
+        Rule("What can be chosen.", shortest=1, longest=40, beside=_CHOICE, needed=_CHOICE, quiet=True),
+    ] = ()
+    confirm: Annotated[bool, Rule("The wizard is asked before it is done.", quiet=True)] = False
+    moves: Annotated[
+        bool,
+        Rule(
+            "`false` for what moves nothing (a light, a volume, a screen): it also works under the emergency stop and "
+            "where driving is not permitted.",
+            quiet=True,
+        ),
+    ] = True
 
-    id: str
-    title: str
-    kind: ControlKind
-    effect: ControlEffect | None = None
-    reading: Reading | None = None
-    group: str = ""
-    unit: str = ""
-    lowest: float = 0.0
-    highest: float = 1.0
-    step: float = 0.0
-    choices: tuple[Choice, ...] = ()
-    confirm: bool = False
-    moves: bool = True
+    @property
+    def lowest(self) -> float:
+        """Of a slider."""
+        return self.range[0] if self.range else 0.0
+
+    @property
+    def highest(self) -> float:
+        """Of a slider."""
+        return self.range[1] if self.range else 1.0
 
     @property
     def is_motion(self) -> bool:
         """Whether the emergency stop and the permission to drive hold for it; a readout only tells."""
         return self.moves and self.effect is not None
+
+
+CONTROL = Annotated[
+    RobotControl, Rule(noun="control"), Elsewhere("robot-control.schema.json", "robot-profiles.md#the-robot-panel")
+]
+"""One control in a file."""
 
 
 def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:
@@ -111,70 +208,6 @@ def filled(template: Any, value: ControlValue) -> Any:
     return template
 
 
-def control_from_data(data: Mapping[str, Any]) -> RobotControl:
-    """One control from a YAML mapping that ``robot-control.schema.json`` has accepted."""
-    effect: ControlEffect | None = None
-    if "publish" in data:
-        publish = data["publish"]
-        effect = PublishMessage(publish["topic"], publish["type"], publish.get("message", {}))
-    elif "call" in data:
-        call = data["call"]
-        effect = CallService(call["service"], call["type"], call.get("request", {}))
-    elif "action" in data:
-        action = data["action"]
-        effect = SendActionGoal(action["name"], action["type"], action.get("goal", {}))
-    lowest, highest = data.get("range", (0.0, 1.0))
-    return RobotControl(
-        id=data["id"],
-        title=data["title"],
-        kind=data["kind"],
-        effect=effect,
-        reading=Reading(**data["shows"]) if "shows" in data else None,
-        group=data.get("group", ""),
-        unit=data.get("unit", ""),
-        lowest=float(lowest),
-        highest=float(highest),
-        step=float(data.get("step", 0.0)),
-        choices=tuple(Choice(choice["title"], choice["value"]) for choice in data.get("choices", ())),
-        confirm=data.get("confirm", False),
-        moves=data.get("moves", True),
-    )
-
-
-def control_data(control: RobotControl) -> dict[str, Any]:
-    """The reverse of :func:`control_from_data`, without what has its default."""
-    data: dict[str, Any] = {"id": control.id, "title": control.title, "kind": control.kind}
-    if control.group:
-        data["group"] = control.group
-    if control.unit:
-        data["unit"] = control.unit
-    if control.kind == "slider":
-        data["range"] = [control.lowest, control.highest]
-        if control.step:
-            data["step"] = control.step
-    if control.choices:
-        data["choices"] = [{"title": choice.title, "value": choice.value} for choice in control.choices]
-    if control.confirm:
-        data["confirm"] = True
-    if not control.moves:
-        data["moves"] = False
-    match control.effect:
-        case PublishMessage(topic, type_name, message):
-            data["publish"] = {"topic": topic, "type": type_name, "message": dict(message)}
-        case CallService(service, type_name, request):
-            data["call"] = {"service": service, "type": type_name, "request": dict(request)}
-        case SendActionGoal(action, type_name, goal):
-            data["action"] = {"name": action, "type": type_name, "goal": dict(goal)}
-    if control.reading is not None:
-        reading = control.reading
-        data["shows"] = {"topic": reading.topic, "type": reading.type, "field": reading.field}
-        if reading.scale != 1.0:
-            data["shows"]["scale"] = reading.scale
-        if reading.throttle_ms != 200:
-            data["shows"]["throttle_ms"] = reading.throttle_ms
-    return data
-
-
 def mentions_value(template: Any) -> bool:
     """Whether ``$value`` stands anywhere in the template."""
     if isinstance(template, Mapping):
@@ -187,7 +220,7 @@ def mentions_value(template: Any) -> bool:
 def control_problems(
     controls: Sequence[Mapping[str, Any]], velocity_topic: Callable[[], str | None] = lambda: None
 ) -> Iterator[tuple[int, str]]:
-    """What the schema cannot say of a list of controls: (its number, a sentence) for each mistake.
+    """What their declaration cannot say of a list of controls: (its number, a sentence) for each mistake.
 
     ``velocity_topic`` gives where the robot takes velocities, as far as that is known; asked only where it matters.
     """
@@ -202,9 +235,6 @@ def control_problems(
             yield index, f"the range of {name} is from {lowest} to {highest}. Allowed: the lower number first."
         elif control.get("step", 0.0) > highest - lowest:
             yield index, f"the step of {name} is larger than its range from {lowest} to {highest}."
-        for key, owner in (("range", "slider"), ("step", "slider"), ("choices", "choice")):
-            if key in control and kind != owner:
-                yield index, f"{name} is a {kind}; '{key}' belongs to a {owner}."
         publish = control.get("publish")
         if publish is not None and is_velocity(publish["topic"], publish["type"], velocity_topic()):
             yield (
@@ -212,10 +242,9 @@ def control_problems(
                 f"{name} publishes velocities ({publish['type']} on {publish['topic']}). Only driving sends those, so "
                 "that the stop, the obstacle guard and letting go of the key hold for them. Leave this control out.",
             )
-        if kind not in ("button", "readout") and not _sends_value(control):
+        sent = [control.get(part, {}).get(template) for part, template in _TEMPLATES]
+        if kind not in ("button", "readout") and not mentions_value(sent):
             yield index, f"what {name} sends nowhere holds {VALUE}, so what the wizard chooses has no effect."
 
 
-def _sends_value(control: Mapping[str, Any]) -> bool:
-    parts = (("publish", "message"), ("call", "request"), ("action", "goal"))
-    return any(mentions_value(control[part].get(template, {})) for part, template in parts if part in control)
+_TEMPLATES = (("publish", "message"), ("call", "request"), ("action", "goal"))

@@ -2,8 +2,8 @@
 
 Its fields are ``Annotated`` with a :class:`Rule`. From that come the check and its sentences (``declared_check``), the
 values and what is written back (here), the JSON Schema for editors (``declared_schema``) and the guide's tables
-(``declared_page``). A file may hold true, false, whole numbers, numbers, text, one of several words, lists, groups of
-keys, and one of several groups.
+(``declared_page``). A file may hold true, false, whole numbers, numbers, text, one of several words, lists of any or
+of a fixed length, groups of keys, one of several groups, and groups whose keys nobody declares (messages of a robot).
 
 No library: msgspec tells the first mistake only, sorts the allowed words and takes no union of dataclasses; pydantic
 takes them, but its imports and schemas cost the first window 0.3 to 0.45 s on two slow cores, and these files 0.03.
@@ -13,13 +13,12 @@ import functools
 import math
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
-from caris_desktop.domain.yaml_source import KeyPath
+from caris_desktop.domain.key_path import KeyPath
 
-Problem = tuple[KeyPath, str]
 # A frozen dataclass that says which keys stand together.
 Group: TypeAlias = Any
 
@@ -30,9 +29,14 @@ class Rule:
 
     ``noun`` is what one of these is called in messages. Numbers are bounded by ``at_least``, ``more_than`` and
     ``at_most``; text (in characters) and lists (in entries) by ``shortest`` and ``longest``. ``allowed`` says in words
-    what ``pattern`` means, ``needs`` what one of several groups must have. An entry of a ``unique`` list stands there
-    once. A ``quiet`` value is not written while it is the default; ``wanted`` asks for a key that has one, in editors.
-    Keys are written by ``order``, then as declared.
+    what ``pattern`` means. An entry of a ``unique`` list stands there once. A ``quiet`` value is not written while it
+    is the default; a ``wanted`` one must be given though it has one. Keys are written by ``order``, then as declared,
+    and called ``key`` where the file has another word than the program.
+
+    Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
+    ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
+    either. A group must have ``some_of`` its keys. ``needs`` says in words what is missing there, or in one of several
+    groups.
     """
 
     text: str = ""
@@ -50,6 +54,11 @@ class Rule:
     quiet: bool = False
     wanted: bool = False
     order: int = 0
+    key: str = ""
+    beside: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
+    instead_of: tuple[str, ...] = ()
+    some_of: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +71,20 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class Foreign:
-    """A value with a schema of its own; ``page`` is where the guide explains it."""
+class WrittenAs:
+    """A value that stands in the file as ``kind``, which is another declaration."""
+
+    kind: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """What stands here is explained elsewhere, because several files have it: in a schema and on a page."""
 
     schema: str
     page: str
-    problems: Callable[[Any, KeyPath], Iterator[Problem]]
-    read: Callable[[Any], Any]
-    write: Callable[[Any], Any]
 
 
 class NotInFile:
@@ -83,25 +98,29 @@ class Form:
     kind: Any
     rule: Rule = Rule()
     spread: Spread | None = None
-    foreign: Foreign | None = None
+    written_as: WrittenAs | None = None
+    elsewhere: Elsewhere | None = None
     in_file: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of a group. ``default`` is ``dataclasses.MISSING`` where the key must be given."""
+    """One key of a group, which the program has as ``attribute``; ``default`` may be ``dataclasses.MISSING``."""
 
     name: str
+    attribute: str
     form: Form
     default: Any = MISSING
 
     @property
     def required(self) -> bool:
-        return self.default is MISSING
+        return self.default is MISSING or self.form.rule.wanted
 
 
 def form_of(hint: Any) -> Form:
     """What an annotation declares. Outer rules go before inner ones; None means that the key is left out."""
+    if isinstance(hint, Form):
+        return hint
     if get_origin(hint) is Annotated:
         inner, *marks = get_args(hint)
         return functools.reduce(_with_mark, marks, form_of(inner))
@@ -115,16 +134,22 @@ def form_of(hint: Any) -> Form:
 def _with_mark(form: Form, mark: Any) -> Form:
     match mark:
         case Rule():
-            given = {each.name: getattr(mark, each.name) for each in fields(Rule)}
-            said = {name: value for name, value in given.items() if value != getattr(_NO_RULE, name)}
-            return replace(form, rule=replace(form.rule, **said))
+            return replace(form, rule=_with_rule(form.rule, mark))
         case Spread():
             return replace(form, spread=mark)
-        case Foreign():
-            return replace(form, foreign=mark)
+        case WrittenAs():
+            written = form_of(mark.kind)
+            return replace(form, kind=written.kind, rule=_with_rule(form.rule, written.rule), written_as=mark)
+        case Elsewhere():
+            return replace(form, elsewhere=mark)
         case NotInFile():
             return replace(form, in_file=False)
     return form
+
+
+def _with_rule(inner: Rule, outer: Rule) -> Rule:
+    given = {each.name: getattr(outer, each.name) for each in fields(Rule)}
+    return replace(inner, **{name: value for name, value in given.items() if value != getattr(_NO_RULE, name)})
 
 
 _NO_RULE = Rule()
@@ -146,9 +171,27 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) is Literal else ()
 
 
+def scalars_of(kind: Any) -> tuple[Any, ...]:
+    """What a single value may be, the most particular first; none where it is a list or a group."""
+    members = get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else (kind,)
+    return members if all(member in (bool, int, float, str) for member in members) else ()
+
+
+def is_free(kind: Any) -> bool:
+    """Whether it stands in the file as keys that nobody declares."""
+    return get_origin(kind) is Mapping
+
+
 def item_of(kind: Any) -> Form | None:
     """What the entries of a list are; None where it is no list."""
     return form_of(get_args(kind)[0]) if get_origin(kind) is tuple else None
+
+
+def size_of(form: Form) -> tuple[int, int | None]:
+    """How many characters or entries there are at least and at most."""
+    if get_origin(form.kind) is tuple and get_args(form.kind)[-1] is not Ellipsis:
+        return len(get_args(form.kind)), len(get_args(form.kind))
+    return form.rule.shortest, form.rule.longest
 
 
 @functools.cache
@@ -160,7 +203,7 @@ def _attributes(group: Group) -> tuple[Key, ...]:
         form = form_of(hints[each.name])
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if form.in_file:
-            found.append(Key(each.name, form, default))
+            found.append(Key(form.rule.key or each.name, each.name, form, default))
     return tuple(sorted(found, key=lambda attribute: attribute.form.rule.order))
 
 
@@ -189,26 +232,25 @@ def value_from(hint: Any, data: Any) -> Any:
 
 
 def _value(form: Form, data: Any) -> Any:
-    if form.foreign is not None:
-        return form.foreign.read(data)
     if is_group(form.kind):
-        return _group_value(form.kind, data)
-    if groups := groups_of(form.kind):
-        meant = group_meant(groups, data)
-        return _group_value(meant or groups[0], data)
-    if (item := item_of(form.kind)) is not None:
-        return tuple(_value(item, entry) for entry in data)
-    return form.kind(data) if form.kind in (int, float) else data
+        value = _group_value(form.kind, data)
+    elif groups := groups_of(form.kind):
+        value = _group_value(group_meant(groups, data) or groups[0], data)
+    elif (item := item_of(form.kind)) is not None:
+        value = tuple(_value(item, entry) for entry in data)
+    else:
+        value = form.kind(data) if form.kind in (int, float) else data
+    return value if form.written_as is None else form.written_as.read(value)
 
 
 def _group_value(group: Group, data: Mapping[str, Any]) -> Any:
     values = {}
-    for attribute in _attributes(group):
-        spread = attribute.form.spread
+    for key in _attributes(group):
+        spread = key.form.spread
         if spread is not None:
-            values[attribute.name] = spread.read(_group_value(spread.keys, data))
-        elif attribute.name in data:
-            values[attribute.name] = _value(attribute.form, data[attribute.name])
+            values[key.attribute] = spread.read(_group_value(spread.keys, data))
+        elif key.name in data:
+            values[key.attribute] = _value(key.form, data[key.name])
     return group(**values)
 
 
@@ -218,24 +260,37 @@ def data_of(hint: Any, value: Any) -> Any:
 
 
 def _data(form: Form, value: Any) -> Any:
-    if form.foreign is not None:
-        return form.foreign.write(value)
+    if form.written_as is not None:
+        value = form.written_as.write(value)
     if is_group(type(value)):
         return _group_data(value)
     if (item := item_of(form.kind)) is not None:
         return [_data(item, entry) for entry in value]
-    return plain_number(value) if isinstance(value, float) else value
+    if is_free(form.kind):
+        return dict(value)
+    return plain_number(value) if form.kind is float else value
 
 
 def _group_data(value: Any) -> dict[str, Any]:
     data: dict[str, Any] = {}
-    for attribute in _attributes(value.__class__):
-        item, form = getattr(value, attribute.name), attribute.form
+    for key in _attributes(value.__class__):
+        item, form = getattr(value, key.attribute), key.form
         if form.spread is not None:
             data |= _group_data(form.spread.write(item))
-        elif item is not None and not (form.rule.quiet and item == attribute.default):
-            data[attribute.name] = _data(form, item)
+        elif item is not None and not (form.rule.quiet and item == key.default):
+            data[key.name] = _data(form, item)
     return data
+
+
+def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
+    """Checked ``data`` with each single value in them as ``change`` gives it."""
+    form = form_of(hint)
+    if groups := (form.kind,) if is_group(form.kind) else groups_of(form.kind):
+        forms = {key.name: key.form for key in keys_of(group_meant(groups, data) or groups[0])}
+        return {name: replaced(forms[name], value, change, (*path, name)) for name, value in data.items()}
+    if (item := item_of(form.kind)) is not None:
+        return [replaced(item, entry, change, (*path, index)) for index, entry in enumerate(data)]
+    return change(form, data, path)
 
 
 def plain_number(number: float) -> float | int:

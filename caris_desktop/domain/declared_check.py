@@ -8,19 +8,33 @@ from typing import Any
 from caris_desktop.domain.declared import (
     Form,
     Group,
-    Problem,
+    Key,
     choices_of,
     form_of,
     group_meant,
     groups_of,
+    is_free,
     is_group,
     item_of,
     keys_of,
+    scalars_of,
+    size_of,
 )
-from caris_desktop.domain.yaml_source import KeyPath
+from caris_desktop.domain.key_path import KeyPath, Problem, name_of
+from caris_desktop.domain.yaml_source import LocatedData
 
+MOST_TOLD = 5
 _KIND_WORDS = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
 _GROUP_WORDS = "a group of 'key: value' lines"
+
+
+def told(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
+    """The first mistakes of a file with their lines, one below the other."""
+    located = sorted((source.line_of(path), message) for path, message in found)
+    lines = [f"{file_name}, line {line}: {message}" for line, message in located[:MOST_TOLD]]
+    if len(located) > MOST_TOLD:
+        lines.append(f"... and {len(located) - MOST_TOLD} more.")
+    return "\n".join(lines)
 
 
 def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
@@ -30,38 +44,79 @@ def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
 
 def _problems(form: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
     groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
-    if form.foreign is not None:
-        yield from form.foreign.problems(data, path)
-    elif groups and not isinstance(data, dict):
-        yield path, wrong_kind(_GROUP_WORDS, data, path)
+    if (groups or is_free(form.kind)) and not isinstance(data, dict):
+        yield path, _wrong_kind(_GROUP_WORDS, data, path, form)
     elif groups:
-        yield from _group_problems(groups, data, path, form.rule.needs)
+        yield from _group_problems(groups, data, path, form)
     elif (item := item_of(form.kind)) is not None:
         yield from _list_problems(form, item, data, path)
-    elif sentence := _value_problem(form, data, path):
+    elif not is_free(form.kind) and (sentence := _value_problem(form, data, path)):
         yield path, sentence
 
 
-def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: KeyPath, needs: str) -> Iterator[Problem]:
+def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: KeyPath, form: Form) -> Iterator[Problem]:
     meant = group_meant(groups, data)
     keys = {key.name: key for group in (groups if meant is None else (meant,)) for key in keys_of(group)}
     misspelled = set()
     for name in data:
         if name not in keys:
-            yield (*path, name), unknown_key(name, keys, data, path)
+            yield (*path, name), _unknown_key(name, keys, data, path)
             misspelled.add(_key_meant(name, keys, data))
     missing = [key.name for key in keys.values() if key.required and key.name not in data]
+    some_of, needs = form.rule.some_of, form.rule.needs
     # A key that is there under a wrong name is told once.
     if missing and not misspelled.intersection(missing):
-        yield path, needs or missing_keys(missing, path)
+        yield path, needs if needs and not some_of else _missing_keys(missing, path)
+    if some_of and not any(name in data for name in some_of) and not misspelled.intersection(some_of):
+        yield path, needs
     for name, key in keys.items():
         if name in data:
             yield from _problems(key.form, data[name], (*path, name))
+        if name not in misspelled:
+            yield from _neighbour_problems(key, keys, data, path, misspelled)
+
+
+def _neighbour_problems(
+    key: Key, keys: Mapping[str, Key], data: Mapping[str, Any], path: KeyPath, misspelled: set[str | None]
+) -> Iterator[Problem]:
+    """What is wrong with a key beside others of its group, or with its absence."""
+    name, rule, place = key.name, key.form.rule, (*path, key.name)
+    if name in data:
+        for other in rule.instead_of:
+            if other in data:
+                yield place, f"{name_of(place)} does not go with '{other}': keep one of the two."
+        if rule.beside and rule.beside[0] not in misspelled and not _stands(rule.beside, keys, data):
+            other = rule.beside[0]
+            found = f"found {quoted(data[other])}" if other in data else "which is not there"
+            if other in data or not keys[other].required:
+                yield place, f"{name_of(place)} belongs to '{condition(rule.beside)}', {found}."
+    elif rule.needed and _stands(rule.needed, keys, data, unsure=False):
+        instead = [other.name for other in keys.values() if name in other.form.rule.instead_of]
+        if not any(other in data or other in misspelled for other in instead):
+            other, *words = rule.needed
+            which = f" is {quoted(data[other])}, which" if words else ""
+            needed = " or ".join(f"'{each}'" for each in (name, *instead))
+            yield (*path, other), f"{name_of((*path, other))}{which} {rule.needs or f'needs {needed} beside it.'}"
+
+
+def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str, Any], *, unsure: bool = True) -> bool:
+    """Whether the key ``wanted[0]`` is there, and one of the words behind it; ``unsure`` where it is no word at all."""
+    other, *words = wanted
+    if other not in data or not words:
+        return other in data
+    return data[other] in words if data[other] in choices_of(keys[other].form.kind) else unsure
+
+
+def condition(wanted: tuple[str, ...]) -> str:
+    """A key, or one with the words that it may be, as people read it."""
+    other, *words = wanted
+    *first, last = words or [""]
+    return f"{other}: {', '.join(first)} or {last}" if first else f"{other}: {last}" if last else other
 
 
 def _list_problems(form: Form, item: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
     if not isinstance(data, (list, tuple)):
-        yield path, wrong_kind("a list", data, path)
+        yield path, _wrong_kind("a list", data, path, form)
         return
     if sentence := _length_problem(form, data, "entries", path):
         yield path, sentence
@@ -78,8 +133,9 @@ def _value_problem(form: Form, value: Any, path: KeyPath) -> str | None:
             return None
         noun = rule.noun or next((part for part in reversed(path) if isinstance(part, str)), "value")
         return f"unknown {noun} {quoted(value)}. {allowed_words(str(value), [str(choice) for choice in choices])}"
-    if not _is_a(form.kind, value):
-        return wrong_kind(_KIND_WORDS[form.kind], value, path)
+    kinds = scalars_of(form.kind)
+    if not any(_is_a(kind, value) for kind in kinds):
+        return _wrong_kind(" or ".join(_KIND_WORDS[kind] for kind in kinds), value, path, form)
     if isinstance(value, str):
         if rule.pattern and not re.search(rule.pattern, value):
             return f"{name} is {quoted(value)}. Allowed: {rule.allowed or rule.pattern}"
@@ -95,13 +151,12 @@ def _value_problem(form: Form, value: Any, path: KeyPath) -> str | None:
 
 
 def _length_problem(form: Form, data: Sequence[Any], unit: str, path: KeyPath) -> str | None:
-    rule, name = form.rule, name_of(path)
-    if len(data) < rule.shortest:
-        found = "is empty" if not data else f"has {len(data)} {unit}"
-        return f"{name} {found}." + (f" Allowed: at least {rule.shortest}." if rule.shortest > 1 else "")
-    if rule.longest is not None and len(data) > rule.longest:
-        return f"{name} has {len(data)} {unit}. Allowed: at most {rule.longest}."
-    return None
+    least, most = size_of(form)
+    if len(data) >= least and (most is None or len(data) <= most):
+        return None
+    found = f"has {len(data)} {unit}" if data else "is empty"
+    allowed = str(least) if least == most else f"at least {least}" if len(data) < least else f"at most {most}"
+    return f"{name_of(path)} {found}." + (f" Allowed: {allowed}." if data or least > 1 else "")
 
 
 def _is_a(kind: type[Any], value: Any) -> bool:
@@ -112,13 +167,12 @@ def _is_a(kind: type[Any], value: Any) -> bool:
     return isinstance(value, (int, float) if kind is float else kind)
 
 
-def wrong_kind(words: str, found: Any, path: KeyPath) -> str:
-    """Something else stands where ``words`` were expected."""
-    return f"{name_of(path)} must be {words}, found {quoted(found)}."
+def _wrong_kind(words: str, found: Any, path: KeyPath, form: Form) -> str:
+    allowed = f" Allowed: {form.rule.allowed}" if form.rule.allowed else ""
+    return f"{name_of(path)} must be {words}, found {quoted(found)}.{allowed}"
 
 
-def unknown_key(name: str, known: Iterable[str], data: Mapping[str, Any], path: KeyPath) -> str:
-    """A key that the group at ``path``, which holds ``data``, does not have."""
+def _unknown_key(name: str, known: Iterable[str], data: Mapping[str, Any], path: KeyPath) -> str:
     known = sorted(known)
     return f"unknown key '{name}'{_within(path)}. Allowed: {', '.join(known)}.{_hint(_key_meant(name, known, data))}"
 
@@ -129,15 +183,19 @@ def _key_meant(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str 
     return _nearest(name, [key for key in known if key not in data]) or _nearest(name, known)
 
 
-def missing_keys(names: list[str], path: KeyPath) -> str:
-    """Keys that the group at ``path`` must have."""
+def _missing_keys(names: list[str], path: KeyPath) -> str:
     listed = " and ".join(f"'{name}'" for name in names)
     return f"{listed} {'is' if len(names) == 1 else 'are'} missing{_within(path)}."
 
 
 def allowed_words(found: str, allowed: list[str]) -> str:
     """The allowed words, and which of them was probably meant."""
-    return f"Allowed: {', '.join(allowed)}.{_hint(_nearest(found, allowed))}"
+    return f"Allowed: {', '.join(allowed)}.{did_you_mean(found, allowed)}"
+
+
+def did_you_mean(found: str, allowed: list[str]) -> str:
+    """A suggestion to put behind a message, or nothing."""
+    return _hint(_nearest(found, allowed))
 
 
 def _hint(meant: str | None) -> str:
@@ -152,19 +210,11 @@ def _within(path: KeyPath) -> str:
     return f" in {name_of(path)}" if path else ""
 
 
-def name_of(path: KeyPath) -> str:
-    """A place in a file as messages call it: ``'places[2].x_m'``, counted from 1."""
-    text = ""
-    for part in path:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
-    return f"'{text}'"
-
-
 def quoted(value: Any) -> str:
-    """A value of a file as messages show it."""
+    """A value of a file as messages show it; a password in an address is not repeated."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
         return "true" if value else "false"
-    text = repr(value) if isinstance(value, str) else str(value)
+    text = re.sub(r"//[^/@\s]*@", "//...@", repr(value) if isinstance(value, str) else str(value))
     return text if len(text) <= 60 else text[:57] + "..."

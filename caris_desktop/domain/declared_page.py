@@ -1,5 +1,6 @@
 """The guide's tables of a declared file: each key, what may stand there, and what it means."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,47 +12,73 @@ from caris_desktop.domain.declared import (
     data_of,
     form_of,
     groups_of,
+    is_free,
     is_group,
     item_of,
     keys_of,
     plain_number,
+    scalars_of,
+    size_of,
 )
+from caris_desktop.domain.declared_check import condition
 from caris_desktop.domain.declared_schema import description_of
 
 _FEW_CHOICES = 4
+_PLACE = re.compile(r"(<!-- keys of (\S+?)(?:: ([\w ]+?))? -->\n).*?(?=\n<!-- end of keys -->)", re.DOTALL)
+_SCALAR_WORDS = {bool: "`true` or `false`", str: "text", int: "whole number", float: "number"}
 
 
 def reference(declaration: Group) -> str:
     """Markdown: one table for the file itself, then one section for each group in it."""
-    lines = _table(declaration)
+    lines = _table(keys_of(declaration))
     for key in keys_of(declaration):
         lines += _section(key)
     return "\n".join(lines) + "\n"
 
 
+def with_tables(page: str, files: dict[str, Group]) -> str:
+    """``page`` with its tables written anew.
+
+    One stands behind each ``<!-- keys of FILE: NAMES -->`` (without names: all of them) up to ``<!-- end of keys -->``;
+    ``FILE.KEY.KEY`` is a group within the file.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        file, *path = found[2].split(".")
+        group = files[file]
+        for name in path:
+            (form,) = (key.form for key in keys_of(group) if key.name == name)
+            group = (item_of(form.kind) or form).kind
+        keys = {key.name: key for key in keys_of(group)}
+        names = found[3].split() if found[3] else list(keys)
+        return "\n".join((found[1], *_table(tuple(keys[name] for name in names)), ""))
+
+    return _PLACE.sub(table, page)
+
+
 def _section(key: Key) -> list[str]:
     form = item_of(key.form.kind) or key.form
-    if form.foreign is not None:
+    if form.elsewhere is not None:
         return []
     if is_group(form.kind):
-        return ["", f"## `{key.name}`", "", description_of(key.form), "", *_table(form.kind)]
+        return ["", f"## `{key.name}`", "", description_of(key.form), "", *_table(keys_of(form.kind))]
     groups = groups_of(form.kind)
     lines = ["", f"## `{key.name}`", "", description_of(key.form)] if groups else []
     for group in groups:
-        lines += ["", description_of(form_of(group)), "", *_table(group)]
+        lines += ["", description_of(form_of(group)), "", *_table(keys_of(group))]
     return lines
 
 
-def _table(group: Group) -> list[str]:
-    rows = [f"| `{key.name}` | {', '.join(_cells(key))} | {_meaning(key)} |" for key in keys_of(group)]
+def _table(keys: tuple[Key, ...]) -> list[str]:
+    rows = [f"| `{key.name}` | {', '.join(_cells(key))} | {_meaning(key)} |" for key in keys]
     return ["| key | what may stand there, default | meaning |", "| --- | --- | --- |", *rows]
 
 
 def _meaning(key: Key) -> str:
     said = description_of(key.form)
-    foreign = (item_of(key.form.kind) or key.form).foreign
-    if foreign is not None:
-        said += f" [How they are written]({foreign.page})."
+    elsewhere = (item_of(key.form.kind) or key.form).elsewhere
+    if elsewhere is not None:
+        said += f" [How they are written]({elsewhere.page})."
     choices = choices_of(key.form.kind)
     if key.required and len(choices) > _FEW_CHOICES:
         said += f" There are {_listed(choices)}."
@@ -59,11 +86,18 @@ def _meaning(key: Key) -> str:
 
 
 def _cells(key: Key) -> Iterator[str]:
+    rule = key.form.rule
     yield from _allowed(key.form)
-    if key.required or key.form.rule.wanted:
+    if rule.instead_of:
+        yield "instead of " + " or ".join(f"`{other}`" for other in rule.instead_of)
+    if rule.beside and rule.beside != rule.needed:
+        yield f"only with `{condition(rule.beside)}`"
+    if key.required:
         yield "required"
-    elif not is_group(key.form.kind):
-        yield _shown(None if key.default is None else data_of(key.form.kind, key.default))
+    elif rule.needed:
+        yield f"required {'and only ' if rule.beside == rule.needed else ''}with `{condition(rule.needed)}`"
+    elif not (is_group(key.form.kind) or rule.instead_of):
+        yield _shown(None if key.default is None else data_of(key.form, key.default))
 
 
 def _shown(default: Any) -> str:
@@ -76,18 +110,18 @@ def _allowed(form: Form) -> Iterator[str]:
     kind, rule = form.kind, form.rule
     if (item := item_of(kind)) is not None:
         yield f"list{_size(form, 'entry', 'entries')}: {', '.join(_allowed(item))}"
-    elif form.foreign is not None or (rule.noun and not _few(kind)):
+    elif rule.noun and not _few(kind):
         yield f"a {rule.noun}"
     elif is_group(kind):
         yield "a group, see below"
+    elif is_free(kind):
+        yield "names and values"
     elif choices := choices_of(kind):
         yield _listed(choices)
-    elif kind is bool:
-        yield "`true` or `false`"
     elif kind is str:
         yield rule.allowed.rstrip(".") or f"text{_size(form, 'character', 'characters')}"
     else:
-        yield " ".join(["whole number" if kind is int else "number", f"in {rule.unit}" if rule.unit else ""]).strip()
+        yield " or ".join(_SCALAR_WORDS[each] for each in scalars_of(kind)) + (f" in {rule.unit}" if rule.unit else "")
         bounds = (("at least", rule.at_least), ("more than", rule.more_than), ("at most", rule.at_most))
         yield from (f"{words} {plain_number(float(limit))}" for words, limit in bounds if limit is not None)
 
@@ -102,7 +136,9 @@ def _listed(choices: tuple[Any, ...]) -> str:
 
 
 def _size(form: Form, one: str, many: str) -> str:
-    least, most = form.rule.shortest, form.rule.longest
+    least, most = size_of(form)
+    if least == most:
+        return f" of {least} {many}"
     if most is not None:
         return f" of {least} to {most} {many}" if least else f" of up to {most} {many}"
     return f" of at least {least} {one if least == 1 else many}" if least else ""

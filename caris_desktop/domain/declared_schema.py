@@ -1,18 +1,33 @@
 """The JSON Schema of a declared file, by which editors complete, check and explain what is typed."""
 
+import json
 from typing import Any
 
-from caris_desktop.domain.declared import Form, Group, choices_of, form_of, groups_of, is_group, item_of, keys_of
+from caris_desktop.domain.declared import (
+    Form,
+    Group,
+    Key,
+    Rule,
+    choices_of,
+    form_of,
+    groups_of,
+    is_free,
+    is_group,
+    item_of,
+    keys_of,
+    scalars_of,
+    size_of,
+)
 
 _TYPES = {str: "string", float: "number", int: "integer", bool: "boolean"}
 
 
-def file_schema(declaration: Group, *, schema_id: str, title: str) -> dict[str, Any]:
+def file_schema(declaration: Group, *, title: str, schema_id: str = "") -> dict[str, Any]:
     """The schema of a whole file."""
     definitions: dict[str, Any] = {}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": schema_id,
+        **({"$id": schema_id} if schema_id else {}),
         "title": title,
         **_bare(form_of(declaration), definitions),
         "description": description_of(form_of(declaration)),
@@ -20,15 +35,22 @@ def file_schema(declaration: Group, *, schema_id: str, title: str) -> dict[str, 
     }
 
 
+def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
+    """The content of the schema's file."""
+    return json.dumps(file_schema(declaration, title=title, schema_id=schema_id), indent=2, ensure_ascii=False) + "\n"
+
+
 def description_of(form: Form) -> str:
     """What people are told of a place: its rule's text, or else what its declaration says of itself."""
-    own = is_group(form.kind) and form.foreign is None
-    said = form.rule.text or (form.kind.__doc__ if own else "") or ""
+    said = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
     return " ".join(said.replace("``", "`").split())
 
 
 def _schema(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
-    schema = _defined(form, definitions) if form.rule.noun else _bare(form, definitions)
+    if form.elsewhere is not None:
+        schema: dict[str, Any] = {"$ref": form.elsewhere.schema}
+    else:
+        schema = _defined(form, definitions) if form.rule.noun else _bare(form, definitions)
     allowed = f"Allowed: {form.rule.allowed}" if form.rule.allowed else ""
     description = f"{description_of(form)} {allowed}".strip()
     return {**schema, "description": description} if description else schema
@@ -45,24 +67,26 @@ def _defined(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
 
 def _bare(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     kind, rule = form.kind, form.rule
-    if form.foreign is not None:
-        return {"$ref": form.foreign.schema}
+    least, most = size_of(form)
     if is_group(kind):
-        return _group(kind, definitions)
+        return _group(kind, definitions, rule)
     if groups := groups_of(kind):
         return {"type": "object", **_one_of(groups, definitions)}
+    if is_free(kind):
+        return {"type": "object"}
     if choices := choices_of(kind):
         return {"enum": list(choices)} if len(choices) > 1 else {"const": choices[0]}
     if (item := item_of(kind)) is not None:
         return _given(
-            {"type": "array", "minItems": rule.shortest or None, "maxItems": rule.longest, "uniqueItems": rule.unique},
+            {"type": "array", "minItems": least or None, "maxItems": most, "uniqueItems": rule.unique},
             items=_schema(item, definitions),
         )
+    types = [_TYPES[each] for each in scalars_of(kind)]
     return _given(
         {
-            "type": _TYPES[kind],
-            "minLength": rule.shortest or None,
-            "maxLength": rule.longest,
+            "type": types if len(types) > 1 else types[0],
+            "minLength": least or None,
+            "maxLength": most,
             "pattern": rule.pattern or None,
             "minimum": rule.at_least,
             "exclusiveMinimum": rule.more_than,
@@ -71,23 +95,52 @@ def _bare(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def _group(group: Group, definitions: dict[str, Any]) -> dict[str, Any]:
+def _group(group: Group, definitions: dict[str, Any], rule: Rule) -> dict[str, Any]:
+    keys = keys_of(group)
     properties = {}
-    required = []
-    for key in keys_of(group):
+    for key in keys:
         properties[key.name] = _schema(key.form, definitions)
-        if isinstance(key.default, (bool, int, float, str)) and key.default != "" and not key.form.rule.wanted:
+        if isinstance(key.default, (bool, int, float, str)) and key.default != "" and not key.required:
             properties[key.name]["default"] = key.default
-        if key.required or key.form.rule.wanted:
-            required.append(key.name)
-    wanted = {"required": required} if required else {}
-    return {"type": "object", **wanted, "additionalProperties": False, "properties": properties}
+    neighbours = {key.name: found for key in keys if (found := _neighbours(key))}
+    return _given(
+        {
+            "type": "object",
+            "required": [key.name for key in keys if key.required] or None,
+            "anyOf": [{"required": [name]} for name in rule.some_of] or None,
+            "dependentSchemas": neighbours or None,
+            "allOf": [_needed(key, keys) for key in keys if key.form.rule.needed] or None,
+        },
+        additionalProperties=False,
+        properties=properties,
+    )
+
+
+def _neighbours(key: Key) -> dict[str, Any]:
+    """What must hold of the other keys where this one is."""
+    rule = key.form.rule
+    schema = _standing(rule.beside) if rule.beside else {}
+    if rule.instead_of:
+        schema["not"] = {"anyOf": [{"required": [other]} for other in rule.instead_of]}
+    return schema
+
+
+def _needed(key: Key, keys: tuple[Key, ...]) -> dict[str, Any]:
+    instead = [other.name for other in keys if key.name in other.form.rule.instead_of]
+    any_of = [{"required": [name]} for name in (key.name, *instead)]
+    return {"if": _standing(key.form.rule.needed), "then": {"anyOf": any_of} if instead else any_of[0]}
+
+
+def _standing(wanted: tuple[str, ...]) -> dict[str, Any]:
+    """That a key is there, and one of the words behind it."""
+    other, *words = wanted
+    return {"required": [other]} | ({"properties": {other: {"enum": words}}} if words else {})
 
 
 def _one_of(groups: tuple[Group, ...], definitions: dict[str, Any]) -> dict[str, Any]:
     """Decided by the first key that a group must have, so that an editor tells what is wrong in the one meant."""
     first, *others = groups
-    schema = _group(first, definitions)
+    schema = _group(first, definitions, Rule())
     if not others:
         return schema
     decisive = next(key.name for key in keys_of(first) if key.required)

@@ -8,8 +8,9 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from caris_desktop.domain.key_path import KeyPath
+
 MAX_DEPTH = 40
-KeyPath = tuple[str | int, ...]
 
 _TAG = "tag:yaml.org,2002:"
 # As in YAML 1.2: yes, on and off are words, so are 12:30 and dates, and 1e-3 is a number.

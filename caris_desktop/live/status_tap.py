@@ -8,7 +8,8 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.controls import RobotControl, control_data, control_from_data
+from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
@@ -103,13 +104,13 @@ def content_of(name: str, value: Any) -> Any:
     """The plain form of the value of this name, without what stays out of recordings."""
     if name == "controls":
         # As in files: what a control does is one of several kinds, which the plain form would not tell apart.
-        return [control_data(control) for control in value]
+        return data_of(tuple[RobotControl, ...], value)
     return to_jsonable(_for_the_record(value))
 
 
 def _value_of(name: str, kind: Any, content: Any) -> Any:
     if name == "controls":
-        return tuple(control_from_data(control) for control in content)
+        return value_from(tuple[RobotControl, ...], content)
     return from_jsonable(kind, content)
 
 

@@ -15,6 +15,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.robot.profile_model import (
     CameraTopic,
     EmergencyStopInterface,
+    FloorOutline,
     GuardSettings,
     HeadInterface,
     MapServices,
@@ -37,6 +38,7 @@ from caris_desktop.robot.profile_model import (
 __all__ = [
     "CameraTopic",
     "EmergencyStopInterface",
+    "FloorOutline",
     "GuardSettings",
     "HeadInterface",
     "ListedProfile",
@@ -156,13 +158,11 @@ def parse_profile(text: str, *, file_name: str, name: str) -> RobotProfile:
     ProfileError
         As :func:`read_profile`.
     """
-    # The links know profiles and read none: YAML and JSON Schema are loaded where a file is.
+    # The links know profiles and read none: YAML is loaded where a file is.
     from caris_desktop.robot.profile_content import profile_from
     from caris_desktop.robot.profile_file import ProfileText
 
-    source = ProfileText(text, file_name)
-    source.check()
-    return profile_from(source, name)
+    return profile_from(ProfileText(text, file_name), name)
 
 
 def save_profile(profile: RobotProfile, path: Path) -> None:
@@ -233,7 +233,7 @@ def _file_of(name: str, user_dir: Path) -> Path:
         return own
     if shipped.is_file():
         return shipped
-    from caris_desktop.robot.profile_file import did_you_mean
+    from caris_desktop.domain.declared_check import did_you_mean
 
     names = sorted({path.stem for path in _own_files(user_dir)} | set(shipped_profiles()))
     raise ProfileError(

@@ -1,24 +1,42 @@
-"""What a robot profile holds: the parts of which :mod:`caris_desktop.robot.profile` reads and writes files."""
+"""What a robot profile holds, and with that what a profile's file may say.
+
+These declarations are the only place where a setting is added. The check and its messages, reading and writing, the
+JSON Schema for editors and the tables of the guide follow from them; ``python -m caris_desktop.app.reference`` writes
+the latter two anew. What goes beyond the keys of one group is checked in :mod:`caris_desktop.robot.profile_content`.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.controls import CONTROL, RosName, RosType
+from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.robot.profile_keys import CameraModelKeys, Offset, PoseKeys, Radians
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
+PROFILE_VERSION: Literal[1] = 1
 
 RosVersion = Literal[1, 2]
 PictureType = Literal["CompressedImage", "Image"]
 VelocityType = Literal["Twist", "TwistStamped"]
 NavigationKind = Literal["move_base", "navigate_to_pose"]
+StopServiceType = Literal["std_srvs/Trigger", "std_srvs/Empty"]
 
 LONGEST_TIMEOUT_S = 1.0
 WITHOUT_TIMEOUT_FRACTION = 0.5
+MOST_CAMERAS = 4
+
+_Throttle = Annotated[
+    int,
+    Rule("At most one message in this time; 0: as often as it comes.", unit="milliseconds", at_least=0, at_most=10_000),
+]
+_Frame = Annotated[str, WrittenAs(str, lambda frame: frame.lstrip("/"), str), Rule(shortest=1, longest=200, quiet=True)]
+_Joint = Annotated[str, Rule(shortest=1, longest=100)]
+_Sign = Annotated[Literal[1, -1], Rule()]
 
 
 class ProfileError(ValueError):
@@ -27,119 +45,187 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class TopicSource:
-    """A topic to listen to, at most once every ``throttle_ms`` (0: as often as it comes).
+    """A topic to listen to."""
 
-    ``latched``: its last message is kept for late listeners (latch in ROS 1, transient local in ROS 2).
-    """
+    topic: Annotated[RosName, Rule("Its name.")]
+    throttle_ms: Annotated[_Throttle, Rule(quiet=True)] = 0
+    latched: Annotated[bool, Rule(
+        "Its last message is kept for who comes later: latched in ROS 1, transient local in ROS 2.", quiet=True,
+    )] = False  # fmt: skip
 
-    topic: str
-    throttle_ms: int = 0
-    latched: bool = False
+
+@dataclass(frozen=True, slots=True)
+class _LatchedKeys(TopicSource):
+    """A topic whose last message is kept, unless the file says otherwise."""
+
+    latched: Annotated[bool, Rule("As for other topics, but `true` where it is not given.", quiet=True)] = True
+
+    @classmethod
+    def of(cls, source: TopicSource) -> "_LatchedKeys":
+        return cls(source.topic, source.throttle_ms, source.latched)
+
+    def source(self) -> TopicSource:
+        return TopicSource(self.topic, self.throttle_ms, self.latched)
+
+
+_EXAMPLE = "{topic: /scan, throttle_ms: 50}."
+_Source = Annotated[TopicSource | None, Rule(noun="topic", allowed=_EXAMPLE)]
+_LatchedSource = Annotated[
+    TopicSource | None,
+    WrittenAs(_LatchedKeys, _LatchedKeys.source, _LatchedKeys.of),
+    Rule(noun="latched topic", allowed=_EXAMPLE),
+]
 
 
 @dataclass(frozen=True, slots=True)
 class VelocityTopic:
-    """Where velocity commands go: the base itself, or the wizard's input of a velocity multiplexer.
+    """Where velocity commands go."""
 
-    ``frame_id`` is used in the header of a TwistStamped. ``timeout_s`` is after how long without a command the base
-    stops by itself, and ``timeout_source`` where that is documented; None where nobody has said so.
-    """
-
-    topic: str = "/cmd_vel"
-    type: VelocityType = "Twist"
-    frame_id: str = "base_link"
-    timeout_s: float | None = None
-    timeout_source: str = ""
+    topic: Annotated[
+        RosName, Rule("The base's own topic, or the wizard's input of a velocity multiplexer.", wanted=True)
+    ] = "/cmd_vel"
+    type: Annotated[
+        VelocityType, Rule("The type in geometry_msgs; newer ROS 2 bases want TwistStamped.", quiet=True)
+    ] = "Twist"
+    frame_id: Annotated[str, Rule("The frame in the header of a TwistStamped.", longest=200, quiet=True)] = "base_link"
+    timeout_s: Annotated[float | None, Rule(
+        "After how long without a command the base stops by itself; without it, or above 1 s, driving is half as fast.",
+        unit="seconds", more_than=0, at_most=60,
+    )] = None  # fmt: skip
+    timeout_source: Annotated[str, Rule(
+        "Where that is documented: a page, a file of the driver, or a test of your own.", shortest=1, longest=300,
+        quiet=True, beside=("timeout_s",), needed=("timeout_s",),
+        needs="needs timeout_source beside it: where that is documented.",
+    )] = ""  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class TransformFrames:
     """The frames of the robot's transform tree (tf)."""
 
-    map: str = "map"
-    odom: str = "odom"
-    base: str = "base_link"
+    map: Annotated[_Frame, Rule("The frame of the map.")] = "map"
+    odom: Annotated[_Frame, Rule("The frame of the odometry.")] = "odom"
+    base: Annotated[_Frame, Rule("The robot's own frame; many robots have base_footprint.")] = "base_link"
 
 
 @dataclass(frozen=True, slots=True)
 class CameraTopic:
-    """One camera. ``type`` is of sensor_msgs: Image is not compressed and a heavy load. ``model`` tells where it looks;
-    ``info`` is a topic of sensor_msgs/CameraInfo whose focal lengths replace those of the model.
-    """
+    """One camera."""
 
-    name: str
-    topic: str
-    throttle_ms: int = 60
-    model: CameraModel | None = None
-    info: str | None = None
-    type: PictureType = "CompressedImage"
+    name: Annotated[str, Rule(
+        "How it is called in the window and in the recording.", longest=40, pattern="^[A-Za-z0-9_-]+$",
+        allowed="letters, digits, - and _.",
+    )]  # fmt: skip
+    topic: Annotated[RosName, Rule("Where its pictures are.")]
+    throttle_ms: Annotated[_Throttle, Rule("At most one picture in this time: 33 gives up to 30 a second.")] = 60
+    model: Annotated[CameraModel | None, WrittenAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), Rule(
+        "Where it is and what it sees; with it a click in the video finds its place on the floor.",
+        some_of=("horizontal_fov_deg", "fx_px"), needs="a camera's model has either horizontal_fov_deg or fx_px.",
+        order=3,
+    )] = None  # fmt: skip
+    info: Annotated[RosName | None, Rule(
+        "A topic of sensor_msgs/CameraInfo, whose focal lengths replace those of `model`.", order=2,
+    )] = None  # fmt: skip
+    type: Annotated[PictureType, Rule(
+        "What the topic carries, of sensor_msgs; `Image` is not compressed and too much for a wireless link.",
+        quiet=True, order=1,
+    )] = "CompressedImage"  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimitInterface:
-    """How the navigation is told its top speed: a ``topic`` of nav2_msgs/SpeedLimit (ROS 2), or the ``parameters`` of
-    the local planner's node ``reconfigure`` (dynamic_reconfigure, ROS 1).
-    """
+    """How the navigation is told its top speed."""
 
-    topic: str | None = None
-    reconfigure: str | None = None
-    parameters: tuple[str, ...] = ("max_vel_x", "max_vel_trans")
+    topic: Annotated[
+        RosName | None, Rule("In ROS 2: nav2_msgs/SpeedLimit, which Nav2's controller server listens to.")
+    ] = None
+    reconfigure: Annotated[RosName | None, Rule(
+        "In ROS 1: the node of the local planner whose dynamic_reconfigure sets the speed; needs `max_mps`.",
+        instead_of=("topic",),
+    )] = None  # fmt: skip
+    parameters: Annotated[
+        tuple[Annotated[str, Rule(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...], Rule(
+            "The parameters of that node, in m/s; they are set back to `max_mps` when the console leaves.", shortest=1,
+            longest=8, quiet=True, beside=("reconfigure",),
+    )] = ("max_vel_x", "max_vel_trans")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class NavigationServer:
-    """What takes navigation goals: actionlib's move_base (ROS 1) or the NavigateToPose action (ROS 2).
+    """What takes navigation goals."""
 
-    ``max_mps`` is how fast the robot's navigation is set up to drive, where that is known; it is never told more.
-    """
-
-    kind: NavigationKind
-    name: str
-    max_mps: float | None = None
-    speed_limit: SpeedLimitInterface | None = None
+    kind: Annotated[NavigationKind, Rule("`move_base` in ROS 1 (actionlib), `navigate_to_pose` in ROS 2 (Nav2).")]
+    name: Annotated[RosName, Rule("The name of the action.")]
+    max_mps: Annotated[float | None, Rule(
+        "How fast the robot's navigation is set up to drive; it is never told more.", unit="metres a second",
+        more_than=0, at_most=5,
+    )] = None  # fmt: skip
+    speed_limit: Annotated[SpeedLimitInterface | None, Rule(
+        "How it is told to drive no faster than Drive does.", some_of=("topic", "reconfigure"),
+        needs="a speed limit needs a topic (ROS 2) or reconfigure (ROS 1).",
+    )] = None  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class SpeechAction:
-    """A speech action (actionlib in ROS 1). ``$value`` in ``goal`` stands for the text; its result is the end."""
+    """A speech action (actionlib in ROS 1); its result is the end of the sentence."""
 
-    name: str
-    type: str
-    goal: Mapping[str, Any]
+    name: Annotated[RosName, Rule("The name of the action.")]
+    type: Annotated[RosType, Rule("Its type.")]
+    goal: Annotated[Mapping[str, Any], Rule("The goal; `$value` stands for the text.")]
 
 
 @dataclass(frozen=True, slots=True)
 class SpeechInterface:
-    """The robot's own voice: an action, or a topic of std_msgs/String.
+    """The robot's own voice: a topic or an action."""
 
-    With a topic: ``speaking`` is std_msgs/Bool while it speaks, ``stop`` std_msgs/Empty to stop it.
-    """
-
-    topic: str | None = None
-    speaking: str | None = None
-    stop: str | None = None
-    action: SpeechAction | None = None
+    topic: Annotated[RosName | None, Rule("std_msgs/String: what to say.")] = None
+    speaking: Annotated[RosName | None, Rule(
+        "std_msgs/Bool: true while it speaks; without it the console estimates how long a sentence takes.",
+        beside=("topic",),
+    )] = None  # fmt: skip
+    stop: Annotated[RosName | None, Rule("std_msgs/Empty: be quiet.", beside=("topic",))] = None
+    action: Annotated[
+        SpeechAction | None, Rule("An action that speaks; its result is the end.", instead_of=("topic",))
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
 class EmergencyStopInterface:
-    """The robot's own emergency stop.
+    """The robot's own emergency stop: what tells its state, and how it is set."""
 
-    ``topic`` tells its state (std_msgs/Bool, True while stopped; the other way round with ``inverted``). It is set by
-    ``service`` (std_srvs/SetBool, or another whose ``service_field`` is a bool, which ``service_stop_value`` stops), or
-    by ``set_service`` and ``clear_service`` (std_srvs/Trigger or Empty as ``service_type`` says), or by publishing
-    std_msgs/Bool on ``command_topic``.
-    """
-
-    topic: str | None = None
-    inverted: bool = False
-    service: str | None = None
-    service_field: str = "data"
-    service_stop_value: bool = True
-    set_service: str | None = None
-    clear_service: str | None = None
-    service_type: Literal["std_srvs/Trigger", "std_srvs/Empty"] = "std_srvs/Trigger"
-    command_topic: str | None = None
+    topic: Annotated[RosName | None, Rule("std_msgs/Bool: true while the robot is stopped.")] = None
+    inverted: Annotated[
+        bool, Rule("`true` where that topic says false while it is stopped.", quiet=True, beside=("topic",))
+    ] = False
+    service: Annotated[
+        RosName | None, Rule("std_srvs/SetBool, or another service with one bool: true stops, false releases.")
+    ] = None
+    service_field: Annotated[str, Rule(
+        "The name of that bool.", longest=100, pattern="^[a-z][a-z0-9_]*$", allowed="lower-case letters, digits and _.",
+        quiet=True, beside=("service",),
+    )] = "data"  # fmt: skip
+    service_stop_value: Annotated[bool, Rule(
+        "`false` where true releases the robot, as for a service that switches the motors.", quiet=True,
+        beside=("service",),
+    )] = True  # fmt: skip
+    set_service: Annotated[RosName | None, Rule("Of two services, the one that stops.", instead_of=("service",))] = None
+    clear_service: Annotated[RosName | None, Rule(
+        "The one that releases.", beside=("set_service",), needed=("set_service",),
+        needs="needs clear_service beside it, or the robot is never released.",
+    )] = None  # fmt: skip
+    service_type: Annotated[
+        StopServiceType,
+        WrittenAs(
+            Literal["std_srvs/Trigger", "std_srvs/Empty", "std_srvs/srv/Trigger", "std_srvs/srv/Empty"],
+            lambda name: name.replace("/srv/", "/"),
+            str,
+        ),
+        Rule("The type of these two.", quiet=True, beside=("set_service",)),
+    ] = "std_srvs/Trigger"
+    command_topic: Annotated[RosName | None, Rule(
+        "std_msgs/Bool to publish: true stops, false releases.", instead_of=("service", "set_service"),
+    )] = None  # fmt: skip
 
     @property
     def commands_robot(self) -> bool:
@@ -149,74 +235,123 @@ class EmergencyStopInterface:
 
 @dataclass(frozen=True, slots=True)
 class HeadInterface:
-    """A head that pans (left positive) and tilts (down positive).
+    """A head that pans (left positive) and tilts (down positive)."""
 
-    ``joint_trajectory`` publishes trajectory_msgs/JointTrajectory, ``joint_angles`` naoqi_bridge_msgs'
-    JointAnglesWithSpeed. ``joint_states`` tells how the head is turned. A sign of -1 turns a joint's direction.
-    """
-
-    kind: Literal["joint_trajectory", "joint_angles"]
-    topic: str
-    pan_joint: str
-    tilt_joint: str
-    joint_states: str = "/joint_states"
-    pan_range_rad: tuple[float, float] = (-1.2, 1.2)
-    tilt_range_rad: tuple[float, float] = (-0.5, 0.7)
-    speed_radps: float = 0.8
-    pan_sign: Literal[1, -1] = 1
-    tilt_sign: Literal[1, -1] = 1
+    kind: Annotated[Literal["joint_trajectory", "joint_angles"], Rule(
+        "trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed.",
+    )]  # fmt: skip
+    topic: Annotated[RosName, Rule("Where it is commanded.")]
+    pan_joint: Annotated[_Joint, Rule("The joint that turns to the left and right.")]
+    tilt_joint: Annotated[_Joint, Rule("The joint that looks down and up.")]
+    joint_states: Annotated[RosName, Rule("sensor_msgs/JointState: how it is turned.")] = "/joint_states"
+    pan_range_rad: Annotated[tuple[Radians, Radians], Rule("Lowest and highest pan, left positive.")] = (-1.2, 1.2)
+    tilt_range_rad: Annotated[tuple[Radians, Radians], Rule("Lowest and highest tilt, down positive.")] = (-0.5, 0.7)
+    speed_radps: Annotated[float, Rule("How fast it turns.", unit="radians a second", at_least=0.05, at_most=10)] = 0.8
+    pan_sign: Annotated[_Sign, Rule("-1 where the joint turns right for a positive angle.")] = 1
+    tilt_sign: Annotated[_Sign, Rule("-1 where the joint looks up for a positive angle.")] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class MapServices:
-    """What saves and loads maps and switches between mapping and localization; None where the robot has no such node.
+    """What saves and loads maps and switches between mapping and localization."""
 
-    ``slam_toolbox`` is the node's name (serialize_map, deserialize_map, pause_new_measurements);
-    ``map_server`` (nav2_msgs/LoadMap, ROS 2) and ``map_saver`` (nav2_msgs/SaveMap) likewise. Saved maps lie in
-    ``folder`` on the robot.
-    """
+    slam_toolbox: Annotated[RosName | None, Rule("The node of slam_toolbox, usually `/slam_toolbox`.")] = None
+    map_server: Annotated[
+        RosName | None, Rule("The node of Nav2's map server (nav2_msgs/LoadMap, ROS 2), usually `/map_server`.")
+    ] = None
+    map_saver: Annotated[
+        RosName | None, Rule("The node of Nav2's map saver (nav2_msgs/SaveMap, ROS 2), usually `/map_saver`.")
+    ] = None
+    folder: Annotated[str, Rule(
+        "Where maps are kept on the robot.", longest=300, pattern="^(?!.*(^|/)\\.\\.(/|$))[^\\x00-\\x1f]*$",
+        allowed="a folder without .. in it.", quiet=True,
+    )] = ""  # fmt: skip
 
-    slam_toolbox: str | None = None
-    map_server: str | None = None
-    map_saver: str | None = None
-    folder: str = ""
+
+_Speed = Annotated[float, Rule(unit="metres a second")]
+_Turn = Annotated[float, Rule(unit="radians a second", more_than=0)]
+_Acceleration = Annotated[float, Rule(unit="m/s²", more_than=0)]
+_TurnAcceleration = Annotated[float, Rule(unit="rad/s²", more_than=0)]
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """How fast and how suddenly the base may move. All of them are positive; ``left_mps`` is 0 without side motion."""
+    """How fast and how suddenly the base may move."""
 
-    forward_mps: float = 0.5
-    backward_mps: float = 0.3
-    left_mps: float = 0.0
-    turn_radps: float = 1.0
-    acceleration_mps2: float = 1.0
-    deceleration_mps2: float = 2.0
-    turn_acceleration_radps2: float = 3.0
-    turn_deceleration_radps2: float = 6.0
+    forward_mps: Annotated[_Speed, Rule("Forwards.", more_than=0)] = 0.5
+    backward_mps: Annotated[_Speed, Rule("Backwards.", at_least=0)] = 0.3
+    left_mps: Annotated[_Speed, Rule("Sideways; 0: the base cannot.", at_least=0)] = 0.0
+    turn_radps: Annotated[_Turn, Rule("Turning.")] = 1.0
+    acceleration_mps2: Annotated[_Acceleration, Rule("Getting faster.")] = 1.0
+    deceleration_mps2: Annotated[_Acceleration, Rule("Getting slower.")] = 2.0
+    turn_acceleration_radps2: Annotated[_TurnAcceleration, Rule("Turning faster.")] = 3.0
+    turn_deceleration_radps2: Annotated[_TurnAcceleration, Rule("Turning slower.")] = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class GuardSettings:
-    """How the obstacle guard keeps the footprint from touching what the LIDAR sees.
+    """How the obstacle guard keeps the footprint from touching what the LIDAR sees."""
 
-    The robot stops with ``stop_distance_m`` left in the direction of motion and never drives faster than it can stop
-    from after ``reaction_s`` (sensor period, network, base).
-    """
-
-    on: bool = True
-    stop_distance_m: float = 0.12
-    reaction_s: float = 0.35
+    on: Annotated[bool, Rule("`false` only where the robot has a guard of its own.", quiet=True)] = True
+    stop_distance_m: Annotated[
+        float, Rule("What is left when it has stopped.", unit="metres", at_least=0, at_most=1, quiet=True)
+    ] = 0.12
+    reaction_s: Annotated[float, Rule(
+        "Sensor period, network and base together; a robot that brakes late needs more.", unit="seconds", at_least=0.05,
+        at_most=2, quiet=True,
+    )] = 0.35  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class SecuritySettings:
-    """How the link is secured: a file with certificates to trust besides the system's (``wss://``), and the name of the
-    environment variable that holds the rosauth secret. The secret itself is never in a file.
-    """
+    """How the link is secured; the secrets themselves are never in a file."""
 
-    ca_file: str | None = None
-    rosauth_secret_env: str | None = None
+    ca_file: Annotated[str | None, Rule(
+        "Certificates (PEM) to trust besides the system's, for `wss://`, in the folder of the profile.", shortest=1,
+        longest=300,
+    )] = None  # fmt: skip
+    rosauth_secret_env: Annotated[str | None, Rule(
+        "The environment variable that holds the secret of rosauth; the secret itself is never in a file.", longest=100,
+        pattern="^[A-Za-z_][A-Za-z0-9_]*$", allowed="the name of an environment variable.",
+    )] = None  # fmt: skip
+
+
+def _counter_clockwise(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    return corners[::-1] if area_m2(corners) < 0.0 else corners
+
+
+def area_m2(corners: tuple[tuple[float, float], ...]) -> float:
+    """Of an outline on the floor; positive when its corners go counter-clockwise."""
+    following = [*corners[1:], corners[0]]
+    return sum(ax * by - ay * bx for (ax, ay), (bx, by) in zip(corners, following, strict=True)) / 2.0
+
+
+_Radius = Annotated[float, Rule(unit="metres", at_least=0.02, at_most=5)]
+_Corner = tuple[Offset, Offset]
+
+
+@dataclass(frozen=True, slots=True)
+class FloorOutline:
+    """The robot's outline on the floor: a circle, or corners around its centre, counter-clockwise."""
+
+    radius_m: Annotated[_Radius | None, Rule("Of a round robot.")] = None
+    polygon_m: Annotated[
+        tuple[_Corner, ...], WrittenAs(tuple[_Corner, ...], _counter_clockwise, lambda corners: corners), Rule(
+            "At least three corners `[x, y]` around the point around which it turns, x forward, y left.",
+            allowed="three corners or more.", shortest=3, longest=40, quiet=True, instead_of=("radius_m",),
+    )] = ()  # fmt: skip
+
+
+_AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LaserMount:
+    """Where the LIDAR is."""
+
+    robot_from_laser: Annotated[Pose2D, WrittenAs(PoseKeys, PoseKeys.pose, PoseKeys.of), Rule(
+        "Its place in the robot frame.", wanted=True,
+    )] = _AT_ORIGIN  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,37 +361,71 @@ class RobotProfile:
     All names are absolute: a ``namespace`` of the file has been put before its relative names already.
     """
 
-    name: str
-    title: str
-    ros: RosVersion = 1
-    address: str = DEFAULT_ADDRESS
-    security: SecuritySettings = field(default_factory=SecuritySettings)
-    simulation_time: bool = False
-    velocity: VelocityTopic = field(default_factory=VelocityTopic)
-    command_rate_hz: float = 20.0
+    name: Annotated[str, NotInFile()] = ""
+    title: Annotated[
+        str, Rule("How the robot is called in the window; the file's name if not given.", shortest=1, longest=80)
+    ] = ""
+    ros: Annotated[RosVersion, Rule("The ROS version that it runs.", wanted=True)] = 1
+    address: Annotated[str, Rule(
+        "Its rosbridge. `--robot` with an address replaces it.", longest=500,
+        pattern=r"^wss?://[^/?#@\s]+(/[^?#\s]*)?$", allowed="ws://HOST:PORT or wss://HOST:PORT, without a password.",
+    )] = DEFAULT_ADDRESS  # fmt: skip
+    security: Annotated[SecuritySettings, Rule(quiet=True)] = field(default_factory=SecuritySettings)
+    simulation_time: Annotated[
+        bool, Rule("`true` where its clock is that of a simulator (`/clock`, `use_sim_time`).", quiet=True)
+    ] = False
+    velocity: Annotated[VelocityTopic, Rule(wanted=True)] = field(default_factory=VelocityTopic)
+    command_rate_hz: Annotated[
+        float, Rule("How often a velocity is sent while a key is held.", unit="hertz", at_least=5, at_most=100)
+    ] = 20.0
     limits: MotionLimits = field(default_factory=MotionLimits)
-    guard: GuardSettings = field(default_factory=GuardSettings)
-    scan: TopicSource | None = None
-    odometry: TopicSource | None = None
-    pose: TopicSource | None = None
-    tf: TopicSource | None = None
-    tf_static: TopicSource | None = None
-    frames: TransformFrames = field(default_factory=TransformFrames)
-    map: TopicSource | None = None
-    map_updates: TopicSource | None = None
-    path: TopicSource | None = None
-    battery: TopicSource | None = None
-    cameras: tuple[CameraTopic, ...] = ()
+    guard: Annotated[GuardSettings, Rule(quiet=True)] = field(default_factory=GuardSettings)
+    footprint: Annotated[FloorOutline, Rule(
+        "The robot's outline on the floor.", some_of=("radius_m", "polygon_m"),
+        needs="a footprint has either radius_m or polygon_m.",
+    )] = field(default_factory=lambda: FloorOutline(0.25))  # fmt: skip
+    scan: Annotated[
+        _Source, Rule("sensor_msgs/LaserScan: the LIDAR, for map view and obstacle guard. 50 ms is enough.")
+    ] = None
+    odometry: Annotated[_Source, Rule("nav_msgs/Odometry: speed and way by the wheels.")] = None
+    pose: Annotated[
+        _Source, Rule("geometry_msgs/PoseWithCovarianceStamped: the pose in the map, used where `tf` does not tell it.")
+    ] = None
+    tf: Annotated[_Source, Rule("tf2_msgs/TFMessage: transforms between the frames, usually `/tf`.")] = None
+    tf_static: Annotated[_LatchedSource, Rule("tf2_msgs/TFMessage: those that never change, usually `/tf_static`.")] = (
+        None
+    )
+    map: Annotated[_LatchedSource, Rule("nav_msgs/OccupancyGrid: the map.")] = None
+    map_updates: Annotated[_Source, Rule("map_msgs/OccupancyGridUpdate: changed parts of the map.")] = None
+    path: Annotated[_Source, Rule("nav_msgs/Path: the way that the navigation has planned.")] = None
+    battery: Annotated[_Source, Rule("sensor_msgs/BatteryState: the charge.")] = None
+    frames: Annotated[TransformFrames, Rule(quiet=True)] = field(default_factory=TransformFrames)
+    cameras: Annotated[
+        tuple[CameraTopic, ...], Rule("The first one is shown first.", longest=MOST_CAMERAS, quiet=True)
+    ] = ()
     navigation: NavigationServer | None = None
-    initial_pose: str | None = None
-    maps: MapServices | None = None
-    speech: SpeechInterface | None = None
-    emergency_stop: EmergencyStopInterface | None = None
+    initial_pose: Annotated[RosName | None, Rule(
+        "geometry_msgs/PoseWithCovarianceStamped: where the localization is told where the robot is, usually "
+        "`/initialpose`.",
+    )] = None  # fmt: skip
+    maps: Annotated[MapServices | None, Rule(
+        some_of=("slam_toolbox", "map_server", "map_saver", "folder"),
+        needs="maps has slam_toolbox, map_server or map_saver; one of these nodes is enough.",
+    )] = None  # fmt: skip
+    speech: Annotated[
+        SpeechInterface | None, Rule(some_of=("topic", "action"), needs="speech is either a topic or an action.")
+    ] = None
+    emergency_stop: Annotated[EmergencyStopInterface | None, Rule(
+        some_of=("topic", "service", "set_service", "command_topic"),
+        needs="an emergency stop has a topic, a service, set_service with clear_service, or a command_topic.",
+    )] = None  # fmt: skip
     head: HeadInterface | None = None
-    controls: tuple[RobotControl, ...] = ()
-    robot_from_laser: Pose2D = field(default_factory=lambda: Pose2D(0.0, 0.0, 0.0))
-    footprint_radius_m: float = 0.25
-    footprint_m: tuple[tuple[float, float], ...] = ()
+    controls: Annotated[tuple[CONTROL, ...], Rule(
+        "Buttons, toggles, sliders, choices, text fields and readouts of the Robot panel.", longest=100, quiet=True,
+    )] = ()  # fmt: skip
+    robot_from_laser: Annotated[Pose2D, WrittenAs(LaserMount, lambda mount: mount.robot_from_laser, LaserMount), Rule(
+        "Where the LIDAR is, for robots whose tf does not say it.", key="laser", quiet=True,
+    )] = _AT_ORIGIN  # fmt: skip
 
     @property
     def holonomic(self) -> bool:
@@ -282,12 +451,39 @@ class RobotProfile:
         )
 
     @property
+    def footprint_m(self) -> tuple[tuple[float, float], ...]:
+        """The corners of its outline on the floor, counter-clockwise; none of a round robot."""
+        return self.footprint.polygon_m
+
+    @property
+    def footprint_radius_m(self) -> float:
+        """Of the circle around its centre within which the whole robot is."""
+        if self.footprint.radius_m is not None:
+            return self.footprint.radius_m
+        return max((math.hypot(x, y) for x, y in self.footprint.polygon_m), default=0.0)
+
+    @property
     def footprint_outline_m(self) -> tuple[tuple[float, float], ...]:
         """The outline on the floor, (x, y) in the robot frame, counter-clockwise; a circle becomes 24 corners."""
         if self.footprint_m:
             return self.footprint_m
         steps = (2.0 * math.pi * step / 24 for step in range(24))
         return tuple((self.footprint_radius_m * math.cos(a), self.footprint_radius_m * math.sin(a)) for a in steps)
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileFile(RobotProfile):
+    """Which robot it is, how its topics are called, how fast it may go. The guide of robot profiles explains it."""
+
+    # These are in the file alone: a profile that is read has absolute names and one footprint.
+    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = PROFILE_VERSION
+    namespace: Annotated[str, Rule(
+        "Put before every name that does not begin with a slash.", longest=200,
+        pattern="^/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*$", allowed="a name such as robot1.",
+    )] = ""  # fmt: skip
+    footprint_radius_m: Annotated[
+        _Radius, Rule("The same as `footprint: {radius_m: ...}`.", instead_of=("footprint",))
+    ] = 0.25
 
 
 def check_address(address: str) -> str:

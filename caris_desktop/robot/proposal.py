@@ -11,7 +11,6 @@ from typing import Any
 from caris_desktop.robot.profile import (
     CameraTopic,
     EmergencyStopInterface,
-    GuardSettings,
     HeadInterface,
     MapServices,
     MotionLimits,
@@ -25,10 +24,10 @@ from caris_desktop.robot.profile import (
     TransformFrames,
     VelocityTopic,
 )
+from caris_desktop.robot.profile_model import MOST_CAMERAS
 from caris_desktop.ros.dialect import Dialect, same_type
 from caris_desktop.ros.raw_image import republish_advice
 
-MOST_CAMERAS = 4
 _RAW_THROTTLE_MS = 100
 # Nobody knows yet how the robot drives: slow enough for a first try.
 CAUTIOUS = MotionLimits(
@@ -157,7 +156,6 @@ def profile_of(
         simulation_time=_runs_on_simulation_time(offer),
         velocity=VelocityTopic(velocity, "TwistStamped" if stamped else "Twist", frames.base),
         limits=CAUTIOUS,
-        guard=GuardSettings(),
         scan=source("scan", 50),
         odometry=source("odometry", 50),
         pose=source("pose", latched=not ros2),

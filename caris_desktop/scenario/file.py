@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.controls import control_problems
-from caris_desktop.domain.declared import Problem, data_of, value_from
-from caris_desktop.domain.declared_check import problems
+from caris_desktop.domain.declared import data_of, value_from
+from caris_desktop.domain.declared_check import problems, told
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
-from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.scenario.layout import layout_problems
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import DEFAULT_ROBOT, Scenario
 from caris_desktop.scenario.text_editing import UnusualLayoutError, edited, yaml_text
 
 MAX_FILE_BYTES = 256 * 1024
-MAX_REPORTED_PROBLEMS = 5
 _SCHEMA_ON_THIS_COMPUTER = re.compile(
     r"""^[ \t]*\#[ \t]*yaml-language-server:[^\n]*\$schema[ \t]*=[ \t"']*(?:file:|/|\\|~|[a-z]:[/\\])[^\n]*(?:\n|\Z)""",
     re.MULTILINE | re.IGNORECASE,
@@ -140,7 +140,7 @@ def parse_scenario(
         raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
     wrong = list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
     if wrong:
-        raise ScenarioError(_problem_text(path, source, wrong))
+        raise ScenarioError(told(_shown(path), source, wrong))
     scenario: Scenario = value_from(Scenario, data)
     return replace(scenario, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
 
@@ -204,14 +204,6 @@ def _shown(path: Path) -> str:
         return str(Path(layouts_dir().name) / path.resolve().relative_to(layouts_dir().resolve()))
     except (ValueError, OSError):
         return str(path)
-
-
-def _problem_text(path: Path, source: LocatedData, found: list[Problem]) -> str:
-    located = sorted((source.line_of(key_path), message) for key_path, message in found)
-    lines = [f"{_shown(path)}, line {line}: {message}" for line, message in located[:MAX_REPORTED_PROBLEMS]]
-    if len(located) > MAX_REPORTED_PROBLEMS:
-        lines.append(f"... and {len(located) - MAX_REPORTED_PROBLEMS} more.")
-    return "\n".join(lines)
 
 
 def _meaning_problems(

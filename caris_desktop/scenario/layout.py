@@ -4,9 +4,9 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from caris_desktop.domain.declared import Problem, data_of, value_from
+from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.declared_check import allowed_words, problems
-from caris_desktop.domain.yaml_source import KeyPath
+from caris_desktop.domain.key_path import KeyPath, Problem
 from caris_desktop.scenario.model import LayoutNode
 
 

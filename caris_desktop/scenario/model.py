@@ -1,7 +1,7 @@
 """What a scenario decides: layout, permissions, phrases, prompts, places. Plain data, never code.
 
 These declarations are the only place where a setting is added. The check and its messages, the JSON Schema for editors
-and the page of the guide follow from them; ``python -m caris_desktop.scenario.reference`` writes the latter two anew.
+and the page of the guide follow from them; ``python -m caris_desktop.app.reference`` writes the latter two anew.
 """
 
 import math
@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.controls import CONTROL
 from caris_desktop.domain.declared import NotInFile, Rule, Spread
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.scenario.control_form import CONTROL_FORM
 
 SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
@@ -187,7 +186,7 @@ class Scenario:
     filler: Annotated[str, Rule("What the robot says while the wizard thinks, on F9.", longest=500)] = ""
     places: Annotated[tuple[Place, ...], Rule("Named places in the map.", longest=100)] = ()
     controls: Annotated[
-        tuple[Annotated[RobotControl, CONTROL_FORM, Rule(noun="control")], ...],
+        tuple[CONTROL, ...],
         Rule("Controls that this scenario adds to the Robot panel, after the robot's own.", longest=100, quiet=True),
     ] = ()
     permissions: Permissions = field(default_factory=Permissions)

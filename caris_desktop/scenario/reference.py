@@ -1,19 +1,18 @@
 """What tells people about the scenario file: its JSON Schema and its page of the guide, both from the declaration.
 
-``python -m caris_desktop.scenario.reference`` writes them into ``resources/``.
+``python -m caris_desktop.app.reference`` writes them into ``resources/``.
 """
 
-import json
 from pathlib import Path
 
 from caris_desktop.domain.declared_page import reference
-from caris_desktop.domain.declared_schema import file_schema
+from caris_desktop.domain.declared_schema import schema_text
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.scenario.file import schema_path
 from caris_desktop.scenario.model import Scenario
 
 _PAGE_HEAD = """\
-<!-- Written by `python -m caris_desktop.scenario.reference` from caris_desktop/scenario/model.py: change it there. -->
+<!-- Written by `python -m caris_desktop.app.reference` from caris_desktop/scenario/model.py: change it there. -->
 # The scenario file
 
 A scenario is one YAML file. It says what a study needs of the console: which panels stand where, what the wizard may
@@ -44,27 +43,9 @@ saves a place or an arrangement of panels, your comments, the order of your keys
 """
 
 
-def page_path() -> Path:
-    """The scenario file's page of the guide."""
-    return resources_dir() / "guide" / "scenario-file.md"
-
-
-def schema_text() -> str:
-    """The content of the shipped schema."""
-    schema = file_schema(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario")
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
-
-
-def page_text() -> str:
-    """The content of the page."""
-    return _PAGE_HEAD + reference(Scenario)
-
-
-def main() -> None:
-    """Write both."""
-    for path, text in ((schema_path(), schema_text()), (page_path(), page_text())):
-        path.write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def reference_files() -> dict[Path, str]:
+    """What each of these files says."""
+    return {
+        schema_path(): schema_text(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario"),
+        resources_dir() / "guide" / "scenario-file.md": _PAGE_HEAD + reference(Scenario),
+    }

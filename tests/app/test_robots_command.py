@@ -31,7 +31,7 @@ def test_known_robots_are_listed_and_a_broken_profile_says_why(
     printed = capsys.readouterr().out
     assert "tiago                shipped  TIAGo" in printed
     assert "broken               own " in printed
-    assert "lacks 'ros'" in printed
+    assert "'ros' and 'velocity' are missing" in printed
 
 
 def test_an_unknown_robot_is_explored_saved_and_listened_to(

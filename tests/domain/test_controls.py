@@ -1,4 +1,8 @@
-"""Controls as data: templates, their YAML form, and what a schema cannot say."""
+"""Controls as data: templates, their YAML form, and what their declaration cannot say."""
+
+from typing import Any
+
+import pytest
 
 from caris_desktop.domain.controls import (
     CallService,
@@ -7,18 +11,17 @@ from caris_desktop.domain.controls import (
     Reading,
     RobotControl,
     SendActionGoal,
-    control_data,
-    control_from_data,
     control_problems,
     filled,
 )
-from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.domain.declared import data_of, value_from
+from caris_desktop.domain.declared_check import problems
 
 CONTROLS = (
     RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}), confirm=True),
     RobotControl(
         "volume", "Volume", "slider", PublishMessage("/volume", "std_msgs/Float32", {"data": "$value"}),
-        Reading("/volume/state", "std_msgs/Float32", "data", scale=100.0), "Voice", "%", 0.0, 100.0, 5.0,
+        Reading("/volume/state", "std_msgs/Float32", "data", scale=100.0), "Voice", "%", (0.0, 100.0), 5.0,
     ),
     RobotControl(
         "look", "Look", "choice", SendActionGoal("/look", "pkg/Look", {"to": {"name": "$value"}}),
@@ -34,36 +37,88 @@ def test_a_value_alone_keeps_its_type_and_within_a_text_becomes_text() -> None:
 
 
 def test_what_is_written_is_accepted_and_reads_back_the_same() -> None:
-    validator = schema_validator("robot-control.schema.json")
     for control in CONTROLS:
-        data = control_data(control)
-        assert list(validator.iter_errors(data)) == []
-        assert control_from_data(data) == control
+        data = data_of(RobotControl, control)
+        assert list(problems(RobotControl, data)) == []
+        assert value_from(RobotControl, data) == control
 
 
-def test_a_readout_does_nothing_and_a_button_does_one_thing() -> None:
-    validator = schema_validator("robot-control.schema.json")
-    shows = {"topic": "/t", "type": "a/B", "field": "data"}
-    call = {"service": "/s", "type": "a/B"}
-    publish = {"topic": "/t", "type": "a/B"}
-    assert not validator.is_valid({"id": "a", "title": "A", "kind": "readout"})
-    assert not validator.is_valid({"id": "a", "title": "A", "kind": "readout", "shows": shows, "call": call})
-    assert not validator.is_valid({"id": "a", "title": "A", "kind": "button"})
-    assert not validator.is_valid({"id": "a", "title": "A", "kind": "button", "call": call, "publish": publish})
-    assert not validator.is_valid(
-        {"id": "a", "title": "A", "kind": "readout", "shows": {**shows, "field": "__import__('os')"}}
-    )
+SHOWS = {"topic": "/t", "type": "a/B", "field": "data"}
+CALL = {"service": "/s", "type": "a/B"}
+PUBLISH = {"topic": "/t", "type": "a/B"}
+SENDS = "'publish' or 'call' or 'action'"
+
+
+@pytest.mark.parametrize(
+    ("control", "path", "sentence"),
+    [
+        ({"kind": "readout"}, ("kind",), "'kind' is 'readout', which needs 'shows' beside it."),
+        (
+            {"kind": "readout", "shows": SHOWS, "call": CALL},
+            ("call",),
+            "'call' belongs to 'kind: button, toggle, slider, choice or text', found 'readout'.",
+        ),
+        ({"kind": "button"}, ("kind",), f"'kind' is 'button', which needs {SENDS} beside it."),
+        (
+            {"kind": "button", "cal": CALL},
+            ("cal",),
+            "unknown key 'cal'. Allowed: action, call, choices, confirm, group, id, kind, moves, publish, range, "
+            "shows, step, title, unit. Did you mean 'call'?",
+        ),
+        (
+            {"kind": "button", "call": CALL, "publish": PUBLISH},
+            ("call",),
+            "'call' does not go with 'publish': keep one of the two.",
+        ),
+        ({"kind": "slider", "call": CALL}, ("kind",), "'kind' is 'slider', which needs 'range' beside it."),
+        (
+            {"kind": "slider", "call": CALL, "range": [1]},
+            ("range",),
+            "'range' has 1 entries. Allowed: 2.",
+        ),
+        (
+            {"kind": "button", "call": CALL, "range": [0, 1]},
+            ("range",),
+            "'range' belongs to 'kind: slider', found 'button'.",
+        ),
+        ({"kind": "choice", "call": CALL}, ("kind",), "'kind' is 'choice', which needs 'choices' beside it."),
+        (
+            {"kind": "knob", "call": CALL},
+            ("kind",),
+            "unknown kind 'knob'. Allowed: button, toggle, slider, choice, text, readout.",
+        ),
+        (
+            {"kind": "choice", "call": CALL, "choices": [{"title": "A", "value": [1]}]},
+            ("choices", 0, "value"),
+            "'choices[1].value' must be true or false or a number or text, found [1].",
+        ),
+        (
+            {"kind": "readout", "shows": {**SHOWS, "field": "__import__('os')"}},
+            ("shows", "field"),
+            "'shows.field' is \"__import__('os')\". Allowed: a path such as data or status[0].level.",
+        ),
+        (
+            {"kind": "button", "call": {**CALL, "request": "data"}},
+            ("call", "request"),
+            "'call.request' must be a group of 'key: value' lines, found 'data'.",
+        ),
+    ],
+)
+def test_a_readout_only_shows_and_others_do_one_thing(
+    control: dict[str, Any], path: tuple[str | int, ...], sentence: str
+) -> None:
+    assert list(problems(RobotControl, {"id": "a", "title": "A", **control})) == [(path, sentence)]
 
 
 def test_a_control_counts_as_motion_unless_its_file_says_otherwise() -> None:
     wave, *_, heat = CONTROLS
     assert wave.is_motion
     assert not heat.is_motion
-    assert not control_from_data({**control_data(wave), "moves": False}).is_motion
+    assert not value_from(RobotControl, {**data_of(RobotControl, wave), "moves": False}).is_motion
 
 
 def test_velocities_are_no_matter_of_a_control() -> None:
-    wave = control_data(CONTROLS[0])
+    wave = data_of(RobotControl, CONTROLS[0])
     del wave["call"]
     stamped = {**wave, "publish": {"topic": "/base", "type": "geometry_msgs/msg/TwistStamped"}, "moves": False}
     other = {**wave, "id": "b", "publish": {"topic": "base/cmd", "type": "std_msgs/String"}}
@@ -73,6 +128,6 @@ def test_velocities_are_no_matter_of_a_control() -> None:
 
 
 def test_two_controls_of_one_name_and_an_upside_down_range_are_told() -> None:
-    one = control_data(CONTROLS[1])
-    problems = list(control_problems([one, {**one, "range": [1, 0]}]))
-    assert [index for index, _sentence in problems] == [1, 1]
+    one = data_of(RobotControl, CONTROLS[1])
+    found = list(control_problems([one, {**one, "range": [1, 0]}]))
+    assert [index for index, _sentence in found] == [1, 1]

@@ -1,16 +1,18 @@
 """Files declared once: what is checked, told, read and written follows from the declaration alone."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
 from typing import Annotated, Any, Literal
 
 import jsonschema
 import pytest
 
-from caris_desktop.domain.declared import NotInFile, Problem, Rule, Spread, data_of, value_from
+from caris_desktop.domain.declared import Form, NotInFile, Rule, Spread, WrittenAs, data_of, replaced, value_from
 from caris_desktop.domain.declared_check import problems
-from caris_desktop.domain.declared_page import reference
+from caris_desktop.domain.declared_page import reference, with_tables
 from caris_desktop.domain.declared_schema import file_schema
+from caris_desktop.domain.key_path import KeyPath, Problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,3 +217,154 @@ def test_the_page_has_a_section_for_each_group() -> None:
     assert "| `brightness` | number in percent, at least 0, at most 100, `50` | How bright it is. |" in page
     assert "\n## `top`\n\nWhat stands on it.\n\nOne book.\n\n| key |" in page
     assert "| `things` | list of at least 1 entry: a thing, required | What is in it. |" in page
+
+
+@dataclass(frozen=True, slots=True)
+class _CornerKeys:
+    """A corner, in centimetres."""
+
+    at_cm: Annotated[tuple[float, float], Rule("Across and down.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Plug:
+    """How the lamp gets its power."""
+
+    kind: Annotated[Literal["wall", "battery", "none"], Rule("Which.")] = "wall"
+    volts: Annotated[float | None, Rule("Of the wall.", beside=("kind", "wall"), needed=("kind", "wall"))] = None
+    cells: Annotated[int | None, Rule("Of the battery.", beside=("kind", "battery"))] = None
+    fuse_a: Annotated[float | None, Rule("Its fuse.", beside=("volts",))] = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bulb:
+    """A bulb."""
+
+    watts: Annotated[float | None, Rule("Power.")] = None
+    lumens: Annotated[float | None, Rule("Light.", instead_of=("watts",))] = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fitting:
+    """A fitting on the wall."""
+
+    corner_m: Annotated[
+        tuple[float, float],
+        WrittenAs(
+            _CornerKeys,
+            lambda keys: tuple(cm / 100 for cm in keys.at_cm),
+            lambda corner_m: _CornerKeys((corner_m[0] * 100, corner_m[1] * 100)),
+        ),
+        Rule("Where it is.", key="corner"),
+    ]
+    bulb: Annotated[Bulb, Rule("The bulb.", some_of=("watts", "lumens"), needs="a bulb has watts or lumens.")]
+    plug: Annotated[Plug | None, Rule("Its plug.")] = None
+    told: Annotated[Mapping[str, Any], Rule("What its makers say.", quiet=True)] = field(default_factory=dict)
+    label: Annotated[bool | float | str, Rule("What is written on it.", wanted=True)] = ""
+
+
+FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, "label": 7}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "path", "sentence"),
+    [
+        ({"plug": {"kind": "wall"}}, ("plug", "kind"), "'plug.kind' is 'wall', which needs 'volts' beside it."),
+        (
+            {"plug": {"kind": "battery", "volts": 1}},
+            ("plug", "volts"),
+            "'plug.volts' belongs to 'kind: wall', found 'battery'.",
+        ),
+        (
+            {"plug": {"kind": "battery", "fuse_a": 1}},
+            ("plug", "fuse_a"),
+            "'plug.fuse_a' belongs to 'volts', which is not there.",
+        ),
+        (
+            {"plug": {"kind": "battery", "fuse_a": 1, "vols": 1}},
+            ("plug", "vols"),
+            "unknown key 'vols' in 'plug'. Allowed: cells, fuse_a, kind, volts. Did you mean 'volts'?",
+        ),
+        ({"plug": {"kind": "sun", "cells": 2}}, ("plug", "kind"), "unknown kind 'sun'. Allowed: wall, battery, none."),
+        ({"bulb": {}}, ("bulb",), "a bulb has watts or lumens."),
+        (
+            {"bulb": {"lumen": 1}},
+            ("bulb", "lumen"),
+            "unknown key 'lumen' in 'bulb'. Allowed: lumens, watts. Did you mean 'lumens'?",
+        ),
+        (
+            {"bulb": {"lumens": 1, "watts": 1}},
+            ("bulb", "lumens"),
+            "'bulb.lumens' does not go with 'watts': keep one of the two.",
+        ),
+        ({"corner": {"at_cm": [1, 2, 3]}}, ("corner", "at_cm"), "'corner.at_cm' has 3 entries. Allowed: 2."),
+        ({"corner": {"at_cm": []}}, ("corner", "at_cm"), "'corner.at_cm' is empty. Allowed: 2."),
+        ({"told": []}, ("told",), "'told' must be a group of 'key: value' lines, found []."),
+        ({"label": None}, ("label",), "'label' must be true or false or a number or text, found nothing."),
+    ],
+)
+def test_what_holds_between_keys_is_declared_too(
+    wrong: dict[str, Any], path: tuple[str | int, ...], sentence: str
+) -> None:
+    data = FITTING | wrong
+    assert told(data, Fitting) == [(path, sentence)]
+    assert not jsonschema.Draft202012Validator(file_schema(Fitting, title="A fitting")).is_valid(data)
+
+
+def test_a_key_that_is_wanted_must_be_given() -> None:
+    assert told({"corner": {"at_cm": [1, 2]}, "bulb": {"watts": 1}}, Fitting) == [((), "'label' is missing.")]
+
+
+def test_a_value_may_be_written_as_another_declaration_and_under_another_word() -> None:
+    data = FITTING | {"plug": {"kind": "wall", "volts": 230}, "told": {"year": 1.0, "by": ["a"]}}
+    assert told(data, Fitting) == []
+    assert jsonschema.Draft202012Validator(file_schema(Fitting, title="A fitting")).is_valid(data)
+    fitting = value_from(Fitting, data)
+    assert fitting == Fitting((0.5, 0.2), Bulb(5), Plug("wall", 230), {"year": 1.0, "by": ["a"]}, 7)
+    # What nobody declares is not touched: 1.0 does not become 1.
+    assert json.dumps(data_of(Fitting, fitting)["told"]) == json.dumps(data["told"])
+    assert data_of(Fitting, fitting) == data
+    assert data_of(Fitting, Fitting((0.0, 0.0), Bulb(1), label=True)) == {
+        "corner": {"at_cm": [0, 0]},
+        "bulb": {"watts": 1},
+        "label": True,
+    }
+
+
+def test_each_single_value_can_be_replaced_by_what_it_is() -> None:
+    seen: list[KeyPath] = []
+
+    def doubled(form: Form, value: Any, path: KeyPath) -> Any:
+        seen.append(path)
+        return value * 2 if form.kind is float else value
+
+    assert replaced(Fitting, FITTING | {"told": {"x": 1}}, doubled) == {
+        "corner": {"at_cm": [100, 40]},
+        "bulb": {"watts": 10},
+        "label": 7,
+        "told": {"x": 1},
+    }
+    assert seen == [("corner", "at_cm", 0), ("corner", "at_cm", 1), ("bulb", "watts"), ("label",), ("told",)]
+
+
+def test_tables_are_written_between_their_marks() -> None:
+    page = "Before\n<!-- keys of fitting.plug: fuse_a volts -->\nold\n<!-- end of keys -->\nAfter\n"
+    written = with_tables(page, {"fitting": Fitting})
+    assert written == (
+        "Before\n<!-- keys of fitting.plug: fuse_a volts -->\n\n"
+        "| key | what may stand there, default | meaning |\n| --- | --- | --- |\n"
+        "| `fuse_a` | number, only with `volts`, none | Its fuse. |\n"
+        "| `volts` | number, required and only with `kind: wall` | Of the wall. |\n"
+        "\n<!-- end of keys -->\nAfter\n"
+    )
+    assert with_tables(written, {"fitting": Fitting}) == written
+    page = reference(Fitting)
+    assert "| `corner` | a group, see below, required | Where it is. |" in page
+    assert "| `at_cm` | list of 2 entries: number, required | Across and down. |" in page
+    assert "| `lumens` | number, instead of `watts` | Light. |" in page
+    assert "| `label` | `true` or `false` or number or text, required | What is written on it. |" in page
+
+
+def test_a_password_in_an_address_is_not_repeated() -> None:
+    number = {"boards": 1, "width_cm": 1, "number": "ws://me:secret@host"}
+    assert told(number) == [(("number",), "'number' is 'ws://...@host'. Allowed: a letter and a digit.")]

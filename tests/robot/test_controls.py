@@ -30,7 +30,7 @@ VOLUME = RobotControl(
     "slider",
     PublishMessage("/volume", "std_msgs/UInt8", {"data": "$value"}),
     Reading("/volume/state", "std_msgs/Float32", "data", scale=100.0),
-    highest=300.0,
+    range=(0.0, 300.0),
 )
 LIGHT = RobotControl(
     "light",

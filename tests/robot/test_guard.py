@@ -13,7 +13,7 @@ from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.robot.footprint import Footprint, convex_hull, moved_by, transformed
 from caris_desktop.robot.guard import CRAWL_MPS, MEMORY_S, GuardLimit, GuardNews, ObstacleGuard
-from caris_desktop.robot.profile import GuardSettings, MotionLimits, RobotProfile, TopicSource
+from caris_desktop.robot.profile import FloorOutline, GuardSettings, MotionLimits, RobotProfile, TopicSource
 from tests.support.yardstick import in_yardsticks
 
 AHEAD, BACK, LEFT = Twist2D(0.5), Twist2D(-0.3), Twist2D(0.0, 0.3)
@@ -24,7 +24,7 @@ PROFILE = RobotProfile(
     scan=TopicSource("/scan"),
     limits=MotionLimits(forward_mps=0.5, backward_mps=0.3, left_mps=0.3),
     guard=GuardSettings(stop_distance_m=0.12, reaction_s=0.35),
-    footprint_radius_m=0.25,
+    footprint=FloorOutline(0.25),
 )
 BOX = ((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))
 T = 100.0
@@ -172,7 +172,7 @@ def test_the_arc_is_kept() -> None:
 
 
 def test_a_box_in_a_gap_that_it_fits_into_drives_but_does_not_turn() -> None:
-    profile = replace(PROFILE, footprint_m=BOX)
+    profile = replace(PROFILE, footprint=FloorOutline(polygon_m=BOX))
     narrow = scan(lambda angles: 0.28 / np.maximum(np.abs(np.sin(angles)), 0.02))
     guard = guard_with(profile, narrow)
     assert guard.limit(AHEAD, T).fraction == 1.0
@@ -434,8 +434,8 @@ def test_at_most_about_five_are_told_in_a_second() -> None:
 def test_a_scan_costs_little() -> None:
     chance = np.random.default_rng(1)
     cluttered = [scan(lambda angles: chance.uniform(0.3, 4.0, len(angles)), at_s=T + 0.1 * n) for n in range(20)]
-    for footprint_m in ((), BOX):
-        guard = ObstacleGuard(replace(PROFILE, footprint_m=footprint_m))
+    for footprint in (FloorOutline(0.25), FloorOutline(polygon_m=BOX)):
+        guard = ObstacleGuard(replace(PROFILE, footprint=footprint))
 
         def watch(guard: ObstacleGuard = guard) -> None:
             for each in cluttered:

@@ -17,7 +17,7 @@ from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.robot.footprint import Footprint, transformed
 from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
 from caris_desktop.robot.lease import MotionLease
-from caris_desktop.robot.profile import MotionLimits, RobotProfile, load_profile
+from caris_desktop.robot.profile import FloorOutline, MotionLimits, RobotProfile, load_profile
 from caris_desktop.simulator import base, lidar
 from caris_desktop.simulator.base import DIFFERENTIAL, HOLONOMIC, RADIUS_M, STEP_S, BaseModel, BaseState, clearance_m
 from caris_desktop.simulator.floor_plan import DEPTH_M, WIDTH_M
@@ -182,7 +182,7 @@ class _BoxRobot(GuardedRobot):
 
 
 def test_a_long_robot_swings_none_of_its_corners_into_anything_whatever_keys_are_pressed() -> None:
-    profile = replace(SIDEWAYS, footprint_m=_BoxRobot.CORNERS_M)
+    profile = replace(SIDEWAYS, footprint=FloorOutline(polygon_m=_BoxRobot.CORNERS_M))
     keys = (Twist2D(0.5), Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.5), Twist2D(-0.5, 0.3, -1.0), Twist2D(0.5, 0.0, 1.0))
     chance = np.random.default_rng(3)
     gaps_m, states = [], set()

@@ -298,7 +298,7 @@ def keys_within(group: type) -> Iterator[str]:
     for key in keys_of(group):
         yield key.name
         form = item_of(key.form.kind) or key.form
-        for inner in (form.kind,) if is_group(form.kind) and form.foreign is None else ():
+        for inner in (form.kind,) if is_group(form.kind) and form.elsewhere is None else ():
             yield from keys_within(inner)
 
 

@@ -1,0 +1,13 @@
+"""Where something stands in a file, and how that is told."""
+
+KeyPath = tuple[str | int, ...]
+Problem = tuple[KeyPath, str]
+"""What is wrong at a place of a file, in a sentence."""
+
+
+def name_of(path: KeyPath) -> str:
+    """A place in a file as messages call it: ``'places[2].x_m'``, counted from 1."""
+    text = ""
+    for part in path:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return f"'{text}'"

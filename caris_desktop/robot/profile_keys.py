@@ -1,0 +1,136 @@
+"""Cameras and poses of the domain as people write them in a robot profile: from a data sheet, in degrees or radians."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.geometry import Pose2D
+
+_FOV_DEG = (5.0, 170.0)
+
+Radians = Annotated[float, Rule(unit="radians", at_least=-7, at_most=7)]
+Offset = Annotated[float, Rule(unit="metres", at_least=-5, at_most=5)]
+_HeadingDeg = Annotated[
+    float, Rule("Where it looks, to the left of forward; 0 if not given.", unit="degrees", at_least=-360, at_most=360)
+]
+_HeadingRad = Annotated[Radians, Rule("The same in radians.", instead_of=("heading_deg",))]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModelKeys:
+    """Where a camera is and what it sees, as its data sheet or its calibration says."""
+
+    width_px: Annotated[
+        int, Rule("Width of the picture that the other numbers belong to.", unit="pixels", at_least=16, at_most=16_384)
+    ]
+    height_px: Annotated[int, Rule("Its height.", unit="pixels", at_least=16, at_most=16_384)]
+    horizontal_fov_deg: Annotated[float | None, Rule(
+        "The angle from the left to the right edge.", unit="degrees", at_least=_FOV_DEG[0], at_most=_FOV_DEG[1],
+    )] = None  # fmt: skip
+    fx_px: Annotated[float | None, Rule(
+        "Focal length across, of a calibration.", unit="pixels", more_than=0, instead_of=("horizontal_fov_deg",),
+    )] = None  # fmt: skip
+    fy_px: Annotated[
+        float | None, Rule("Focal length down; as fx_px if not given.", unit="pixels", more_than=0, beside=("fx_px",))
+    ] = None
+    cx_px: Annotated[
+        float | None, Rule("Column of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
+    ] = None
+    cy_px: Annotated[
+        float | None, Rule("Row of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
+    ] = None
+    x_m: Annotated[Offset, Rule("In front of the robot's centre.")] = 0.0
+    y_m: Annotated[Offset, Rule("To the left of it.")] = 0.0
+    z_m: Annotated[float, Rule("Above the floor.", unit="metres", at_least=0.02, at_most=5)] = 1.0
+    heading_deg: Annotated[_HeadingDeg | None, Rule()] = None
+    heading_rad: Annotated[_HeadingRad | None, Rule()] = None
+    tilt_deg: Annotated[
+        float | None, Rule("How far it looks down; 0 if not given.", unit="degrees", at_least=-90, at_most=90)
+    ] = None
+    tilt_rad: Annotated[float | None, Rule(
+        "The same in radians.", unit="radians", at_least=-1.5708, at_most=1.5708, instead_of=("tilt_deg",),
+    )] = None  # fmt: skip
+    on_head: Annotated[bool, Rule("`true` where it turns with the robot's head.", quiet=True)] = False
+
+    def model(self) -> CameraModel:
+        if self.fx_px is None:
+            model = _seen_from(self.width_px, self.height_px, self.horizontal_fov_deg or 0.0)
+        else:
+            model = CameraModel(
+                self.width_px,
+                self.height_px,
+                self.fx_px,
+                self.fx_px if self.fy_px is None else self.fy_px,
+                self.width_px / 2.0 if self.cx_px is None else self.cx_px,
+                self.height_px / 2.0 if self.cy_px is None else self.cy_px,
+            )
+        return replace(
+            model,
+            x_m=self.x_m,
+            y_m=self.y_m,
+            z_m=self.z_m,
+            heading_rad=_radians(self.heading_deg, self.heading_rad),
+            tilt_rad=_radians(self.tilt_deg, self.tilt_rad),
+            on_head=self.on_head,
+        )
+
+    @classmethod
+    def of(cls, model: CameraModel) -> "CameraModelKeys":
+        lens = {key: getattr(model, key) for key in ("fx_px", "fy_px", "cx_px", "cy_px")}
+        degrees = _degrees(2.0 * math.atan2(model.width_px / 2.0, model.fx_px))
+        if degrees is not None and _FOV_DEG[0] <= degrees <= _FOV_DEG[1]:
+            from_angle = _seen_from(model.width_px, model.height_px, degrees)
+            if all(getattr(from_angle, key) == value for key, value in lens.items()):
+                lens = {"horizontal_fov_deg": degrees}
+        return cls(
+            model.width_px,
+            model.height_px,
+            **lens,
+            **{key: getattr(model, key) for key in ("x_m", "y_m", "z_m", "on_head")},
+            **_angle("heading", model.heading_rad),
+            **_angle("tilt", model.tilt_rad),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PoseKeys:
+    """A place in the robot frame."""
+
+    x_m: Annotated[float, Rule("In front of the robot's centre.", unit="metres")] = 0.0
+    y_m: Annotated[float, Rule("To the left of it.", unit="metres")] = 0.0
+    heading_deg: Annotated[_HeadingDeg | None, Rule()] = None
+    heading_rad: Annotated[_HeadingRad | None, Rule()] = None
+
+    @classmethod
+    def of(cls, pose: Pose2D) -> "PoseKeys":
+        return cls(pose.x_m, pose.y_m, **_angle("heading", pose.heading_rad))
+
+    def pose(self) -> Pose2D:
+        return Pose2D(self.x_m, self.y_m, _radians(self.heading_deg, self.heading_rad))
+
+
+def _seen_from(width_px: int, height_px: int, horizontal_deg: float) -> CameraModel:
+    return CameraModel.from_field_of_view(
+        width_px=width_px, height_px=height_px, horizontal_rad=math.radians(horizontal_deg)
+    )
+
+
+def _radians(degrees: float | None, radians: float | None) -> float:
+    return math.radians(degrees) if degrees is not None else radians or 0.0
+
+
+def _angle(what: str, angle_rad: float) -> dict[str, Any]:
+    """An angle in degrees where that says it exactly."""
+    degrees = _degrees(angle_rad)
+    if degrees is None or math.radians(degrees) != angle_rad:
+        return {f"{what}_rad": angle_rad}
+    return {f"{what}_deg": degrees}
+
+
+def _degrees(angle_rad: float) -> float | None:
+    """The shortest number of degrees that is nearly this angle."""
+    exact = math.degrees(angle_rad)
+    rounded = (round(exact, digits) for digits in range(16))
+    return next((degrees for degrees in rounded if math.isclose(math.radians(degrees), angle_rad, rel_tol=1e-15)), None)

@@ -1,0 +1,22 @@
+"""What tells people about a robot profile: JSON Schemas and the tables of the guide's page, from the declarations.
+
+``python -m caris_desktop.app.reference`` writes them into ``resources/``.
+"""
+
+from pathlib import Path
+
+from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.declared_page import with_tables
+from caris_desktop.domain.declared_schema import schema_text
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.robot.profile_model import ProfileFile
+
+
+def reference_files() -> dict[Path, str]:
+    """What each of these files says; the words between the tables of the page stay as they are."""
+    schemas, page = resources_dir() / "schemas", resources_dir() / "guide" / "robot-profiles.md"
+    return {
+        schemas / "robot-profile.schema.json": schema_text(ProfileFile, title="CARIS Desktop robot profile"),
+        schemas / "robot-control.schema.json": schema_text(RobotControl, title="A control of the Robot panel"),
+        page: with_tables(page.read_text(encoding="utf-8"), {"profile": ProfileFile, "control": RobotControl}),
+    }

@@ -1,0 +1,23 @@
+"""What is shipped about the files that people write is what their declarations say."""
+
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.app import reference
+
+WRITE_ANEW = "run: python -m caris_desktop.app.reference"
+
+
+def test_every_schema_and_every_page_is_the_declared_one() -> None:
+    declared = reference.reference_files()
+    assert {path.name for path in declared} >= {"scenario-file.md", "robot-profiles.md"}
+    for path, text in declared.items():
+        assert path.read_text(encoding="utf-8") == text, f"{path.name}: {WRITE_ANEW}"
+
+
+def test_the_command_writes_them_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = {tmp_path / path.name: text for path, text in reference.reference_files().items()}
+    monkeypatch.setattr(reference, "reference_files", lambda: files)
+    reference.main()
+    assert {path: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()} == files

@@ -1,0 +1,27 @@
+"""The shipped JSON Schemas as editors and other programs apply them."""
+
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+from referencing import Registry, Resource
+
+from caris_desktop.domain.shipped import resources_dir
+
+
+@functools.cache
+def schema_validator(file_name: str) -> jsonschema.Draft202012Validator:
+    """Checks by a file in ``resources/schemas``; schemas there may refer to one another by name."""
+
+    def read(path: Path) -> Any:
+        return json.loads(path.read_text(encoding="utf-8"))
+
+    folder = resources_dir() / "schemas"
+    registry: Registry[Any] = Registry().with_resources(
+        (path.name, Resource.from_contents(read(path))) for path in folder.glob("*.schema.json")
+    )
+    schema = read(folder / file_name)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema, registry=registry)
