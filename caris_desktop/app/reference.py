@@ -5,13 +5,14 @@ Those are their JSON Schemas and the tables of the guide. A test tells when they
 
 from pathlib import Path
 
+from caris_desktop.recording.annotation import coding_file
 from caris_desktop.robot import reference as robot
 from caris_desktop.scenario import reference as scenario
 
 
 def reference_files() -> dict[Path, str]:
     """What each file that follows from a declaration says."""
-    return {**scenario.reference_files(), **robot.reference_files()}
+    return {**scenario.reference_files(), **robot.reference_files(), **coding_file.reference_files()}
 
 
 def main() -> None:

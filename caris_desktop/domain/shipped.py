@@ -1,9 +1,6 @@
 """Where the files that come with the program are: beside the package in a checkout, inside it in a wheel."""
 
-import functools
-import json
 from pathlib import Path
-from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -19,19 +16,3 @@ def resources_dir() -> Path:
 
 def layouts_dir() -> Path:
     return _shipped("layouts")
-
-
-@functools.cache
-def schema_validator(file_name: str) -> Any:
-    """The jsonschema validator of a file in ``resources/schemas``; schemas there may refer to one another by name."""
-    import jsonschema
-    from referencing import Registry, Resource
-
-    def read(path: Path) -> Any:
-        return json.loads(path.read_text(encoding="utf-8"))
-
-    folder = resources_dir() / "schemas"
-    registry: Registry[Any] = Registry().with_resources(
-        (path.name, Resource.from_contents(read(path))) for path in folder.glob("*.schema.json")
-    )
-    return jsonschema.Draft202012Validator(read(folder / file_name), registry=registry)

@@ -5,12 +5,14 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import reference
+from caris_desktop.domain.shipped import resources_dir
 
 WRITE_ANEW = "run: python -m caris_desktop.app.reference"
 
 
 def test_every_schema_and_every_page_is_the_declared_one() -> None:
     declared = reference.reference_files()
+    assert set((resources_dir() / "schemas").iterdir()) <= set(declared)
     assert {path.name for path in declared} >= {"scenario-file.md", "robot-profiles.md"}
     for path, text in declared.items():
         assert path.read_text(encoding="utf-8") == text, f"{path.name}: {WRITE_ANEW}"

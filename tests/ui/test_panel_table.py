@@ -40,13 +40,27 @@ def test_a_panel_without_its_permission_is_absent() -> None:
 
 
 def test_the_window_brings_no_panel_and_no_dialog_along() -> None:
-    names = "\n".join(f"caris_desktop.{late}" for late in LATE)
-    program = (
-        "import sys; import caris_desktop.ui.main_window; late = tuple(sys.stdin.read().split());"
-        "print(*(name for name in sys.modules if name.startswith(late)))"
+    assert imported("import caris_desktop.ui.main_window", [f"caris_desktop.{late}" for late in LATE]) == []
+
+
+def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with() -> None:
+    """JSON Schema costs a fifth of a second to import, before the first window is there."""
+    reads_both = (
+        "import caris_desktop.app.composition, caris_desktop.ui.main_window\n"
+        "from caris_desktop.robot.profile import list_profiles\n"
+        "from caris_desktop.scenario.library import list_scenarios\n"
+        "assert len(list_profiles()) > 5 and len(list_scenarios()) > 1"
     )
-    told = subprocess.run([sys.executable, "-c", program], input=names, capture_output=True, text=True, check=True)
-    assert told.stdout.split() == []
+    assert imported(reads_both, ["jsonschema", "referencing", "rpds"]) == []
+
+
+def imported(program: str, names: list[str]) -> list[str]:
+    """Which modules whose names begin so a program of its own has imported."""
+    tell = "import sys; late = tuple(sys.stdin.read().split())\nprint(*(n for n in sys.modules if n.startswith(late)))"
+    told = subprocess.run(
+        [sys.executable, "-c", f"{program}\n{tell}"], input="\n".join(names), capture_output=True, text=True, check=True
+    )
+    return told.stdout.split()
 
 
 def test_panels_of_a_scenario_are_those_of_its_layout(window: MainWindow) -> None:

@@ -1,23 +1,29 @@
 """Annotations of a session: tiers of labelled stretches of time, as in ELAN. Plain values; editing gives new ones."""
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from caris_desktop.domain.declared import Rule
+
+Named = Annotated[str, Rule(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
+Text = Annotated[str, Rule(longest=20_000)]
 
 
 @dataclass(frozen=True, slots=True)
 class VocabularyEntry:
     """One permitted value, with what it means."""
 
-    value: str
-    description: str = ""
+    value: Annotated[Text, Rule(shortest=1)]
+    description: Text = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
     """A controlled vocabulary: tiers that use it hold these values only."""
 
-    name: str
+    name: Named
     entries: tuple[VocabularyEntry, ...]
-    description: str = ""
+    description: Text = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,13 +10,15 @@ import json
 import logging
 import re
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.declared import data_of, value_from
+from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.shipped import schema_validator
+from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedStretch, CodedTier, Coding
 from caris_desktop.recording.annotation.editing import (
     AnnotationError,
     check_document,
@@ -24,19 +26,10 @@ from caris_desktop.recording.annotation.editing import (
     sorted_document,
     tiers_of_coder,
 )
-from caris_desktop.recording.annotation.model import (
-    Annotation,
-    AnnotationDocument,
-    Tier,
-    Vocabulary,
-    VocabularyEntry,
-)
+from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
-FORMAT = "caris-desktop annotations"
-FORMAT_VERSION = 1
 _FOLDER = "annotations"
-_SCHEMA = "annotations.schema.json"
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # names that Windows gives no file
 _log = logging.getLogger(__name__)
@@ -131,32 +124,24 @@ def _path_of(folder: Path, coder: str) -> Path:
 
 def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
     """The content of a coder's file."""
-    return {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "coder": coder,
-        "saved_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "duration_ms": document.duration_ms,
-        "vocabularies": [asdict(vocabulary) for vocabulary in document.vocabularies],
-        "tiers": [
-            {
-                "tier_id": tier.tier_id,
-                "name": tier.name,
-                "participant": tier.participant,
-                "vocabulary": tier.vocabulary,
-                "annotations": [
-                    {
-                        "annotation_id": item.annotation_id,
-                        "start_ms": item.start_ms,
-                        "end_ms": item.end_ms,
-                        "value": item.value,
-                    }
-                    for item in document.of_tier(tier.tier_id)
-                ],
-            }
-            for tier in document.tiers
-        ],
-    }
+    tiers = tuple(
+        CodedTier(
+            tier.tier_id,
+            tier.name,
+            tier.vocabulary,
+            tuple(
+                CodedStretch(item.annotation_id, item.start_ms, item.end_ms, item.value)
+                for item in document.of_tier(tier.tier_id)
+            ),
+            tier.participant,
+        )
+        for tier in document.tiers
+    )
+    saved_utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    coding: dict[str, Any] = data_of(
+        Coding, Coding(coder, document.vocabularies, tiers, saved_utc, document.duration_ms)
+    )
+    return coding
 
 
 def _load(path: Path) -> tuple[AnnotationDocument, str]:
@@ -179,40 +164,29 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
         raise AnnotationError(
             f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
         )
-    problem = next(iter(schema_validator(_SCHEMA).iter_errors(data)), None)
-    if problem is not None:
+    for place, problem in problems(Coding, data):
         _log.warning("%s: %s", path, problem)
-        where = "/".join(str(step) for step in problem.absolute_path) or "the file as a whole"
+        where = "/".join(str(step) for step in place) or "the file as a whole"
         raise AnnotationError(f"{path} is damaged: {where} is not as it must be; the log has the details. {advice}")
-    document = _document(data)
+    coding: Coding = value_from(Coding, data)
+    document = _document(coding)
     try:
         check_document(document)
     except AnnotationError as error:
         raise AnnotationError(f"{path} is damaged. {error} {advice}") from error
-    return document, str(data["coder"])
+    return document, coding.coder
 
 
-def _document(data: dict[str, Any]) -> AnnotationDocument:
-    tiers, annotations = [], []
-    for tier in data["tiers"]:
-        tiers.append(
-            Tier(tier["tier_id"], tier["name"], data["coder"], tier["vocabulary"], tier.get("participant", ""))
-        )
-        annotations += [
-            Annotation(item["annotation_id"], tier["tier_id"], item["start_ms"], item["end_ms"], item["value"])
-            for item in tier["annotations"]
-        ]
-    vocabularies = tuple(
-        Vocabulary(
-            item["name"],
-            tuple(VocabularyEntry(entry["value"], entry.get("description", "")) for entry in item["entries"]),
-            item.get("description", ""),
-        )
-        for item in data["vocabularies"]
+def _document(coding: Coding) -> AnnotationDocument:
+    tiers = tuple(
+        Tier(tier.tier_id, tier.name, coding.coder, tier.vocabulary, tier.participant) for tier in coding.tiers
     )
-    return sorted_document(
-        AnnotationDocument(tuple(tiers), vocabularies, tuple(annotations), data.get("duration_ms", 0))
+    annotations = tuple(
+        Annotation(item.annotation_id, tier.tier_id, item.start_ms, item.end_ms, item.value)
+        for tier in coding.tiers
+        for item in tier.annotations
     )
+    return sorted_document(AnnotationDocument(tiers, coding.vocabularies, annotations, coding.duration_ms))
 
 
 def _explain(error: OSError, path: Path) -> str:

@@ -1,17 +1,22 @@
 """Annotations on the disk: whole or not at all, and never over what cannot be read."""
 
 import json
+import random
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from caris_desktop.domain.declared_check import problems
 from caris_desktop.recording.annotation import editing, store
+from caris_desktop.recording.annotation.coding_file import Coding
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.store import annotation_files, load_documents, save_coder
 from tests.recording.told_session import tell
+from tests.support.broken_data import changed
+from tests.support.schemas import schema_validator
 
 
 def coded(coder: str, value: str = "robot", *, at_ms: int = 0) -> AnnotationDocument:
@@ -29,9 +34,9 @@ def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
     assert path == tmp_path / "annotations" / "anna.json"
     assert load_documents(tmp_path) == document
     assert load_documents(tmp_path, duration_ms=70_000).duration_ms == 70_000
-    changed = editing.remove_tier(document, document.tiers[1].tier_id)
-    save_coder(tmp_path, changed, "anna")
-    assert load_documents(tmp_path) == changed
+    fewer = editing.remove_tier(document, document.tiers[1].tier_id)
+    save_coder(tmp_path, fewer, "anna")
+    assert load_documents(tmp_path) == fewer
     assert [file.name for file in path.parent.iterdir()] == ["anna.json"]
     assert load_documents(tmp_path / "nowhere") == AnnotationDocument()
 
@@ -97,6 +102,21 @@ def test_a_damaged_file_is_told_and_never_overwritten(tmp_path: Path, content: s
     messages: list[str] = []
     assert editing.coders_of(load_documents(tmp_path, on_damaged=messages.append)) == ("ben",)
     assert [told in message and str(path) in message for message in messages] == [True]
+
+
+def test_the_schema_refuses_what_the_program_refuses() -> None:
+    validator = schema_validator("annotations.schema.json")
+    data = store.coding_jsonable(coded("anna"), "anna")
+    assert list(problems(Coding, data)) == []
+    assert validator.is_valid(data)
+    chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
+    refused = 0
+    for _ in range(300):
+        tried = changed(data, chance, ["unknown", "participant", "value"])
+        wrong = list(problems(Coding, tried))
+        assert validator.is_valid(tried) == (not wrong), (tried, wrong)
+        refused += bool(wrong)
+    assert 100 < refused < 300
 
 
 def test_only_what_keeps_the_rules_is_saved(tmp_path: Path) -> None:

@@ -1,0 +1,58 @@
+"""What the file of one coder says, declared: its check, reading, writing and JSON Schema follow from that."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared_schema import schema_text
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.recording.annotation.model import Named, Text, Vocabulary
+
+FORMAT: Literal["caris-desktop annotations"] = "caris-desktop annotations"
+FORMAT_VERSION: Literal[1] = 1
+_Id = Annotated[str, Rule(shortest=1, longest=200)]
+_Time = Annotated[int, Rule(unit="milliseconds", at_least=0, at_most=2**32 - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class CodedStretch:
+    """A labelled stretch of time."""
+
+    annotation_id: _Id
+    start_ms: _Time
+    end_ms: Annotated[_Time, Rule("After start_ms.")]
+    value: Text
+
+
+@dataclass(frozen=True, slots=True)
+class CodedTier:
+    """One row of the timeline."""
+
+    tier_id: _Id
+    name: Named
+    vocabulary: Annotated[str, Rule("A vocabulary of the file; empty: free text.", order=1)]
+    annotations: Annotated[tuple[CodedStretch, ...], Rule("In the order of time; they do not overlap.", order=1)]
+    participant: Annotated[Text, Rule("Whom the tier is about.")] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Coding:
+    """What one coder made of a session: tiers of labelled stretches of time.
+
+    Times are whole milliseconds since the session began (started_ns in session.json).
+    """
+
+    coder: Annotated[Named, Rule("Who made these tiers.")]
+    vocabularies: Annotated[tuple[Vocabulary, ...], Rule(order=1)]
+    tiers: Annotated[tuple[CodedTier, ...], Rule("In the order of the timeline.", order=1)]
+    saved_utc: str = ""
+    duration_ms: Annotated[_Time, Rule("How long the session is; 0: not known.")] = 0
+    format: Annotated[Literal["caris-desktop annotations"], Rule(wanted=True, order=-1)] = FORMAT
+    format_version: Annotated[Literal[1], Rule("The version of this format.", wanted=True, order=-1)] = FORMAT_VERSION
+
+
+def reference_files() -> dict[Path, str]:
+    """The schema of these files, for others who read them."""
+    path = resources_dir() / "schemas" / "annotations.schema.json"
+    return {path: schema_text(Coding, title="CARIS Desktop annotations")}
