@@ -11,7 +11,7 @@ import tempfile
 import threading
 import unicodedata
 from collections import deque
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -28,6 +28,7 @@ from caris_desktop.conversation.speech_messages import (
 )
 from caris_desktop.conversation.voice_engine import SOUND_FILE
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 
@@ -207,6 +208,7 @@ class _SpeechDesk:
         self._heard = _HeardSound(b"", 1)
         self._voice = ""
         self._audible: bool | None = None
+        self._silenced_by: Actor = CONSOLE
         self._closed = False
 
     def run(self) -> None:
@@ -233,10 +235,12 @@ class _SpeechDesk:
         match command:
             case Speak():
                 self._take(command)
-            case SilenceSpeech():
+            case SilenceSpeech(actor):
+                self._silenced_by = actor
                 self._silence()
             case CloseSpeech():
                 self._closed = True
+                self._silenced_by = CONSOLE
                 self._dropped += self._waiting
                 self._waiting.clear()
                 if self._now is not None:
@@ -254,7 +258,7 @@ class _SpeechDesk:
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
             problem = f"it is longer than {MAX_UTTERANCE_CHARACTERS} characters: say it in parts"
             text = text[:MAX_UTTERANCE_CHARACTERS] + "…"
-        taken = Speak(command.utterance_id, text, command.origin)
+        taken = replace(command, text=text)
         if problem:
             self._report(taken, "failed", clock.now_ns(), problem)
         else:
@@ -445,6 +449,7 @@ class _SpeechDesk:
                 state,
                 voice="computer",
                 detail=detail,
+                actor=self._silenced_by if state == "interrupted" else utterance.actor,
             )
         )
 

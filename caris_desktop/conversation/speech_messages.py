@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Problem, UtteranceOrigin
 
 
@@ -22,11 +23,14 @@ class Speak:
     utterance_id: str
     text: str
     origin: UtteranceOrigin
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
 class SilenceSpeech:
     """Interrupt what is being said at once and drop what is waiting."""
+
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)

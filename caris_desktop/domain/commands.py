@@ -1,10 +1,12 @@
 """What the wizard wants of the robot: the messages that the console sends to the link.
 
-None of these is ever queued while the link is down: what cannot be sent now is refused and reported.
+None of these is ever queued while the link is down: what cannot be sent now is refused and reported. ``actor`` is who
+asked for it; the events that tell what became of it carry it back.
 """
 
 from dataclasses import dataclass
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import CommandSource, MapOperation
 from caris_desktop.domain.geometry import Pose2D, Twist2D
@@ -17,6 +19,7 @@ class Drive:
     stamp_ns: int
     target: Twist2D
     source: CommandSource
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,7 @@ class Release:
 
     stamp_ns: int
     reason: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,7 @@ class StopMotion:
     """Zero at once, and cancel every navigation goal and what a control has the robot do."""
 
     stamp_ns: int
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,7 @@ class SetEmergencyStop:
 
     stamp_ns: int
     latched: bool
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +63,7 @@ class GoTo:
     goal_id: str
     target_in_map: Pose2D
     place: str | None = None
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +72,7 @@ class LimitGoals:
 
     stamp_ns: int
     forward_mps: float
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +80,7 @@ class CancelGoal:
     """Cancel the navigation goal, wherever it stands."""
 
     stamp_ns: int
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +89,7 @@ class SetGuard:
 
     stamp_ns: int
     on: bool
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +100,7 @@ class SetInitialPose:
     pose_in_map: Pose2D
     spread_m: float = 0.5
     spread_rad: float = 0.26
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +111,7 @@ class RequestMap:
     request_id: str
     operation: MapOperation
     name: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +121,7 @@ class MoveHead:
     stamp_ns: int
     pan_rad: float
     tilt_rad: float
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +144,7 @@ class UseControl:
     request_id: str
     control: str
     value: ControlValue
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +154,7 @@ class Say:
     stamp_ns: int
     utterance_id: str
     text: str
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +162,7 @@ class Silence:
     """Stop the robot's own voice, where the robot offers that."""
 
     stamp_ns: int
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,13 @@
 """Discrete things that happen in a session. All of them are recorded, none may be lost.
 
 ``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names live only in the study's database.
+``actor`` is who asked for what the event tells of; what merely happens, such as somebody's coming, has none.
 """
 
 from dataclasses import dataclass
 from typing import Literal
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
@@ -50,20 +52,22 @@ class LinkQuality:
 
 @dataclass(frozen=True, slots=True)
 class CommandSent:
-    """One velocity command that was handed to the socket, exactly as sent."""
+    """One velocity command that was handed to the socket, exactly as sent. ``actor`` held it, let go, or stopped."""
 
     stamp_ns: int
     sequence: int
     twist: Twist2D
     source: CommandSource
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveEnded:
-    """Direct driving ended by itself rather than by the wizard letting go."""
+    """Direct driving ended by itself rather than by the wizard letting go, or as ``actor`` set a goal."""
 
     stamp_ns: int
     reason: str
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,7 @@ class StopRequested:
     """The wizard pressed stop."""
 
     stamp_ns: int
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +85,12 @@ class EmergencyStopChanged:
     stamp_ns: int
     latched: bool
     by: Literal["wizard", "robot"]
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalChanged:
-    """A navigation goal changed its state."""
+    """A navigation goal changed its state. ``actor`` set it, and where it is cancelled, cancelled it."""
 
     stamp_ns: int
     goal_id: str
@@ -93,6 +99,7 @@ class GoalChanged:
     place: str | None = None
     distance_left_m: float | None = None
     detail: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +108,7 @@ class NavigationSpeedChanged:
 
     stamp_ns: int
     limit_mps: float | None
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +117,14 @@ class GuardChanged:
 
     ``absent``: the profile names no LIDAR; ``blind``: no fresh scan, so the speed is capped; ``overridden``: the
     wizard switched it off. ``distance_m`` is the free way between footprint and obstacle in the direction of motion.
-    ``detail`` says in words why it is blind.
+    ``detail`` says in words why it is blind. ``actor`` is who switched it, else the console.
     """
 
     stamp_ns: int
     state: GuardState
     distance_m: float | None = None
     detail: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +133,7 @@ class InitialPoseSet:
 
     stamp_ns: int
     pose_in_map: Pose2D
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +146,7 @@ class MapRequestChanged:
     name: str
     state: RequestState
     detail: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +170,7 @@ class PlacesChanged:
     stamp_ns: int
     name: str
     pose_in_map: Pose2D | None
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +180,7 @@ class HeadMoved:
     stamp_ns: int
     pan_rad: float
     tilt_rad: float
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +193,7 @@ class ControlUsed:
     value: ControlValue
     state: RequestState
     detail: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +235,10 @@ class GamepadChanged:
 
 @dataclass(frozen=True, slots=True)
 class UtteranceChanged:
-    """Something is said. The same ``utterance_id`` returns with each new state."""
+    """Something is said. The same ``utterance_id`` returns with each new state.
+
+    ``actor`` had the robot say it, and where it is interrupted, silenced it.
+    """
 
     stamp_ns: int
     utterance_id: str
@@ -231,6 +248,7 @@ class UtteranceChanged:
     state: UtteranceState
     voice: str = ""
     detail: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +264,7 @@ class LlmExchange:
     """One finished exchange with a language model.
 
     ``server`` is the host that was asked, with its port and without credentials; ``seed`` what its choice of words
-    began with, None where the server was not told one.
+    began with, None where the server was not told one. ``actor`` asked the question.
     """
 
     stamp_ns: int
@@ -263,6 +281,7 @@ class LlmExchange:
     model_version: str = ""
     server: str = ""
     seed: int | None = None
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,6 +293,7 @@ class AnswerUsed:
     use: Literal["said", "edited", "dismissed"]
     text: str
     utterance_id: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,6 +321,7 @@ class PersonRenamed:
 
     stamp_ns: int
     person_id: str
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,6 +332,7 @@ class PhotoTaken:
     camera: str
     frame_sequence: int
     file_name: str
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,6 +352,7 @@ class Marked:
     end_ns: int | None = None
     state: MarkState = "done"
     note: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,6 +361,7 @@ class RecordingPaused:
 
     stamp_ns: int
     paused: bool
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,6 +373,7 @@ class ScenarioOpened:
     title: str
     sha256: str
     content: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +385,7 @@ class RobotChosen:
     title: str
     address: str
     profile: str = ""
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,6 +394,7 @@ class LayoutChanged:
 
     stamp_ns: int
     layout: str
+    actor: Actor = ""
 
 
 OVERTAKEN = "more came at once than could be taken"
@@ -402,6 +429,7 @@ class SessionStarted:
 
     stamp_ns: int
     folder: str
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,6 +439,7 @@ class SessionEnded:
     stamp_ns: int
     folder: str
     reason: str
+    actor: Actor = ""
 
 
 Event = (

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import CommandSource, MarkKind, UtteranceOrigin
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
-
-Actor = str
-"""Who asks: ``wizard`` (this computer's), ``wizard:NAME`` (another one), ``console``, ``model`` or ``script``."""
 
 Permission = Literal[
     "photos", "video_recording", "audio_recording", "driving", "assistant", "naming_people", "robot_controls"
@@ -29,7 +27,7 @@ Permission = Literal[
 class Intent:
     """Something that somebody asks the console for."""
 
-    actor: Actor = "wizard"
+    actor: Actor = WIZARD
 
     @property
     def lets_go(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
+from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
@@ -94,7 +95,7 @@ class Console(QObject):
             own_camera=parts.people.camera is not None, parent=self,
         )  # fmt: skip
         self._drive = DriveService(state, self._robot, scenario, self, publish=bus.publish, problem=bus.problem)
-        head = HeadService(state, self._robot, bus.publish, self)
+        head = HeadService(state, self._robot, self)
         self._speech = SpeechService(state, bus, children, parts.speech, robot=self._robot, parent=self)
         assistant = AssistantService(
             state, bus, children, parts.assistant,
@@ -117,7 +118,7 @@ class Console(QObject):
         bus.before_work(self._drive.renew_before_work)
         self._gate = Gate(state, lambda: self.scenario.permissions)
         self._handlers: dict[type[Intent], Handler] = {
-            UseRobot: lambda asked: self.connect_robot(parts.robots.connect_to(asked.robot))
+            UseRobot: lambda asked: self.connect_robot(parts.robots.connect_to(asked.robot), asked.actor)
         }
         for service in reversed(self._services):
             self._handlers.update(service.handlers())
@@ -183,8 +184,8 @@ class Console(QObject):
             self._bus.problem(refusal.severity, refusal.what, refusal.meaning, refusal.advice, until=refusal.until)
         return refusal.what
 
-    def connect_robot(self, connection: RobotConnection) -> None:
-        """Connect, or connect to another robot instead."""
+    def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
+        """Connect, or connect to another robot instead. Who starts the program with one is its wizard."""
         if self._shut_down:
             return
         self._drive.release("Another robot is connected")
@@ -193,7 +194,7 @@ class Console(QObject):
         self._bus.take_in()
         self._recording.forget_robot()
         self._people.forget_robot()
-        self._robot.connect_robot(connection)
+        self._robot.connect_robot(connection, actor)
 
     # For what runs beside the services
 

@@ -21,6 +21,7 @@ from caris_desktop.conversation.language_models import (
     takes_seed,
 )
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.live.asyncio_thread import AsyncioThread
@@ -44,6 +45,7 @@ class _Asked:
     temperature: float
     asked_ns: int
     seed: int | None
+    actor: Actor
 
 
 @dataclass(slots=True)
@@ -113,11 +115,19 @@ class Exchanges(QObject):
         self._endpoint = None
         self._state.assistant.set(status)
 
-    def ask(self, question: str, messages: Sequence[ChatMessage], *, max_tokens: int, temperature: float) -> bool:
+    def ask(
+        self,
+        question: str,
+        messages: Sequence[ChatMessage],
+        *,
+        max_tokens: int,
+        temperature: float,
+        actor: Actor = CONSOLE,
+    ) -> bool:
         """False when no model is ready. A question under way is cancelled, an answer not used is dismissed."""
         if self._endpoint is None:
             return False
-        self._put_away("cancelled by the next question")
+        self._put_away("cancelled by the next question", actor)
         asked = _Asked(
             f"x-{secrets.token_hex(4)}",
             self._endpoint,
@@ -127,6 +137,7 @@ class Exchanges(QObject):
             temperature,
             clock.now_ns(),
             secrets.randbelow(_SEEDS) if takes_seed(self._endpoint) else None,
+            actor,
         )
         self._state.assistant.set(
             AssistantStatus(state="answering", model=self._shown_as, exchange_id=asked.exchange_id, question=question)
@@ -158,19 +169,19 @@ class Exchanges(QObject):
         else:
             self._state.assistant.set(replace(status, exchange_id="", question="", answer=""))
 
-    def note_use(self, text: str, utterance_id: str) -> None:
+    def note_use(self, text: str, utterance_id: str, actor: Actor = CONSOLE) -> None:
         """The wizard has the answer said, perhaps edited."""
         if self._last is not None:
             as_it_stood = text.split() == self._last.answer.split()
             self._last_used = True
             use: Literal["said", "edited"] = "said" if as_it_stood else "edited"
-            self._publish(AnswerUsed(clock.now_ns(), self._last.exchange_id, use, text, utterance_id))
+            self._publish(AnswerUsed(clock.now_ns(), self._last.exchange_id, use, text, utterance_id, actor))
 
-    def _put_away(self, why: str) -> None:
+    def _put_away(self, why: str, actor: Actor = CONSOLE) -> None:
         self.cancel(why)
         last, self._last = self._last, None
         if last is not None and last.outcome == "answered" and not self._last_used:
-            self._publish(AnswerUsed(clock.now_ns(), last.exchange_id, "dismissed", last.answer))
+            self._publish(AnswerUsed(clock.now_ns(), last.exchange_id, "dismissed", last.answer, actor=actor))
 
     def _find_version(self, endpoint: ModelEndpoint) -> None:
         asking = self._keep_version(endpoint)
@@ -235,6 +246,7 @@ class Exchanges(QObject):
             model_version=heard.version or self._versions.get(asked.endpoint, ""),
             server=server_of(asked.endpoint),
             seed=asked.seed,
+            actor=asked.actor,
         )
 
     def _on_answer_grew(self, exchange_id: str, answer: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
@@ -96,8 +97,8 @@ class PerceptionWorker(QObject):
         """What a camera itself tells of its lens counts more than the profile."""
         self._cameras = {**self._cameras, lens.camera: lens.model}
 
-    def rename(self, person_id: str, name: str) -> None:
-        self._inputs.put(_Rename(person_id, name))
+    def rename(self, person_id: str, name: str, actor: Actor = CONSOLE) -> None:
+        self._inputs.put(_Rename(person_id, name, actor))
 
     def stop(self) -> None:
         self._inputs.put(_STOP)
@@ -133,7 +134,7 @@ class PerceptionWorker(QObject):
                 asked = None
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Rename):
-                self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns()))
+                self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns(), actor=item.actor))
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus(state="ready", model=item.model))
@@ -225,8 +226,8 @@ class PerceptionWorker(QObject):
 
 
 class _Rename:
-    def __init__(self, person_id: str, name: str) -> None:
-        self.person_id, self.name = person_id, name
+    def __init__(self, person_id: str, name: str, actor: Actor) -> None:
+        self.person_id, self.name, self.actor = person_id, name, actor
 
 
 class _ChildEnded:

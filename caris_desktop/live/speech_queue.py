@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
 from caris_desktop.live.state import LiveState
 
@@ -25,7 +26,7 @@ class Voice(Protocol):
     def say(self, utterance: UtteranceChanged) -> bool:
         """False when this voice cannot take it now; nothing is queued then."""
 
-    def silence(self) -> bool:
+    def silence(self, actor: Actor) -> bool:
         """Interrupt what is being said."""
 
 
@@ -51,25 +52,32 @@ class SpeechQueue(QObject):
         self._kind = kind
         self._state.speech.set(replace(self._state.speech.value, voice=kind))
 
-    def say(self, text: str, origin: UtteranceOrigin) -> str:
+    def say(self, text: str, origin: UtteranceOrigin, actor: Actor = CONSOLE) -> str:
         """The new utterance's id; empty text says nothing and gives an empty id."""
         text = " ".join(text.split())
         if not text:
             return ""
         utterance = UtteranceChanged(
-            clock.now_ns(), f"u-{secrets.token_hex(4)}", "robot", text, origin, "requested", voice=self._kind
+            clock.now_ns(),
+            f"u-{secrets.token_hex(4)}",
+            "robot",
+            text,
+            origin,
+            "requested",
+            voice=self._kind,
+            actor=actor,
         )
         self._publish(utterance)
         self._waiting.append(utterance)
         self._next()
         return utterance.utterance_id
 
-    def silence(self) -> None:
+    def silence(self, actor: Actor = CONSOLE) -> None:
         dropped, self._waiting = list(self._waiting), deque()
         for utterance in dropped:
-            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted"))
+            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted", actor=actor))
         if self._now is not None:
-            self._voices[self._kind_of(self._now)].silence()
+            self._voices[self._kind_of(self._now)].silence(actor)
         self._show()
 
     def on_utterance(self, reported: UtteranceChanged) -> None:
@@ -77,7 +85,9 @@ class SpeechQueue(QObject):
         now = self._now
         if now is None or reported.utterance_id != now.utterance_id:
             return
-        self._now = replace(now, stamp_ns=reported.stamp_ns, state=reported.state, detail=reported.detail)
+        self._now = replace(
+            now, stamp_ns=reported.stamp_ns, state=reported.state, detail=reported.detail, actor=reported.actor
+        )
         self._publish(self._now)
         if reported.state in ("finished", "interrupted", "failed"):
             self._now = None

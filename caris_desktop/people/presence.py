@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
 from caris_desktop.domain.sensing import People
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError, new_person_id
@@ -120,7 +121,7 @@ class Presence:
         apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
         return max(self._leave_after_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_PATIENCE_NS))
 
-    def rename(self, person_id: str, name: str, *, now_ns: int) -> list[Event]:
+    def rename(self, person_id: str, name: str, *, now_ns: int, actor: Actor = "") -> list[Event]:
         """Give a person a name, or take it away with an empty one. The event does not carry it."""
         row = self._rows.get(person_id)
         if row is None:
@@ -136,7 +137,7 @@ class Presence:
         name = " ".join(name.split())[:MAX_NAME_LENGTH]
         events = self._store(now_ns, lambda register: register.rename(person_id, name))
         self._rows[person_id] = replace(row, name=name or unnamed_label(row.number))
-        return [PersonRenamed(now_ns, person_id), *events]
+        return [PersonRenamed(now_ns, person_id, actor), *events]
 
     def persons(self, *, include_left: bool = False) -> tuple[PersonRow, ...]:
         """Who is here, in the order in which they first appeared; with ``include_left`` also who was."""

@@ -4,9 +4,11 @@ import asyncio
 import logging
 import math
 from collections.abc import Coroutine
+from dataclasses import replace
 from typing import Any
 
 from caris_desktop.domain import commands
+from caris_desktop.domain.actor import CONSOLE, Actor, in_words
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import (
     CommandSent,
@@ -80,6 +82,10 @@ class ControlLink:
         # The last velocity on this connection.
         self._told = ZERO_TWIST
         self._zeros_again: list[asyncio.TimerHandle] = []
+        # Who held or let go last, who stopped, and who switched the guard.
+        self._driver: Actor = CONSOLE
+        self._stopper: Actor = CONSOLE
+        self._guard_switcher: Actor = CONSOLE
         self._odometry: Odometry | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
@@ -168,7 +174,8 @@ class ControlLink:
         moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
         self._controls.cancel_goals("the console closed")
         if self._connected and moving:
-            self._navigator.cancel_all("the console closed")
+            self._navigator.cancel_all("the console closed", CONSOLE)
+            self._stopper = CONSOLE
             self._lease.stop(self._loop.time())
             self._move()
             # The timer goes on sending the zeros meanwhile.
@@ -196,39 +203,43 @@ class ControlLink:
             case commands.RenewLease():
                 self._lease.renew(given_s)
             case commands.Release():
+                self._driver = command.actor
                 self._lease.release(now_s)
             case commands.StopMotion():
+                self._stopper = command.actor
                 self._lease.stop(now_s)
                 self._send_zero_first()
-                self._navigator.cancel_all("stopped by the wizard")
-                self._controls.cancel_goals("stopped by the wizard")
-            case commands.SetEmergencyStop(latched=latched):
-                self._emergency_stop.set(latched)
+                reason = f"stopped by {in_words(command.actor)}"
+                self._navigator.cancel_all(reason, command.actor)
+                self._controls.cancel_goals(reason)
+            case commands.SetEmergencyStop():
+                self._emergency_stop.set(command)
             case commands.SetGuard(on=on):
+                self._guard_switcher = command.actor
                 self._guard.switch(on=on)
                 self._lease.reconsider(now_s)
                 if not self._lease.held:
                     self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
             case commands.GoTo():
                 self._go_to(command)
-            case commands.LimitGoals(forward_mps=forward_mps):
-                self._goal_speed.limit(forward_mps)
+            case commands.LimitGoals():
+                self._goal_speed.limit(command)
             case commands.CancelGoal():
-                self._navigator.cancel("cancelled by the wizard")
+                self._navigator.cancel(f"cancelled by {in_words(command.actor)}", command.actor)
             case commands.SetInitialPose():
                 self._refused("The robot was not told where it is", self._maps.set_initial_pose(command))
             case commands.RequestMap():
                 self._maps.request(command)
-            case commands.MoveHead(pan_rad=pan_rad, tilt_rad=tilt_rad):
-                self._refused("The head does not turn", self._head.move(pan_rad, tilt_rad))
+            case commands.MoveHead():
+                self._refused("The head does not turn", self._head.move(command))
             case commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
                 self._controls.offer(controls, driving_permitted=driving_permitted)
             case commands.UseControl():
                 self._controls.use(command)
-            case commands.Say(utterance_id=utterance_id, text=text):
-                self._voice.say(utterance_id, text)
+            case commands.Say():
+                self._voice.say(command)
             case commands.Silence():
-                if not self._voice.silence() and self._connected:
+                if not self._voice.silence(command.actor) and self._connected:
                     self._report.problems.count(
                         "silence",
                         severity="info",
@@ -256,11 +267,12 @@ class ControlLink:
             if self._lease.latched:
                 # Something tries to move against the emergency stop: say zero once more.
                 self._lease.drive(command.target, command.source, self._loop.time())
-            self._put(DriveEnded(now_ns(), refusal))
+            self._put(DriveEnded(now_ns(), refusal, CONSOLE))
             return
+        self._driver = command.actor
         if command.target.moving:
             # Taking the wheel takes it from the navigation.
-            self._navigator.cancel("the wizard drives")
+            self._navigator.cancel(f"{in_words(command.actor)} drives", command.actor)
         self._lease.drive(command.target, command.source, given_s)
 
     def _motion_refusal(self) -> str:
@@ -290,13 +302,13 @@ class ControlLink:
         if not refusal and self._came_too_late(command):
             refusal = "The command came too late; give it again"
         if refusal:
-            self._navigator.refuse(command.goal_id, command.target_in_map, command.place, refusal)
+            self._navigator.refuse(command, refusal)
             return
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), "The robot navigates"))
+            self._put(DriveEnded(now_ns(), "The robot navigates", command.actor))
         # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
         self._goal_speed.apply()
-        self._navigator.go(command.goal_id, command.target_in_map, command.place)
+        self._navigator.go(command)
 
     # Motion
 
@@ -309,7 +321,7 @@ class ControlLink:
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.told(ZERO_TWIST)
         if self._lease.take_expired():
-            self._put(DriveEnded(now_ns(), "The console stopped answering for a moment"))
+            self._put(DriveEnded(now_ns(), "The console stopped answering for a moment", CONSOLE))
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -383,7 +395,11 @@ class ControlLink:
             self._ros.send_ping(self._commands_answered)
             self._guard.note_sent(twist, self._loop.time())
             self._sequence += 1
-            self._put(CommandSent(now_ns(), self._sequence, twist, source))
+            self._put(CommandSent(now_ns(), self._sequence, twist, source, self._actor_of(source)))
+
+    def _actor_of(self, source: CommandSource) -> Actor:
+        """Whose velocity it is; those that only the lease wants are the console's."""
+        return self._stopper if source == "stop" else CONSOLE if source == "lease" else self._driver
 
     def _forget_zeros(self) -> None:
         for timer in self._zeros_again:
@@ -395,7 +411,7 @@ class ControlLink:
 
     def _end_drive(self, reason: str) -> None:
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), reason))
+            self._put(DriveEnded(now_ns(), reason, CONSOLE))
 
     # The obstacle guard
 
@@ -413,7 +429,9 @@ class ControlLink:
     def _tell_guard(self, limit: GuardLimit, now_s: float) -> None:
         news = self._guard_news.of(limit, now_s, stamp_ns=now_ns()) if self._connected else None
         if news is not None:
-            self._put(news)
+            self._put(replace(news, actor=self._guard_switcher))
+            if news.state != "overridden":
+                self._guard_switcher = CONSOLE
 
     async def _watch_guard(self) -> None:
         """Tell the state also while nothing is driven and no scan comes."""
@@ -425,15 +443,16 @@ class ControlLink:
 
     # What the emergency stop acts on
 
-    def hold_still(self, held: bool) -> None:
+    def hold_still(self, held: bool, actor: Actor) -> None:
         self._lease.emergency(held, self._loop.time())
         if held:
+            self._stopper = actor
             self._send_zero_first()
         self._head.hold_still(held)
         self._controls.hold_still(held)
 
-    def cancel_goals(self, reason: str) -> None:
-        self._navigator.cancel_all(reason)
+    def cancel_goals(self, reason: str, actor: Actor) -> None:
+        self._navigator.cancel_all(reason, actor)
 
     # The connection
 
@@ -444,6 +463,7 @@ class ControlLink:
         self._report.changed("connected")
         self._guard.forget()
         self._guard_news.forget()
+        self._guard_switcher = CONSOLE
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._goal_speed.link_connected()
         self._navigator.link_connected()
@@ -476,7 +496,7 @@ class ControlLink:
         self._unread.forget()
         self._forget_zeros()
         if self._lease.held:
-            self._put(DriveEnded(now_ns(), "The link to the robot was lost"))
+            self._put(DriveEnded(now_ns(), "The link to the robot was lost", CONSOLE))
         self._lease.forget()
         self._navigator.link_lost()
         self._goal_speed.link_lost()

@@ -368,7 +368,9 @@ class RobotControls:
             self._tell(goal.command, "failed", detail)
 
     def _tell(self, command: UseControl, state: RequestState, detail: str) -> None:
-        self._emit(ControlUsed(now_ns(), command.request_id, command.control, command.value, state, detail))
+        self._emit(
+            ControlUsed(now_ns(), command.request_id, command.control, command.value, state, detail, command.actor)
+        )
 
     # Readings
 

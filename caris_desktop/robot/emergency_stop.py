@@ -5,7 +5,9 @@ from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import EmergencyStopInterface
@@ -20,10 +22,10 @@ logger = logging.getLogger(__name__)
 class StoppedByIt(Protocol):
     """What the emergency stop acts on. Called on the loop."""
 
-    def hold_still(self, held: bool) -> None:
+    def hold_still(self, held: bool, actor: Actor) -> None:
         """Nothing may move from now on, or it may again. Comes again with every latch, also when held already."""
 
-    def cancel_goals(self, reason: str) -> None:
+    def cancel_goals(self, reason: str, actor: Actor) -> None:
         """Cancel whatever the robot does by itself."""
 
 
@@ -53,6 +55,7 @@ class EmergencyStop:
         self._wizard_latched = False
         self._robot_latched = False
         self._asked = 0
+        self._asked_by: Actor = ""
         self._command: SafeTopic | None = None
         bool_type = type_name(dialect, "std_msgs", "Bool")
         if self._interface.topic is not None:
@@ -68,12 +71,13 @@ class EmergencyStop:
     def latched(self) -> bool:
         return self._wizard_latched or self._robot_latched
 
-    def set(self, latched: bool) -> None:
+    def set(self, command: SetEmergencyStop) -> None:
         """The wizard latches or clears it."""
         self._asked += 1
-        if latched:
+        self._asked_by = command.actor
+        if command.latched:
             self._latch(wizard=True, by="wizard")
-            self._stopped.cancel_goals("emergency stop")
+            self._stopped.cancel_goals("emergency stop", command.actor)
             # Said again on every request: the wizard must see that it is set.
             if self._ros.is_connected:
                 self._tell_robot(latched=True)
@@ -127,10 +131,12 @@ class EmergencyStop:
         before = self.latched
         self._wizard_latched = self._wizard_latched if wizard is None else wizard
         self._robot_latched = self._robot_latched if robot is None else robot
+        # A robot only says again what the wizard latched.
+        actor = self._asked_by if by == "wizard" or self._wizard_latched else ""
         if self.latched or before:
-            self._stopped.hold_still(self.latched)
+            self._stopped.hold_still(self.latched, actor)
         if self.latched != before:
-            self._emit(EmergencyStopChanged(now_ns(), self.latched, by))
+            self._emit(EmergencyStopChanged(now_ns(), self.latched, by, actor))
 
     def _clear_here(self) -> None:
         self._latch(wizard=False, by="wizard")
@@ -205,4 +211,4 @@ class EmergencyStop:
             return
         self._latch(robot=latched, by="robot")
         if latched:
-            self._stopped.cancel_goals("the robot's emergency stop")
+            self._stopped.cancel_goals("the robot's emergency stop", "")

@@ -3,9 +3,11 @@
 import asyncio
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import MoveHead
 from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.sensing import HeadState
 from caris_desktop.robot.profile import HeadInterface
@@ -51,7 +53,7 @@ class RobotHead:
         self._target: tuple[float, float] | None = None
         self._told_ns = 0
         self._sent_s = -math.inf
-        self._next: tuple[float, float] | None = None
+        self._next: MoveHead | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._held = False
         if head is None:
@@ -68,7 +70,7 @@ class RobotHead:
         )
         watched.subscribe(states, self._take_joints)
 
-    def move(self, pan_rad: float, tilt_rad: float) -> str:
+    def move(self, command: MoveHead) -> str:
         """Turn the head. Why it is refused, or an empty text."""
         if self._head is None:
             return "this robot's profile names no head"
@@ -76,9 +78,13 @@ class RobotHead:
             return "the robot is not connected"
         if self._held:
             return "the emergency stop is set"
-        if not (math.isfinite(pan_rad) and math.isfinite(tilt_rad)):
+        if not (math.isfinite(command.pan_rad) and math.isfinite(command.tilt_rad)):
             return "that is no direction"
-        self._next = _clamped(pan_rad, self._head.pan_range_rad), _clamped(tilt_rad, self._head.tilt_range_rad)
+        self._next = replace(
+            command,
+            pan_rad=_clamped(command.pan_rad, self._head.pan_range_rad),
+            tilt_rad=_clamped(command.tilt_rad, self._head.tilt_range_rad),
+        )
         if self._timer is None:
             due_s = self._sent_s + SEND_EVERY_S
             if due_s <= self._loop.time():
@@ -111,14 +117,15 @@ class RobotHead:
             self._timer = None
 
     def _send_next(self) -> None:
-        target, head = self._next, self._head
+        command, head = self._next, self._head
         self._drop_next()
-        if target is None or head is None or self._held:
+        if command is None or head is None or self._held:
             return
+        target = command.pan_rad, command.tilt_rad
         begin = self._at or self._target or (0.0, 0.0)
         way_rad = max(abs(target[0] - begin[0]), abs(target[1] - begin[1]))
         if self._publish(target, max(SHORTEST_MOVE_S, way_rad / head.speed_radps)):
-            self._emit(HeadMoved(now_ns(), *target))
+            self._emit(HeadMoved(now_ns(), *target, command.actor))
 
     def _publish(self, target: tuple[float, float], duration_s: float) -> bool:
         head = self._head

@@ -137,7 +137,7 @@ class RobotMaps:
         )
         if not self._initial_pose.publish(message):
             return "the robot is not connected"
-        self._emit(InitialPoseSet(now_ns(), pose))
+        self._emit(InitialPoseSet(now_ns(), pose, command.actor))
         return ""
 
     def request(self, command: RequestMap) -> None:
@@ -274,7 +274,11 @@ class RobotMaps:
         )
 
     def _tell(self, command: RequestMap, state: RequestState, detail: str = "") -> None:
-        self._emit(MapRequestChanged(now_ns(), command.request_id, command.operation, command.name, state, detail))
+        self._emit(
+            MapRequestChanged(
+                now_ns(), command.request_id, command.operation, command.name, state, detail, command.actor
+            )
+        )
 
 
 def _offer(services: MapServices, dialect: Dialect) -> _Offer:

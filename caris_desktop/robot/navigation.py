@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import GoTo
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
@@ -35,13 +37,12 @@ NO_NAVIGATION = "this robot's profile names no navigation"
 class _Goal:
     """The goal under way. ``wire_id`` is its name on the robot."""
 
-    goal_id: str
+    asked: GoTo
     wire_id: str
-    target_in_map: Pose2D
-    place: str | None
     state: GoalState = "requested"
     distance_left_m: float | None = None
     cancelling: str | None = None
+    cancelled_by: Actor = ""
     told_ns: int = 0
 
 
@@ -86,46 +87,58 @@ class Navigator:
         """Whether the robot has a goal of ours, or may still have it."""
         return self._goal is not None
 
-    def go(self, goal_id: str, target_in_map: Pose2D, place: str | None) -> None:
+    def go(self, command: GoTo) -> None:
         """Ask for a goal; one that is under way is replaced."""
         if self._goal is not None:
             # The navigation itself preempts the old goal; its late answers no longer belong to anything here.
+            self._goal = replace(self._goal, cancelled_by=command.actor)
             self._end("cancelled", "replaced by another goal")
+        target_in_map = command.target_in_map
         if self._server is None:
-            self.refuse(goal_id, target_in_map, place, NO_NAVIGATION)
+            self.refuse(command, NO_NAVIGATION)
             return
         if not all(math.isfinite(value) for value in (target_in_map.x_m, target_in_map.y_m, target_in_map.heading_rad)):
-            self.refuse(goal_id, target_in_map, place, "the target is not a place in the map")
+            self.refuse(command, "the target is not a place in the map")
             return
         self._epoch = next(self._epochs)
         # Stamp zero: the newest transforms are meant, and the robot's clock may differ from ours.
         encode = encode_move_base_target if self._moves_base else encode_navigate_to_pose_goal
-        wire_id = self._server.send(goal_id, encode(target_in_map, stamp_ns=0, frame_id=self._map_frame))
+        wire_id = self._server.send(command.goal_id, encode(target_in_map, stamp_ns=0, frame_id=self._map_frame))
         if wire_id is None:
-            self.refuse(goal_id, target_in_map, place, "the robot is not connected")
+            self.refuse(command, "the robot is not connected")
             return
         self._robot_tells_distance = False
-        self._goal = _Goal(goal_id, wire_id, target_in_map, place, distance_left_m=self._beeline_m(target_in_map))
+        self._goal = _Goal(command, wire_id, distance_left_m=self._beeline_m(target_in_map))
         self._tell()
         epoch = self._epoch
         self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(epoch))
 
-    def refuse(self, goal_id: str, target_in_map: Pose2D, place: str | None, detail: str) -> None:
+    def refuse(self, command: GoTo, detail: str) -> None:
         """Report a goal as failed that was never sent."""
-        self._emit(GoalChanged(now_ns(), goal_id, "failed", target_in_map, place, detail=detail))
+        self._emit(
+            GoalChanged(
+                now_ns(),
+                command.goal_id,
+                "failed",
+                command.target_in_map,
+                command.place,
+                detail=detail,
+                actor=command.actor,
+            )
+        )
 
-    def cancel(self, detail: str) -> None:
+    def cancel(self, detail: str, actor: Actor) -> None:
         """Cancel our goal, if there is one. It is reported when the robot confirms."""
         if self._goal is None or self._server is None or self._goal.cancelling is not None:
             return
-        self._goal = replace(self._goal, cancelling=detail)
+        self._goal = replace(self._goal, cancelling=detail, cancelled_by=actor)
         self._server.cancel(self._goal.wire_id)
         epoch = self._epoch
         self._loop.call_later(UNCONFIRMED_CANCEL_S, lambda: self._give_up_cancelling(epoch))
 
-    def cancel_all(self, detail: str) -> None:
+    def cancel_all(self, detail: str, actor: Actor) -> None:
         """Cancel our goal and every other that the robot may have."""
-        self.cancel(detail)
+        self.cancel(detail, actor)
         if self._server is not None and self._ros.is_connected:
             self._server.cancel_all()
 
@@ -134,7 +147,8 @@ class Navigator:
         self._pose_in_map = None
         if self._goal is not None:
             self._lost_wire_id = self._goal.wire_id
-            self._goal = replace(self._goal, cancelling=self._goal.cancelling or "the link to the robot was lost")
+            if self._goal.cancelling is None:
+                self._goal = replace(self._goal, cancelling="the link to the robot was lost", cancelled_by=CONSOLE)
             self._tell("the link to the robot was lost; the goal is cancelled when it is back")
             self._await_fate()
 
@@ -159,7 +173,7 @@ class Navigator:
         """Where the robot is: the distance left is counted from here, as the crow flies, where the robot is silent."""
         self._pose_in_map = pose_in_map
         if self._goal is not None and not self._robot_tells_distance:
-            self._progress(self._beeline_m(self._goal.target_in_map))
+            self._progress(self._beeline_m(self._goal.asked.target_in_map))
 
     def goal_feedback(self, wire_id: str, feedback: Message) -> None:
         goal = self._goal
@@ -171,7 +185,9 @@ class Navigator:
             self._pose_in_map = told.pose_in_map
         self._robot_tells_distance = told.distance_left_m is not None
         self.goal_active(wire_id)
-        self._progress(told.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.target_in_map))
+        self._progress(
+            told.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.asked.target_in_map)
+        )
 
     def _progress(self, distance_left_m: float | None) -> None:
         goal = self._goal
@@ -199,7 +215,14 @@ class Navigator:
             self._goal = replace(goal, told_ns=now_ns())
             self._emit(
                 GoalChanged(
-                    now_ns(), goal.goal_id, goal.state, goal.target_in_map, goal.place, goal.distance_left_m, detail
+                    now_ns(),
+                    goal.asked.goal_id,
+                    goal.state,
+                    goal.asked.target_in_map,
+                    goal.asked.place,
+                    goal.distance_left_m,
+                    detail,
+                    goal.cancelled_by if goal.state == "cancelled" else goal.asked.actor,
                 )
             )
 

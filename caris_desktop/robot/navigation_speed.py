@@ -6,7 +6,9 @@ import math
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import LimitGoals
 from caris_desktop.domain.events import NavigationSpeedChanged, Problem
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -43,6 +45,7 @@ class NavigationSpeed:
         self._emit = emit
         self._in_background = in_background
         self._wanted_mps: float | None = None
+        self._wanted_by: Actor = CONSOLE
         self._kept_mps: float | None = None
         self._told_failure = False
         self._asked = 0
@@ -54,10 +57,10 @@ class NavigationSpeed:
             self._topic = SafeTopic(ros, told_by.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1)
             self._topic.advertise()
 
-    def limit(self, forward_mps: float) -> None:
+    def limit(self, command: LimitGoals) -> None:
         """What the wizard's own driving is limited to holds for goals too."""
-        if math.isfinite(forward_mps) and forward_mps > 0.0:
-            self._wanted_mps = forward_mps
+        if math.isfinite(command.forward_mps) and command.forward_mps > 0.0:
+            self._wanted_mps, self._wanted_by = command.forward_mps, command.actor
             self.apply()
 
     def link_connected(self) -> None:
@@ -67,7 +70,7 @@ class NavigationSpeed:
     def link_lost(self) -> None:
         # Nobody knows what the robot is told meanwhile.
         self._asked += 1
-        self._keep(None)
+        self._keep(None, CONSOLE)
 
     def apply(self) -> None:
         """Tell the navigation what it is to keep to, as far as the robot is there."""
@@ -126,7 +129,7 @@ class NavigationSpeed:
     def _settle(self, limit_mps: float, reason: str, *, asked: int) -> None:
         if asked != self._asked:
             return  # a newer limit was sent meanwhile; its answer counts
-        self._keep(None if reason else limit_mps)
+        self._keep(None if reason else limit_mps, self._wanted_by)
         if not reason or self._told_failure:
             return
         self._told_failure = True
@@ -143,7 +146,7 @@ class NavigationSpeed:
             )
         )
 
-    def _keep(self, kept_mps: float | None) -> None:
+    def _keep(self, kept_mps: float | None, actor: Actor) -> None:
         if kept_mps != self._kept_mps:
             self._kept_mps = kept_mps
-            self._emit(NavigationSpeedChanged(now_ns(), kept_mps))
+            self._emit(NavigationSpeedChanged(now_ns(), kept_mps, actor))

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import filled
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, UtteranceState
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
@@ -24,8 +26,7 @@ LONGEST_UTTERANCE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class _Utterance:
-    utterance_id: str
-    text: str
+    asked: Say
     started: bool = False
 
 
@@ -37,10 +38,10 @@ def estimated_duration_s(text: str) -> float:
 class RobotVoice(Protocol):
     """The robot's own voice, however it is reached."""
 
-    def say(self, utterance_id: str, text: str) -> None:
+    def say(self, command: Say) -> None:
         """Ask the robot to say it now, or behind what it is saying."""
 
-    def silence(self) -> bool:
+    def silence(self, actor: Actor) -> bool:
         """Interrupt, where the robot can be interrupted. False where it cannot."""
 
     def link_lost(self) -> None:
@@ -77,12 +78,12 @@ class ActionVoice:
         self._waiting: deque[_Utterance] = deque()
         self._wire_id: str | None = None
         self._adrift = False
-        self._silence_due = False
+        self._silence_due: Actor | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._client = make_action_client(ros, dialect, action.name, action.type, self)
 
-    def say(self, utterance_id: str, text: str) -> None:
-        utterance = _Utterance(utterance_id, text)
+    def say(self, command: Say) -> None:
+        utterance = _Utterance(command)
         if not self._ros.is_connected:
             _tell(self._emit, utterance, "failed", "the robot is not connected")
             return
@@ -90,13 +91,13 @@ class ActionVoice:
         if len(self._waiting) == 1:
             self._send_next()
 
-    def silence(self) -> bool:
+    def silence(self, actor: Actor) -> bool:
         if not self._ros.is_connected:
-            self._silence_due = self._wire_id is not None
+            self._silence_due = actor if self._wire_id is not None else None
             return False
         if self._wire_id is not None:
             self._client.cancel(self._wire_id)
-        self._end_all("interrupted", "")
+        self._end_all("interrupted", "", actor)
         return True
 
     def link_lost(self) -> None:
@@ -109,9 +110,9 @@ class ActionVoice:
             _tell(self._emit, utterance, "failed", "the link to the robot was lost")
 
     def link_connected(self) -> None:
-        if self._silence_due:
-            self._silence_due = False
-            self.silence()
+        due, self._silence_due = self._silence_due, None
+        if due is not None:
+            self.silence(due)
         elif self._adrift:
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._give_up(FATE_UNKNOWN))
 
@@ -136,10 +137,12 @@ class ActionVoice:
             # A short word may be over before the robot has told that it began.
             self.goal_active(wire_id)
         states: dict[Ending, UtteranceState] = {"reached": "finished", "cancelled": "interrupted", "failed": "failed"}
-        self._finish(states[ending], detail)
+        # One that was silenced is no longer here: the robot itself gave this one up.
+        self._finish(states[ending], detail, "" if ending == "cancelled" else None)
 
     def _send_next(self) -> None:
-        self._wire_id = self._client.send(self._waiting[0].utterance_id, filled(self._goal, self._waiting[0].text))
+        asked = self._waiting[0].asked
+        self._wire_id = self._client.send(asked.utterance_id, filled(self._goal, asked.text))
         if self._wire_id is None:
             self._end_all("failed", "the robot is not connected")
         elif self._dialect is Dialect.ROS1:
@@ -154,20 +157,20 @@ class ActionVoice:
             self._client.cancel(self._wire_id)
         self._finish("failed", detail)
 
-    def _finish(self, state: UtteranceState, detail: str) -> None:
+    def _finish(self, state: UtteranceState, detail: str, actor: Actor | None = None) -> None:
         self._wire_id = None
-        self._adrift = self._silence_due = False
+        self._adrift, self._silence_due = False, None
         self._wait(None, None)
-        _tell(self._emit, self._waiting.popleft(), state, detail)
+        _tell(self._emit, self._waiting.popleft(), state, detail, actor)
         if self._waiting:
             self._send_next()
 
-    def _end_all(self, state: UtteranceState, detail: str) -> None:
+    def _end_all(self, state: UtteranceState, detail: str, actor: Actor | None = None) -> None:
         self._wire_id = None
-        self._adrift = self._silence_due = False
+        self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            _tell(self._emit, self._waiting.popleft(), state, detail)
+            _tell(self._emit, self._waiting.popleft(), state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -194,7 +197,7 @@ class TopicVoice:
         self._ros = ros
         self._emit = emit
         self._adrift = False
-        self._silence_due = False
+        self._silence_due: Actor | None = None
         self._waiting: deque[_Utterance] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._say: SafeTopic | None = None
@@ -213,26 +216,26 @@ class TopicVoice:
             speaking = SafeTopic(ros, speech.speaking, bool_type, queue_length=10, every_message=True)
             speaking.subscribe(self._take_speaking)
 
-    def say(self, utterance_id: str, text: str) -> None:
+    def say(self, command: Say) -> None:
         """Ask the robot to say it now, or behind what it is saying."""
-        utterance = _Utterance(utterance_id, text)
+        utterance = _Utterance(command)
         if self._say is None:
             self._tell(utterance, "failed", "this robot's profile names no voice")
-        elif not self._say.publish(encode_string(text)):
+        elif not self._say.publish(encode_string(command.text)):
             self._tell(utterance, "failed", "the robot is not connected")
         else:
             self._waiting.append(utterance)
             if len(self._waiting) == 1:
                 self._expect_start()
 
-    def silence(self) -> bool:
+    def silence(self, actor: Actor) -> bool:
         """Interrupt, where the robot can be interrupted. False where it cannot."""
         if not self._ros.is_connected:
-            self._silence_due = bool(self._waiting)
+            self._silence_due = actor if self._waiting else None
             return False
         stopped = self._stop is not None and self._stop.publish({})
         if stopped:
-            self._end_all("interrupted", "")
+            self._end_all("interrupted", "", actor)
         return stopped
 
     def link_lost(self) -> None:
@@ -241,9 +244,9 @@ class TopicVoice:
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._end_all("failed", FATE_UNKNOWN))
 
     def link_connected(self) -> None:
-        if self._silence_due:
-            self._silence_due = False
-            self.silence()
+        due, self._silence_due = self._silence_due, None
+        if due is not None:
+            self.silence(due)
         if self._adrift:
             # Many robots tell it at once to who begins to listen; another is heard at the next change.
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
@@ -265,11 +268,11 @@ class TopicVoice:
             self._wait(STARTS_WITHIN_S, lambda: self._fail("the robot did not report that it speaks"))
         else:
             self._start(0.0, "")
-            self._wait(estimated_duration_s(self._waiting[0].text), self._finish)
+            self._wait(estimated_duration_s(self._waiting[0].asked.text), self._finish)
 
     def _start(self, at_most_s: float, detail: str) -> None:
         head = self._waiting.popleft()
-        self._waiting.appendleft(_Utterance(head.utterance_id, head.text, started=True))
+        self._waiting.appendleft(replace(head, started=True))
         self._tell(head, "started", "" if self._follows_topic else "estimated")
         self._wait(at_most_s, lambda: self._fail(detail))
 
@@ -287,11 +290,11 @@ class TopicVoice:
         if self._waiting:
             self._expect_start()
 
-    def _end_all(self, state: UtteranceState, detail: str) -> None:
-        self._adrift = self._silence_due = False
+    def _end_all(self, state: UtteranceState, detail: str, actor: Actor | None = None) -> None:
+        self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            self._tell(self._waiting.popleft(), state, detail)
+            _tell(self._emit, self._waiting.popleft(), state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -302,11 +305,27 @@ class TopicVoice:
         _tell(self._emit, utterance, state, detail)
 
 
-def _tell(emit: Callable[[UtteranceChanged], None], utterance: _Utterance, state: UtteranceState, detail: str) -> None:
+def _tell(
+    emit: Callable[[UtteranceChanged], None],
+    utterance: _Utterance,
+    state: UtteranceState,
+    detail: str,
+    actor: Actor | None = None,
+) -> None:
+    """``actor``: whose doing that is; None: who had it said."""
+    asked = utterance.asked
     # Who asked for it knows the origin; to the robot everything is typed.
     origin: UtteranceOrigin = "typed"
     emit(
         UtteranceChanged(
-            now_ns(), utterance.utterance_id, "robot", utterance.text, origin, state, voice="robot", detail=detail
+            now_ns(),
+            asked.utterance_id,
+            "robot",
+            asked.text,
+            origin,
+            state,
+            voice="robot",
+            detail=detail,
+            actor=asked.actor if actor is None else actor,
         )
     )

@@ -53,10 +53,10 @@ class Speech:
         return self._connection
 
     def say(self, utterance_id: str, text: str = SENTENCE) -> None:
-        self._connection.send(Speak(utterance_id, text, "typed"))
+        self._connection.send(Speak(utterance_id, text, "typed", "wizard:a"))
 
     def silence(self) -> int:
-        self._connection.send(SilenceSpeech())
+        self._connection.send(SilenceSpeech("wizard:b"))
         return clock.now_ns()
 
     def wait(self, matches: Callable[[Any], bool], what: str, *, timeout_s: float = 30.0) -> Any:
@@ -85,6 +85,11 @@ class Speech:
     @property
     def states(self) -> list[tuple[str, str]]:
         return [(event.utterance_id, event.state) for event in self.heard if isinstance(event, UtteranceChanged)]
+
+    @property
+    def actors(self) -> set[tuple[str, str]]:
+        """Who did what, of all utterances."""
+        return {(event.state, event.actor) for event in self.heard if isinstance(event, UtteranceChanged)}
 
     @property
     def problems(self) -> list[Problem]:
@@ -210,6 +215,7 @@ def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(st
     silenced_ns = speech.silence()
     assert (speech.wait_state("u2", "interrupted").stamp_ns - silenced_ns) / 1e9 < 1.0
     speech.wait_state("u3", "interrupted")
+    assert speech.actors == {("started", "wizard:a"), ("finished", "wizard:a"), ("interrupted", "wizard:b")}
     assert [problem.severity for problem in speech.problems] == ["warning"]
     assert "Nobody hears" in speech.problems[0].meaning
 

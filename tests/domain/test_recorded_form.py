@@ -150,7 +150,7 @@ def test_messages_of_older_versions_are_read() -> None:
 
 def test_what_is_none_is_not_written_and_reads_as_none() -> None:
     removed = PlacesChanged(1, "kitchen", None)
-    assert written(removed) == {"stamp_ns": 1, "name": "kitchen"}
+    assert written(removed) == {"stamp_ns": 1, "name": "kitchen", "actor": ""}
     assert from_message(BY_TYPE[PlacesChanged], written(removed)) == removed
     # None inside of what has no schema of its own is content.
     shown = StatusShown(1, "link", {"reason": None})

@@ -3,6 +3,7 @@
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
@@ -15,15 +16,15 @@ class TestVoice:
         self.available = True
         self.held_up = False
         self.said: list[UtteranceChanged] = []
-        self.silenced = 0
+        self.silenced: list[str] = []
 
     def say(self, utterance: UtteranceChanged) -> bool:
         if self.available:
             self.said.append(utterance)
         return self.available
 
-    def silence(self) -> bool:
-        self.silenced += 1
+    def silence(self, actor: Actor) -> bool:
+        self.silenced.append(actor)
         return True
 
 
@@ -33,8 +34,16 @@ def _setup() -> tuple[SpeechQueue, TestVoice, list[UtteranceChanged], LiveState]
     return queue, voice, published, state
 
 
-def _report(utterance: UtteranceChanged, what: str) -> UtteranceChanged:
-    return UtteranceChanged(clock.now_ns(), utterance.utterance_id, "robot", utterance.text, "typed", what)  # type: ignore[arg-type]
+def _report(utterance: UtteranceChanged, what: str, actor: Actor = "wizard") -> UtteranceChanged:
+    return UtteranceChanged(
+        clock.now_ns(),
+        utterance.utterance_id,
+        "robot",
+        utterance.text,
+        "typed",
+        what,
+        actor=actor,  # type: ignore[arg-type]
+    )
 
 
 def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> None:
@@ -58,10 +67,11 @@ def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     queue.say("One", "typed")
     queue.say("Two", "typed")
-    queue.silence()
-    assert voice.silenced == 1
-    assert ("Two", "interrupted") in [(event.text, event.state) for event in published]
-    queue.on_utterance(_report(voice.said[0], "interrupted"))
+    queue.silence("wizard:b")
+    assert voice.silenced == ["wizard:b"]
+    assert ("Two", "interrupted", "wizard:b") in [(event.text, event.state, event.actor) for event in published]
+    queue.on_utterance(_report(voice.said[0], "interrupted", "wizard:b"))
+    assert (published[-1].text, published[-1].state, published[-1].actor) == ("One", "interrupted", "wizard:b")
     assert state.speech.value.now is None and state.speech.value.waiting == ()
     assert len(voice.said) == 1
 

@@ -235,9 +235,9 @@ def rows(value: Any) -> list[dict[str, Any]]:
 
 def test_what_is_missing_is_empty() -> None:
     (row,) = rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))
-    assert list(row.values())[4:] == ["Kitchen", 1.0, 2.0, 3.0]
+    assert list(row.values())[4:] == ["Kitchen", 1.0, 2.0, 3.0, ""]
     (row,) = rows(PlacesChanged(1, "Kitchen", None))
-    assert list(row.values())[4:] == ["Kitchen", None, None, None]
+    assert list(row.values())[4:] == ["Kitchen", None, None, None, ""]
 
 
 @pytest.mark.logs(r"session\.session_reader: ", r"exporters\.tables: ", r"exporters\.html: ")

@@ -11,6 +11,7 @@ from caris_desktop.conversation.embedded_messages import EmbeddedFailed, Embedde
 from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.domain import intents
+from caris_desktop.domain.actor import Actor, in_words
 from caris_desktop.domain.events import ChatMessage, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.asyncio_thread import AsyncioThread
@@ -69,8 +70,8 @@ class AssistantService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.Ask: lambda asked: self._ask(asked.question.strip()),
-            intents.CancelAnswer: lambda _asked: self._exchanges.cancel(),
+            intents.Ask: lambda asked: self._ask(asked.question.strip(), asked.actor),
+            intents.CancelAnswer: lambda asked: self._exchanges.cancel(f"cancelled by {in_words(asked.actor)}"),
             intents.SayAnswer: self._say_answer,
         }
 
@@ -104,7 +105,7 @@ class AssistantService(Service):
             self._conversation.clear()
         self._exchanges.forget()
 
-    def _ask(self, question: str) -> None:
+    def _ask(self, question: str, actor: Actor) -> None:
         if not question:
             return
         too_long = characters_too_long(question)
@@ -120,7 +121,7 @@ class AssistantService(Service):
         messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question)
         settings = self._scenario.assistant
         if not self._exchanges.ask(
-            question, messages, max_tokens=settings.max_tokens, temperature=settings.temperature
+            question, messages, max_tokens=settings.max_tokens, temperature=settings.temperature, actor=actor
         ):
             status: AssistantStatus = self._state.assistant.value
             starting = status.state == "starting"
@@ -134,7 +135,8 @@ class AssistantService(Service):
             )
 
     def _say_answer(self, asked: intents.SayAnswer) -> None:
-        self._exchanges.note_use(asked.text, self._speech.say(asked.text, "assistant"))
+        utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
+        self._exchanges.note_use(asked.text, utterance_id, asked.actor)
 
     # The model
 

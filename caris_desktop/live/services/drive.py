@@ -10,6 +10,7 @@ from dataclasses import replace
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.commands import Drive, LimitGoals, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
 from caris_desktop.domain.events import (
     CommandSource,
@@ -58,6 +59,7 @@ class DriveService(Service):
         self._problem = problem
         self._forward = self._left = self._turn = 0.0
         self._source: CommandSource = "none"
+        self._actor: Actor = CONSOLE
         self._held = False
         self._sent_target = Twist2D()
         self._renewed_ns = 0
@@ -83,14 +85,14 @@ class DriveService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.Drive: lambda asked: self.drive(
-                forward=asked.forward, left=asked.left, turn=asked.turn, source=asked.source
+                forward=asked.forward, left=asked.left, turn=asked.turn, source=asked.source, actor=asked.actor
             ),
-            intents.ReleaseDrive: lambda asked: self.release(asked.reason),
-            intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction),
-            intents.SetGuard: lambda asked: self.set_guard(on=asked.on),
-            intents.Stop: lambda _asked: self._stop(),
-            intents.EmergencyStop: lambda _asked: self._emergency_stop(),
-            intents.ReleaseEmergencyStop: lambda _asked: self._release_emergency_stop(),
+            intents.ReleaseDrive: lambda asked: self.release(asked.reason, asked.actor),
+            intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction, asked.actor),
+            intents.SetGuard: lambda asked: self.set_guard(on=asked.on, actor=asked.actor),
+            intents.Stop: lambda asked: self._stop(asked.actor),
+            intents.EmergencyStop: lambda asked: self._emergency_stop(asked.actor),
+            intents.ReleaseEmergencyStop: lambda asked: self._release_emergency_stop(asked.actor),
         }
 
     def follows(self) -> Follows:
@@ -109,12 +111,12 @@ class DriveService(Service):
         self._apply_limits()
         self._on_condition_changed()
 
-    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource) -> None:
+    def drive(self, *, forward: float, left: float, turn: float, source: CommandSource, actor: Actor = CONSOLE) -> None:
         """Each of -1..1. Takes the lease, or changes what it holds."""
         if not (forward or left or turn):
-            self.release()
+            self.release(actor=actor)
             return
-        self._forward, self._left, self._turn, self._source = forward, left, turn, source
+        self._forward, self._left, self._turn, self._source, self._actor = forward, left, turn, source, actor
         if not self._state.drive.value.allowed:
             self._held = False
             return
@@ -122,22 +124,22 @@ class DriveService(Service):
         self._send_target()
         self._renewal.start()
 
-    def release(self, reason: str = "") -> None:
+    def release(self, reason: str = "", actor: Actor = CONSOLE) -> None:
         self._renewal.stop()
         if self._held:
             self._held = False
-            self._robot.send(Release(clock.now_ns(), reason))
+            self._robot.send(Release(clock.now_ns(), reason, actor))
         self._forward = self._left = self._turn = 0.0
         self._sent_target = Twist2D()
         self._show_target()
 
-    def _stop(self) -> None:
-        self.halt()
-        self._publish(StopRequested(clock.now_ns()))
+    def _stop(self, actor: Actor) -> None:
+        self.halt(actor)
+        self._publish(StopRequested(clock.now_ns(), actor))
 
-    def _emergency_stop(self) -> None:
-        heard = self.set_emergency_stop(latched=True)
-        self._publish(EmergencyStopChanged(clock.now_ns(), True, "wizard"))
+    def _emergency_stop(self, actor: Actor) -> None:
+        heard = self.set_emergency_stop(latched=True, actor=actor)
+        self._publish(EmergencyStopChanged(clock.now_ns(), True, "wizard", actor))
         if not heard:
             self._problem(
                 "error",
@@ -147,42 +149,42 @@ class DriveService(Service):
                 until="connected",
             )
 
-    def _release_emergency_stop(self) -> None:
-        self.set_emergency_stop(latched=False)
-        self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard"))
+    def _release_emergency_stop(self, actor: Actor) -> None:
+        self.set_emergency_stop(latched=False, actor=actor)
+        self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard", actor))
 
-    def halt(self) -> None:
+    def halt(self, actor: Actor = CONSOLE) -> None:
         """Zero and cancel goals. Sent whether or not anything is held."""
-        self.release("Stop")
-        self._robot.send(StopMotion(clock.now_ns()))
+        self.release("Stop", actor)
+        self._robot.send(StopMotion(clock.now_ns(), actor))
 
-    def set_emergency_stop(self, *, latched: bool) -> bool:
+    def set_emergency_stop(self, *, latched: bool, actor: Actor = CONSOLE) -> bool:
         """Latch or clear. Latching takes effect here even when the link is down; False when nobody else heard it."""
         if latched:
-            self.release("Emergency stop")
+            self.release("Emergency stop", actor)
         self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
-        heard = self._robot.send(SetEmergencyStop(clock.now_ns(), latched))
+        heard = self._robot.send(SetEmergencyStop(clock.now_ns(), latched, actor))
         self._on_condition_changed()
         return heard
 
-    def set_guard(self, *, on: bool) -> None:
+    def set_guard(self, *, on: bool, actor: Actor = CONSOLE) -> None:
         """Switch the obstacle guard of the link. Off lasts until the link is lost or the scenario changes."""
-        if self._robot.send(SetGuard(clock.now_ns(), on)):
+        if self._robot.send(SetGuard(clock.now_ns(), on, actor)):
             self._guard_switched_off = not on
 
-    def set_speed_fraction(self, fraction: float) -> None:
+    def set_speed_fraction(self, fraction: float, actor: Actor = CONSOLE) -> None:
         fraction = min(1.0, max(0.1, fraction))
         self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))
-        self._limit_goals()
+        self._limit_goals(actor)
         self._resend()
 
-    def _limit_goals(self) -> None:
+    def _limit_goals(self, actor: Actor = CONSOLE) -> None:
         """Whatever limits driving by hand limits the robot's navigation too."""
         status = self._state.drive.value
         limit_mps = status.max_forward_mps * status.speed_fraction
         if self._state.link.value.state not in _STANDS or limit_mps == self._goals_limited_to_mps:
             return
-        if self._robot.send(LimitGoals(clock.now_ns(), limit_mps)):
+        if self._robot.send(LimitGoals(clock.now_ns(), limit_mps, actor)):
             self._goals_limited_to_mps = limit_mps
 
     def on_robot_event(self, event: object) -> None:
@@ -286,7 +288,7 @@ class DriveService(Service):
     def _send_target(self) -> None:
         target = self._target()
         now_ns = clock.now_ns()
-        if self._robot.send(Drive(now_ns, target, self._source)):
+        if self._robot.send(Drive(now_ns, target, self._source, self._actor)):
             self._sent_target, self._renewed_ns = target, now_ns
         else:
             self._held = False

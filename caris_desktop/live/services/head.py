@@ -1,14 +1,12 @@
 """Turning the robot's head: from what the wizard holds to joint targets, within what the neck can do. GUI thread."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.commands import MoveHead
-from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
@@ -19,29 +17,24 @@ from caris_desktop.scenario.model import Scenario
 MOVE_EVERY_MS = 50
 # A stalled GUI must not be made up for by one large turn.
 _LONGEST_STEP_S = 0.1
-_TELL_EVERY_NS = 250_000_000
 _NOD_RAD, _NOD_MS = 0.25, 450
 
 
 class HeadService(Service):
-    """Keeps ``state.look``, sends MoveHead at 20 Hz while something is held, and records where the head was sent.
+    """Keeps ``state.look``, and sends MoveHead at 20 Hz while something is held. The link tells where it sent the head.
 
     Nothing turns it after release, under the emergency stop, without a link, or once the GUI stalls: each target is
     only a step of the hold, never the end of the range.
     """
 
-    def __init__(
-        self, state: LiveState, robot: RobotPort, publish: Callable[[Any], None], parent: QObject | None = None
-    ) -> None:
-        """``publish`` takes the HeadMoved events to the record."""
+    def __init__(self, state: LiveState, robot: RobotPort, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._state = state
         self._robot = robot
-        self._publish = publish
         self._head: HeadInterface | None = None
         self._pan = self._tilt = 0.0
+        self._actor: Actor = CONSOLE
         self._stepped_ns = 0
-        self._told_ns = 0
         self._moving = QTimer(self)
         self._moving.setTimerType(Qt.TimerType.PreciseTimer)
         self._moving.setInterval(MOVE_EVERY_MS)
@@ -56,9 +49,11 @@ class HeadService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.LookAt: lambda asked: self.look_at(pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad),
-            intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt),
-            intents.Nod: lambda _asked: self.nod(),
+            intents.LookAt: lambda asked: self.look_at(
+                pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad, actor=asked.actor
+            ),
+            intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt, actor=asked.actor),
+            intents.Nod: lambda asked: self.nod(asked.actor),
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -69,16 +64,16 @@ class HeadService(Service):
         self._nodding.stop()
         self.release()
 
-    def look_at(self, *, pan_rad: float, tilt_rad: float) -> None:
+    def look_at(self, *, pan_rad: float, tilt_rad: float, actor: Actor = CONSOLE) -> None:
         """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""
         self._moving.stop()
         self._nodding.stop()
         self._pan = self._tilt = 0.0
         if self._may_move():
+            self._actor = actor
             self._move_to(pan_rad, tilt_rad)
-            self._tell()
 
-    def turn_head(self, *, pan: float, tilt: float) -> None:
+    def turn_head(self, *, pan: float, tilt: float, actor: Actor = CONSOLE) -> None:
         """Each of -1..1 of the head's speed, pan left and tilt down positive; zero stops. Call on each change."""
         was_turning = self._moving.isActive()
         self._pan, self._tilt = _unit(pan), _unit(tilt)
@@ -86,6 +81,7 @@ class HeadService(Service):
             self._end_turn()
         elif self._may_move():
             self._nodding.stop()
+            self._actor = actor
             if not was_turning:
                 self._take_measured_angles()
                 self._stepped_ns = clock.now_ns() - MOVE_EVERY_MS * 1_000_000
@@ -94,12 +90,13 @@ class HeadService(Service):
         else:
             self._end_turn()
 
-    def nod(self) -> None:
+    def nod(self, actor: Actor = CONSOLE) -> None:
         """Down and back to where it looks now; whatever turns the head meanwhile ends the nod."""
         if self._moving.isActive() or self._nodding.isActive() or not self._may_move():
             return
         self._take_measured_angles()
         look = self._state.look.value
+        self._actor = actor
         self._nodded_from = look.pan_rad, look.tilt_rad
         if self._move_to(look.pan_rad, look.tilt_rad + _NOD_RAD):
             self._nodding.start()
@@ -108,7 +105,6 @@ class HeadService(Service):
         pan_rad, tilt_rad = self._nodded_from
         if self._may_move():
             self._move_to(pan_rad, tilt_rad)
-            self._tell()
 
     def release(self) -> None:
         """Nothing is held any more: the head stays where it was sent."""
@@ -146,8 +142,6 @@ class HeadService(Service):
         look = self._state.look.value
         if not self._move_to(look.pan_rad + self._pan * stretch_rad, look.tilt_rad + self._tilt * stretch_rad):
             self._end_turn()
-        elif now_ns - self._told_ns >= _TELL_EVERY_NS:
-            self._tell()
 
     def _move_to(self, pan_rad: float, tilt_rad: float) -> bool:
         head = self._head
@@ -155,21 +149,14 @@ class HeadService(Service):
             return False
         pan_rad = min(max(pan_rad, head.pan_range_rad[0]), head.pan_range_rad[1])
         tilt_rad = min(max(tilt_rad, head.tilt_range_rad[0]), head.tilt_range_rad[1])
-        if not self._robot.send(MoveHead(clock.now_ns(), pan_rad, tilt_rad)):
+        if not self._robot.send(MoveHead(clock.now_ns(), pan_rad, tilt_rad, self._actor)):
             return False
         self._state.look.set(replace(self._state.look.value, pan_rad=pan_rad, tilt_rad=tilt_rad))
         return True
 
     def _end_turn(self) -> None:
         self._pan = self._tilt = 0.0
-        if self._moving.isActive():
-            self._moving.stop()
-            self._tell()
-
-    def _tell(self) -> None:
-        self._told_ns = clock.now_ns()
-        look = self._state.look.value
-        self._publish(HeadMoved(self._told_ns, look.pan_rad, look.tilt_rad))
+        self._moving.stop()
 
 
 def _unit(value: float) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, Marked
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
@@ -32,39 +33,39 @@ class MarksService(Service):
         return {
             intents.Mark: self.mark,
             intents.BeginMark: self.begin,
-            intents.StretchMark: lambda asked: self.stretch(asked.mark_id),
-            intents.EndMark: lambda asked: self.end_mark(asked.mark_id),
+            intents.StretchMark: self.stretch,
+            intents.EndMark: lambda asked: self.end_mark(asked.mark_id, asked.actor),
             intents.ChangeMark: self.change,
-            intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id),
+            intents.WithdrawMark: self.withdraw,
         }
 
     def mark(self, asked: intents.Mark) -> None:
         now_ns = clock.now_ns()
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS) if asked.earlier_s > 0 else None
-        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, note=asked.note))
+        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, note=asked.note, actor=asked.actor))
 
     def begin(self, asked: intents.BeginMark) -> None:
         now_ns = clock.now_ns()
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
-        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open"))
+        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
 
-    def stretch(self, mark_id: str) -> None:
+    def stretch(self, asked: intents.StretchMark) -> None:
         """The moment becomes a stretch that goes on."""
-        mark = self._marks.get(mark_id)
+        mark = self._marks.get(asked.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
             start_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
-            self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, state="open"))
+            self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, state="open", actor=asked.actor))
 
-    def end_mark(self, mark_id: str) -> None:
+    def end_mark(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.get(mark_id)
         if mark is not None and mark.state == "open":
             now_ns = clock.now_ns()
-            self._keep(replace(mark, stamp_ns=now_ns, end_ns=now_ns, state="done"))
+            self._keep(replace(mark, stamp_ns=now_ns, end_ns=now_ns, state="done", actor=actor))
 
-    def end_all(self) -> None:
+    def end_all(self, actor: Actor = CONSOLE) -> None:
         """The session ends, and with it every stretch that goes on."""
         for mark_id in tuple(self._marks):
-            self.end_mark(mark_id)
+            self.end_mark(mark_id, actor)
 
     def change(self, asked: intents.ChangeMark) -> None:
         mark = self._marks.get(asked.mark_id)
@@ -83,14 +84,15 @@ class MarksService(Service):
                 start_ns=start_ns,
                 label=mark.label if asked.label is None else asked.label,
                 note=mark.note if asked.note is None else asked.note,
+                actor=asked.actor,
             )
         )
 
-    def withdraw(self, mark_id: str) -> None:
-        mark = self._marks.pop(mark_id, None)
+    def withdraw(self, asked: intents.WithdrawMark) -> None:
+        mark = self._marks.pop(asked.mark_id, None)
         if mark is None:
             return
-        self._publish(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn"))
+        self._publish(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=asked.actor))
         self._show(None)
 
     def _keep(self, mark: Marked) -> None:

@@ -131,7 +131,7 @@ class PeopleService(Service):
 
     def _name(self, asked: intents.NamePerson) -> None:
         if self._worker is not None:
-            self._worker.rename(asked.person_id, asked.name)
+            self._worker.rename(asked.person_id, asked.name, asked.actor)
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         if self._worker is not None:

@@ -8,7 +8,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
@@ -119,7 +120,11 @@ class RecordingService(Service):
     # Sessions
 
     def start_session(
-        self, new_session: Callable[[], tuple[Path, SessionHeader]], scenario: Scenario, opened: Sequence[Event]
+        self,
+        new_session: Callable[[], tuple[Path, SessionHeader]],
+        scenario: Scenario,
+        opened: Sequence[Event],
+        actor: Actor,
     ) -> bool:
         """False when it was refused; the wizard knows why then. ``opened`` are events that head the recording."""
         if not (self.idle or self.announced):
@@ -149,6 +154,7 @@ class RecordingService(Service):
                 audio=permissions.audio_recording,
                 lsl=scenario.recording.lsl,
                 lsl_words=scenario.recording.lsl_words,
+                actor=actor,
             ),
             *opened,
         )
@@ -162,19 +168,20 @@ class RecordingService(Service):
             replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
         )
 
-    def stop_session(self, reason: str = "wizard") -> None:
+    def stop_session(self, reason: str = "wizard", actor: Actor = CONSOLE) -> None:
         if self.announced:
             self._state.recording.set(replace(self._state.recording.value, state="idle"))
         if self._state.recording.value.state not in ACTIVE or self._folder is None:
             return
         self._video = self._audio = False
         self._state.recording.set(replace(self._state.recording.value, state="stopping"))
-        self._feed.stop(StopRecording(reason))
+        self._feed.stop(StopRecording(reason, actor))
 
-    def pause_session(self, opened: Sequence[Event], *, paused: bool) -> None:
+    def pause_session(self, opened: Sequence[Event], asked: intents.PauseRecording) -> None:
         """``opened``: how things stand, for the record, which knows nothing of what changed during a pause."""
         if self._state.recording.value.state in ("recording", "paused"):
-            self._feed.pause(PauseRecording(paused), *(() if paused else opened), paused=paused)
+            standing = () if asked.paused else opened
+            self._feed.pause(PauseRecording(asked.paused, asked.actor), *standing, paused=asked.paused)
 
     def use_scenario(self, scenario: Scenario) -> None:
         """What it permits holds from now on, in a running session too."""
@@ -202,7 +209,7 @@ class RecordingService(Service):
             self._markers_offered = offer
             self._feed.request(offer)
 
-    def take_photo(self, *, without_session: Path) -> None:
+    def take_photo(self, *, without_session: Path, actor: Actor = CONSOLE) -> None:
         """Keep the newest picture with the session, or as ``without_session`` while there is none."""
         ref = self._state.frame.value
         if ref is None:
@@ -214,7 +221,7 @@ class RecordingService(Service):
                 until="picture",
             )
             return
-        self._feed.request(TakePhoto(ref, without_session))
+        self._feed.request(TakePhoto(ref, without_session, actor))
 
     # What the recorder says
 

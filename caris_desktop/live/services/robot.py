@@ -13,6 +13,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
 from caris_desktop.domain.commands import (
     CancelGoal,
     GoTo,
@@ -108,6 +109,7 @@ class RobotService(Service):
         self._settling: Future[None] | None = None
         self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
         self._connection: RobotConnection | None = None
+        self._chosen_by: Actor = WIZARD
         self._links: dict[str, ChildProcess] = {}
         self._scenario_controls: tuple[RobotControl, ...] = ()
         self._driving_permitted = True
@@ -127,16 +129,16 @@ class RobotService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.GoToPlace: lambda asked: self.go_to_place(asked.place),
-            intents.GoToPoint: lambda asked: self.go_to(asked.target_in_map),
-            intents.CancelGoal: lambda _asked: self.cancel_goal(),
-            intents.SetInitialPose: lambda asked: self.set_initial_pose(asked.pose_in_map),
-            intents.SaveMap: lambda asked: self.request_map("save", asked.name),
-            intents.LoadMap: lambda asked: self.request_map("load", asked.name),
+            intents.GoToPlace: lambda asked: self.go_to_place(asked.place, asked.actor),
+            intents.GoToPoint: lambda asked: self.go_to(asked.target_in_map, asked.actor),
+            intents.CancelGoal: lambda asked: self.cancel_goal(asked.actor),
+            intents.SetInitialPose: lambda asked: self.set_initial_pose(asked.pose_in_map, asked.actor),
+            intents.SaveMap: lambda asked: self.request_map("save", asked.name, asked.actor),
+            intents.LoadMap: lambda asked: self.request_map("load", asked.name, asked.actor),
             intents.SetMapping: lambda asked: self.request_map(
-                "start_mapping" if asked.mapping else "start_localization"
+                "start_mapping" if asked.mapping else "start_localization", actor=asked.actor
             ),
-            intents.UseControl: lambda asked: self.use_control(asked.control, asked.value),
+            intents.UseControl: lambda asked: self.use_control(asked.control, asked.value, asked.actor),
         }
 
     def follows(self) -> Follows:
@@ -156,20 +158,21 @@ class RobotService(Service):
 
     def standing(self) -> list[Event]:
         """What heads a recording of this robot."""
-        return [] if self._connection is None else [_chosen(self._connection)]
+        return [] if self._connection is None else [self._chosen(self._connection)]
 
     # The links
 
-    def connect_robot(self, connection: RobotConnection) -> None:
+    def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
         """Connect, or connect to another robot instead of the present one, which is left stopped."""
         if self._closed:
             return
         self.leave_robot()
         self._connection = connection
+        self._chosen_by = actor
         self._forget_robot()
         if connection.profile != self._state.robot.value:
             self._state.robot.set(connection.profile)
-            self._publish(_chosen(connection))
+            self._publish(self._chosen(connection))
         self._show_controls()
         self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
         if connection.settle is not None:
@@ -211,7 +214,7 @@ class RobotService(Service):
 
     def _on_settled(self, asked: RobotConnection, settled: RobotConnection) -> None:
         if self._connection is asked and not self._closed:
-            self.connect_robot(settled)
+            self.connect_robot(settled, self._chosen_by)
 
     def stop(self) -> None:
         """Stop the robot first; blocks two seconds at most."""
@@ -327,7 +330,7 @@ class RobotService(Service):
         elif event.state == "connected" and before not in ("connected", "trouble"):
             if self._control_is_new and self._state.drive.value.emergency_stop:
                 # Before anything else: a new process and a new robot know nothing of the latch.
-                self.send(SetEmergencyStop(clock.now_ns(), latched=True))
+                self.send(SetEmergencyStop(clock.now_ns(), latched=True, actor=CONSOLE))
             self._control_is_new = False
             self._offer_controls()
             self._tell_of_timeout()
@@ -368,7 +371,7 @@ class RobotService(Service):
 
     # Goals
 
-    def go_to_place(self, name: str) -> None:
+    def go_to_place(self, name: str, actor: Actor = CONSOLE) -> None:
         places: tuple[Place, ...] = self._state.places.value
         place = next((place for place in places if place.name == name), None)
         if place is None:
@@ -379,15 +382,15 @@ class RobotService(Service):
                 "This scenario has no such place.",
             )
         else:
-            self._go(place.pose_in_map, place.name)
+            self._go(place.pose_in_map, place.name, actor)
 
-    def go_to(self, target_in_map: Pose2D) -> None:
-        self._go(target_in_map, None)
+    def go_to(self, target_in_map: Pose2D, actor: Actor = CONSOLE) -> None:
+        self._go(target_in_map, None, actor)
 
-    def cancel_goal(self) -> None:
-        self.send(CancelGoal(clock.now_ns()))
+    def cancel_goal(self, actor: Actor = CONSOLE) -> None:
+        self.send(CancelGoal(clock.now_ns(), actor))
 
-    def _go(self, target_in_map: Pose2D, place: str | None) -> None:
+    def _go(self, target_in_map: Pose2D, place: str | None, actor: Actor) -> None:
         where = place or "that point"
         status = self._state.drive.value
         if not status.allowed:
@@ -395,7 +398,7 @@ class RobotService(Service):
             return
         self._before_goal()
         now_ns = clock.now_ns()
-        if not self.send(GoTo(now_ns, f"g-{now_ns:x}", target_in_map, place)):
+        if not self.send(GoTo(now_ns, f"g-{now_ns:x}", target_in_map, place, actor)):
             self._problem(
                 "warning",
                 f"The robot could not be sent to {where}.",
@@ -406,12 +409,14 @@ class RobotService(Service):
 
     # Map
 
-    def set_initial_pose(self, pose_in_map: Pose2D) -> None:
-        self._send_or_tell(SetInitialPose(clock.now_ns(), pose_in_map), "The robot was not told where it is.")
+    def set_initial_pose(self, pose_in_map: Pose2D, actor: Actor = CONSOLE) -> None:
+        self._send_or_tell(
+            SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), "The robot was not told where it is."
+        )
 
-    def request_map(self, operation: MapOperation, name: str = "") -> None:
+    def request_map(self, operation: MapOperation, name: str = "", actor: Actor = CONSOLE) -> None:
         request_id = f"m-{secrets.token_hex(4)}"
-        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name), _MAP_WORDS[operation])
+        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name, actor), _MAP_WORDS[operation])
 
     # Controls
 
@@ -424,13 +429,14 @@ class RobotService(Service):
     def _offer_controls(self) -> None:
         self.send(OfferControls(clock.now_ns(), self._scenario_controls, self._driving_permitted))
 
-    def use_control(self, control_id: str, value: ControlValue) -> None:
+    def use_control(self, control_id: str, value: ControlValue, actor: Actor = CONSOLE) -> None:
         control = next((one for one in self._state.controls.value if one.id == control_id), None)
         if control is None:
             return
         request_id = f"c-{secrets.token_hex(4)}"
         self._send_or_tell(
-            UseControl(clock.now_ns(), request_id, control_id, value), f"{control.title}: the robot was not asked."
+            UseControl(clock.now_ns(), request_id, control_id, value, actor),
+            f"{control.title}: the robot was not asked.",
         )
 
     def _show_controls(self) -> None:
@@ -446,7 +452,8 @@ class RobotService(Service):
                 "warning", what, "It is not connected.", "Try again when the link is back.", until="connected"
             )
 
-
-def _chosen(connection: RobotConnection) -> RobotChosen:
-    profile = connection.profile
-    return RobotChosen(clock.now_ns(), profile.name, connection.name, connection.address, profile_text(profile))
+    def _chosen(self, connection: RobotConnection) -> RobotChosen:
+        profile = connection.profile
+        return RobotChosen(
+            clock.now_ns(), profile.name, connection.name, connection.address, profile_text(profile), self._chosen_by
+        )

@@ -7,9 +7,10 @@ from pathlib import Path
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, PersonAppeared
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.services.microphone import MicrophoneService
@@ -53,20 +54,26 @@ class SessionService(Service):
         self._state = state
         self._parts = parts
         self._with = concerned
+        self._latched: EmergencyStopChanged | None = None
         state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
         return {
-            intents.StartRecording: lambda asked: self._start_session(asked.details),
-            intents.StopRecording: lambda _asked: self._stop_session("wizard"),
-            intents.PauseRecording: lambda asked: self._pause(paused=asked.paused),
-            intents.TakePhoto: lambda _asked: self._with.recording.take_photo(without_session=self._parts.photo_file()),
+            intents.StartRecording: self._start_session,
+            intents.StopRecording: lambda asked: self._stop_session("wizard", asked.actor),
+            intents.PauseRecording: self._pause,
+            intents.TakePhoto: lambda asked: self._with.recording.take_photo(
+                without_session=self._parts.photo_file(), actor=asked.actor
+            ),
         }
 
-    def stop(self) -> None:
-        self._stop_session("console_closed")
+    def follows(self) -> Follows:
+        return {EmergencyStopChanged: self._on_emergency_stop}
 
-    def _start_session(self, details: TrialDetails) -> None:
+    def stop(self) -> None:
+        self._stop_session("console_closed", CONSOLE)
+
+    def _start_session(self, asked: intents.StartRecording) -> None:
         concerned = self._with
         if not concerned.recording.idle:
             return
@@ -76,15 +83,18 @@ class SessionService(Service):
         if concerned.scenario.current.permissions.audio_recording:
             # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
             concerned.recording.announce_session()
-            concerned.microphone.open_and_then(lambda: self._begin(details))
+            concerned.microphone.open_and_then(lambda: self._begin(asked))
         else:
-            self._begin(details)
+            self._begin(asked)
 
-    def _begin(self, details: TrialDetails) -> None:
+    def _begin(self, asked: intents.StartRecording) -> None:
         concerned = self._with
         scenario, connection = concerned.scenario.current, concerned.robot.connection
         started = concerned.recording.start_session(
-            lambda: self._parts.new_session(details, scenario, connection), scenario, self._standing(resumed=False)
+            lambda: self._parts.new_session(asked.details, scenario, connection),
+            scenario,
+            self._standing(resumed=False),
+            asked.actor,
         )
         if not started:
             concerned.microphone.close()
@@ -99,7 +109,8 @@ class SessionService(Service):
             *self._with.robot.standing(),
         ]
         if state.drive.value.emergency_stop:
-            standing.append(EmergencyStopChanged(now_ns, True, "wizard"))
+            latched = self._latched or EmergencyStopChanged(now_ns, True, "wizard")
+            standing.append(replace(latched, stamp_ns=now_ns))
         goal: GoalChanged | None = state.goal.value
         if goal is not None and (resumed or goal.state in ("requested", "active")):
             # One that came to its end before is none of this recording; during a pause its end is still missing.
@@ -109,25 +120,28 @@ class SessionService(Service):
         ]
         return standing
 
-    def _stop_session(self, reason: str) -> None:
+    def _stop_session(self, reason: str, actor: Actor) -> None:
         concerned = self._with
-        concerned.marks.end_all()
+        concerned.marks.end_all(actor)
         if not concerned.recording.idle:
             # An answer that nobody used is so until the end, and the next participant shall not see it.
             concerned.assistant.forget()
         concerned.microphone.close()
-        concerned.recording.stop_session(reason)
+        concerned.recording.stop_session(reason, actor)
 
-    def _pause(self, *, paused: bool) -> None:
+    def _pause(self, asked: intents.PauseRecording) -> None:
         concerned = self._with
         # What was asked before belongs to what is recorded, what is asked meanwhile does not.
         concerned.assistant.forget()
-        if paused:
-            concerned.marks.end_all()
+        if asked.paused:
+            concerned.marks.end_all(asked.actor)
             concerned.microphone.close()
         elif concerned.scenario.current.permissions.audio_recording:
             concerned.microphone.open()
-        concerned.recording.pause_session(self._standing(resumed=True), paused=paused)
+        concerned.recording.pause_session(self._standing(resumed=True), asked)
+
+    def _on_emergency_stop(self, event: EmergencyStopChanged) -> None:
+        self._latched = event if event.latched else None
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("idle", "failed") and self._state.microphone.value.state != "off":

@@ -7,6 +7,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.commands import Say, Silence
 from caris_desktop.domain.events import LinkChanged, Problem, UtteranceChanged
 from caris_desktop.domain.ports import RobotPort
@@ -32,11 +33,11 @@ class RobotVoice:
 
     def say(self, utterance: UtteranceChanged) -> bool:
         return self._state.link.value.state == "connected" and self._robot.send(
-            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text)
+            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text, utterance.actor)
         )
 
-    def silence(self) -> bool:
-        return self._robot.send(Silence(clock.now_ns()))
+    def silence(self, actor: Actor) -> bool:
+        return self._robot.send(Silence(clock.now_ns(), actor))
 
 
 class SpeechService(Service):
@@ -60,7 +61,7 @@ class SpeechService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.Say: self._say,
-            intents.Silence: lambda _asked: self.queue.silence(),
+            intents.Silence: lambda asked: self.queue.silence(asked.actor),
         }
 
     def follows(self) -> Follows:
@@ -106,7 +107,7 @@ class SpeechService(Service):
                 self._tell(message)
 
     def _say(self, asked: intents.Say) -> None:
-        self.queue.say(asked.text, asked.origin)
+        self.queue.say(asked.text, asked.origin, asked.actor)
 
     def _read(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, Problem):
@@ -159,7 +160,7 @@ class _Computer:
         self._service = service
 
     def say(self, utterance: UtteranceChanged) -> bool:
-        return self._service.send(Speak(utterance.utterance_id, utterance.text, utterance.origin))
+        return self._service.send(Speak(utterance.utterance_id, utterance.text, utterance.origin, utterance.actor))
 
-    def silence(self) -> bool:
-        return self._service.send(SilenceSpeech())
+    def silence(self, actor: Actor) -> bool:
+        return self._service.send(SilenceSpeech(actor))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
@@ -27,12 +28,6 @@ _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _ENCODER_NICENESS = 5
 _CROWDED_SHARE = 0.6
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoKept:
-    ref: FrameRef
-    file_name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +50,7 @@ class VideoRateChanged:
     change: Change
 
 
-MediaResult = PhotoKept | MediaFailed | VideoRateChanged
+MediaResult = PhotoTaken | MediaFailed | VideoRateChanged
 _Frame = tuple[FrameRef, NDArray[np.uint8], int]
 
 
@@ -97,13 +92,15 @@ class MediaWriter:
         self._camera(ref.camera).add((ref, image_bgr, time.monotonic_ns()))
         return True
 
-    def add_photo(self, ref: FrameRef, image_bgr: NDArray[np.uint8], file_name: str) -> bool:
-        """Keep the picture as a PNG at ``file_name`` in the session's folder. False as for :meth:`add_frame`."""
+    def add_photo(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8]) -> bool:
+        """Keep the picture as a PNG at its ``file_name`` in the session's folder; ``taken`` is the result when it is on
+        disk. False as for :meth:`add_frame`.
+        """
         if not self._budget.take(image_bgr.nbytes):
             return False
         if self._photos is None:
             self._photos = _PhotoThread(self._folder, self._results, self._budget, self._on_full)
-        self._photos.add((ref, image_bgr, file_name))
+        self._photos.add((taken, image_bgr))
         return True
 
     def end_videos(self) -> None:
@@ -397,13 +394,13 @@ class _PhotoThread:
         self._results = results
         self._budget = budget
         self._on_full = on_full
-        self._photos: deque[tuple[FrameRef, NDArray[np.uint8], str] | None] = deque()
+        self._photos: deque[tuple[PhotoTaken, NDArray[np.uint8]] | None] = deque()
         self._waiting = threading.Semaphore(0)
         self.written_bytes = 0
         self.thread = threading.Thread(target=self._run, name="photos", daemon=True)
         self.thread.start()
 
-    def add(self, photo: tuple[FrameRef, NDArray[np.uint8], str] | None) -> None:
+    def add(self, photo: tuple[PhotoTaken, NDArray[np.uint8]] | None) -> None:
         """A photo, or None: there will be no more."""
         self._photos.append(photo)
         self._waiting.release()
@@ -415,20 +412,20 @@ class _PhotoThread:
             photo = self._photos.popleft()
             if photo is None:
                 return
-            ref, image_bgr, file_name = photo
-            self._write(ref, image_bgr, file_name)
+            taken, image_bgr = photo
+            self._write(taken, image_bgr)
             self._budget.give_back(image_bgr.nbytes)
 
-    def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8], file_name: str) -> None:
+    def _write(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8]) -> None:
         try:
-            path = write_photo(image_bgr, self._folder / file_name, on_full=self._on_full)
+            path = write_photo(image_bgr, self._folder / taken.file_name, on_full=self._on_full)
             self.written_bytes += path.stat().st_size
         except (OSError, ValueError) as error:
-            _log.exception("photo %s", file_name)
+            _log.exception("photo %s", taken.file_name)
             full = isinstance(error, OSError) and no_room(error)
-            self._results.append(MediaFailed("photo", ref.camera, 1, full, str(error)))
+            self._results.append(MediaFailed("photo", taken.camera, 1, full, str(error)))
         else:
-            self._results.append(PhotoKept(ref, file_name))
+            self._results.append(taken)
 
 
 def be_nice() -> None:

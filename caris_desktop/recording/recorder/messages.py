@@ -4,6 +4,8 @@ Besides these, the console sends every domain value of the stream table as it ha
 the events that it makes itself: ``SessionStarted``, ``SessionEnded``, ``RecordingPaused``, ``PhotoTaken``, ``Gap`` and
 ``Problem``. The recorder has written those already; they are for the panels and need not be sent to it again.
 
+``actor`` is who asked for it, and goes into the event that tells of it.
+
 What the console sends is pickled. Where the byte ``ARRIVED`` and eight bytes (little-endian, signed) come before the
 pickle, these are the moment on the session clock when the value arrived at the console; else it arrives now.
 """
@@ -12,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
 
@@ -52,6 +55,7 @@ class StartRecording:
     audio: bool = True
     lsl: bool = False
     lsl_words: bool = False
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +72,7 @@ class PauseRecording:
     """Record nothing until it is sent again with ``paused`` False; the pause itself is recorded."""
 
     paused: bool
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +94,7 @@ class TakePhoto:
 
     ref: FrameRef
     without_session: Path
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +102,7 @@ class StopRecording:
     """End the session; everything sent before is in it. ``reason`` goes into ``SessionEnded``."""
 
     reason: str = "wizard"
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import PhotoTaken, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.streams import StreamSpec
@@ -76,7 +77,7 @@ class _Recorder:
             while not self._terminated and self._serve_one():
                 pass
         finally:
-            self._stop("console_closed")
+            self._stop("console_closed", CONSOLE)
             self._offer_markers(offered=False, words=False)
             self._finish_all()
 
@@ -121,19 +122,19 @@ class _Recorder:
     def _handle(self, message: Any, arrived_ns: int) -> None:
         match message:
             case StartRecording():
-                self._stop("wizard")
+                self._stop("wizard", message.actor)
                 self._start(message)
             case StopRecording():
-                self._stop(message.reason)
+                self._stop(message.reason, message.actor)
             case PauseRecording():
                 if self._session is not None:
-                    self._session.pause(paused=message.paused, at_ns=arrived_ns)
+                    self._session.pause(paused=message.paused, at_ns=arrived_ns, actor=message.actor)
                     self._send_report(self._session.status())
             case TakePhoto():
                 if self._session is None:
                     self._keep_photo(message)
                 else:
-                    self._session.take_photo(message.ref)
+                    self._session.take_photo(message.ref, message.actor)
             case SetRecordingPermissions():
                 if self._session is not None:
                     self._session.set_permissions(video=message.video, photos=message.photos, audio=message.audio)
@@ -161,8 +162,8 @@ class _Recorder:
                 "Make room or rights for the study's folder, then take it again.",
             )
             return
-        ref = wanted.ref
-        self._send(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, f"{path.parent.name}/{path.name}"))
+        ref, file_name = wanted.ref, f"{path.parent.name}/{path.name}"
+        self._send(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor))
 
     def _start(self, start: StartRecording) -> None:
         unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
@@ -185,11 +186,11 @@ class _Recorder:
         self._tell_outlet(unavailable)
         self._send_report(session.status())
 
-    def _stop(self, reason: str) -> None:
+    def _stop(self, reason: str, actor: Actor) -> None:
         session, self._session = self._session, None
         if session is None:
             return
-        session.end(reason)
+        session.end(reason, actor)
         self._send_report(replace(session.status(), state="idle"))
         self._finish(session)
 

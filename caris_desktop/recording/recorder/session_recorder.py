@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import (
     Gap,
@@ -32,7 +33,7 @@ from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter, PhotoKept, VideoRateChanged
+from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter, VideoRateChanged
 from caris_desktop.recording.recorder.messages import RecorderReport, StartRecording
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
@@ -138,7 +139,7 @@ class SessionRecorder:
             "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
         )
         self._log_sync.note(self.folder / "session.json")
-        self._record(SessionStarted(self.started_ns, self.folder.name))
+        self._record(SessionStarted(self.started_ns, self.folder.name, start.actor))
         self.tick()
         self._log_sync.start()
         self._media_sync.start()
@@ -176,7 +177,7 @@ class SessionRecorder:
         if not self.paused:
             self._miss("unknown", "it could not be read on its way from the console")
 
-    def take_photo(self, ref: FrameRef) -> None:
+    def take_photo(self, ref: FrameRef, actor: Actor) -> None:
         """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
             self.problem("warning", "No photo was taken.", "This scenario does not permit photos.", "Nothing to do.")
@@ -187,7 +188,8 @@ class SessionRecorder:
         image_bgr = self._frames.read(ref)
         if image_bgr is not None:
             file_name = f"photos/{self._photos + 1:04d}.png"
-            if self._media.add_photo(ref, image_bgr, file_name):
+            taken = PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, actor)
+            if self._media.add_photo(taken, image_bgr):
                 self._photos += 1
                 return
         self.problem(
@@ -209,7 +211,7 @@ class SessionRecorder:
     def paused(self) -> bool:
         return bool(self._pauses) and self._pauses[-1][1] is None
 
-    def pause(self, *, paused: bool, at_ns: int) -> None:
+    def pause(self, *, paused: bool, at_ns: int, actor: Actor) -> None:
         """Record nothing from now on, or go on. Both are recorded themselves."""
         if paused == self.paused:
             return
@@ -217,7 +219,7 @@ class SessionRecorder:
             self._put_held()
             self._put_blocks(self._audio.finish_blocks())
             self._tell_missed()
-            self._record(RecordingPaused(at_ns, True))
+            self._record(RecordingPaused(at_ns, True, actor))
             self._pauses.append([at_ns, None])
             self._guarded(self._log.flush)
             self._log_sync.ask()
@@ -225,7 +227,7 @@ class SessionRecorder:
             self._pauses[-1][1] = self._sound_from_ns = at_ns
             # Latched values that the console sends again are new in the record, however recently they were put.
             self._latched.clear()
-            self._record(RecordingPaused(at_ns, False))
+            self._record(RecordingPaused(at_ns, False, actor))
 
     # By time
 
@@ -265,12 +267,12 @@ class SessionRecorder:
             room_s=disk.room_s,
         )
 
-    def close(self, reason: str) -> None:
+    def close(self, reason: str, actor: Actor = CONSOLE) -> None:
         """End the session, checksums included."""
-        self.end(reason)
+        self.end(reason, actor)
         self.finish()
 
-    def end(self, reason: str) -> None:
+    def end(self, reason: str, actor: Actor) -> None:
         """End the session. Does what can be done; what cannot is logged. :meth:`finish` must follow."""
         self._put_held()
         # Media first: their indexes need room, and the reserve is for the events that come after them.
@@ -282,7 +284,7 @@ class SessionRecorder:
         self._take_media_results()
         self._tell_missed()
         self._ended_ns, self._reason = clock.now_ns(), reason
-        self._record(SessionEnded(self._ended_ns, self.folder.name, reason))
+        self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor))
         self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._reserve.release()
@@ -325,7 +327,7 @@ class SessionRecorder:
             if error is None
             else "Choose a study folder on another disk, then record again.",
         )
-        self.end("disk_full" if error is None else "disk_failed")
+        self.end("disk_full" if error is None else "disk_failed", CONSOLE)
         return what
 
     # Values on their way to the disk
@@ -449,9 +451,9 @@ class SessionRecorder:
     def _take_media_results(self) -> None:
         for result in self._media.results():
             match result:
-                case PhotoKept(ref=ref, file_name=file_name):
-                    self._log_sync.note(self.folder / file_name)
-                    self._record(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name))
+                case PhotoTaken():
+                    self._log_sync.note(self.folder / result.file_name)
+                    self._record(result)
                 case MediaFailed():
                     self._on_media_failed(result)
                 case VideoRateChanged():

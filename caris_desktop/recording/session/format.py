@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-# 1 and 2 had schemas of our own only, and null for None; 2 brought the checksums beside the record.
+# 1 and 2 had schemas of our own only, null for None, and did not tell who asked; 2 brought the checksums.
 FORMAT, FORMAT_VERSION = "caris-desktop session", 3
 TRIAL_METADATA = "trial."
 
