@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.streams import BY_TYPE
@@ -30,6 +31,9 @@ _WIZARD, _CODER = "W", "C"
 _ROBOT = "robot"
 # A host that says nothing of where it is.
 _OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - told apart, not bound
+_ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
+_ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
+_ANOTHER = "another"
 _ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
 
 
@@ -72,8 +76,14 @@ def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
 
 
 def pseudonymised(session: Session, of: Pseudonyms) -> Session:
-    """The session as others may see it: pseudonyms in its head, and its robot's profile for each address of a robot."""
-    scrub = _scrubber(session)
+    """The session as others may see it: pseudonyms in its head and for each wizard who did something in it, and its
+    robot's profile for each address of a robot.
+    """
+    without_addresses, without_actors = _scrubber(session), _actor_scrubber(of)
+
+    def scrub(content: bytes) -> bytes:
+        return without_actors(without_addresses(content))
+
     header = json.loads(scrub(json.dumps(session.header).encode()))
     trial = header.get("trial")
     if isinstance(trial, dict) and trial.get("wizard"):
@@ -130,18 +140,40 @@ def _scrubber(session: Session) -> Callable[[bytes], bytes]:
     return scrub
 
 
+def _actor_scrubber(of: Pseudonyms) -> Callable[[bytes], bytes]:
+    """Puts their pseudonyms for other wizards. One who wizards no session of the study has none, and is "another"."""
+
+    def in_place(match: re.Match[bytes]) -> bytes:
+        try:
+            name = str(json.loads(match[2]))[len(OTHER_WIZARD) :]
+        except ValueError:
+            name = ""
+        called = of.wizard(name)
+        if called == name and not _is_code(name, _WIZARD):
+            called = _ANOTHER
+        return match[1] + json.dumps(f"{OTHER_WIZARD}{called}").encode()
+
+    def scrub(content: bytes) -> bytes:
+        return _ACTOR.sub(in_place, content) if _ACTOR_BEGINS in content else content
+
+    return scrub
+
+
+def _is_code(name: str, letter: str) -> bool:
+    return re.fullmatch(rf"{letter}\d+", name, re.IGNORECASE) is not None
+
+
 # Which is whose
 
 
 def _numbered(names: Iterable[str], known: dict[str, str], letter: str) -> dict[str, str]:
     """``known``, and the next free numbers for names that are not in there."""
     numbered = dict(known)
-    is_code = re.compile(rf"{letter}\d+", re.IGNORECASE)
     names = [name for name in dict.fromkeys(names) if name.strip()]
-    taken = {name.upper() for name in names if is_code.fullmatch(name)} | set(known.values())
+    taken = {name.upper() for name in names if _is_code(name, letter)} | set(known.values())
     number = 1
     for name in names:
-        if name in numbered or is_code.fullmatch(name):
+        if name in numbered or _is_code(name, letter):
             continue
         while f"{letter}{number}" in taken:
             number += 1

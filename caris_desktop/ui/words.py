@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 
 from caris_desktop.domain import clock, events
+from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
@@ -269,6 +270,21 @@ NameOf = Callable[[str], str]
 
 def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
     """Category and sentence for the log; None for what only the recording needs."""
+    told = _event_sentence(event, name_of)
+    by = _by_whom(event)
+    return told if told is None or not by else (told[0], f"{told[1]} · by {by}")
+
+
+def _by_whom(event: object) -> str:
+    """Who did it, where that is not this wizard, and no sentence about the console says why already."""
+    actor: Actor = getattr(event, "actor", "")
+    if actor.startswith(OTHER_WIZARD):
+        return f"wizard {actor.removeprefix(OTHER_WIZARD)}"
+    told = isinstance(event, events.DriveEnded | events.GuardChanged) or bool(getattr(event, "detail", ""))
+    return "" if actor in ("", WIZARD) or (actor == CONSOLE and told) else in_words(actor)
+
+
+def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
     match event:
         case events.LinkChanged(link="media", state=state):
             return ("Problems", "Camera and map are out of reach") if state == "lost" else None

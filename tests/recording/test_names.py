@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.rosbag1 import Reader
 
-from caris_desktop.domain.events import LinkChanged, Problem, RobotChosen
+from caris_desktop.domain.events import LinkChanged, Problem, RobotChosen, StopRequested
 from caris_desktop.recording import command
 from caris_desktop.recording.annotation.editing import add_annotation, add_tier
 from caris_desktop.recording.annotation.model import AnnotationDocument
@@ -31,6 +31,9 @@ def session(study: Path, name: str, wizard: str, *, coder: str = "", later_s: fl
         Problem(at(1.0), "warning", f"lab-robot.example.org does not answer ({ADDRESS}).", "It waits.", "Wait."),
         *heard(1, 2.0, 3.0, "Hi"),
         *said(2, 3.5, 3.6, 4.0, "Hello there"),
+        StopRequested(at(5.0), "wizard:Mia Curie"),
+        StopRequested(at(6.0), "wizard:Ann Lee"),
+        StopRequested(at(7.0), "wizard:W7"),
     ]
     trial = {"participant": "P1", "wizard": wizard, "condition": "A"}
     folder = tell(study / "sessions" / name, values, lasts_s=9.0, trial=trial, later_s=later_s)
@@ -94,6 +97,9 @@ def test_no_export_says_who_made_the_recording_or_where_the_robot_is(study: Path
     ):
         text = next(text for file, text in found.items() if file.lower() == name)
         assert expected in text, (name, expected)
+    # Of another wizard the study need not know anything.
+    stops = found["one/csv/event_stop_requested.csv"].splitlines()[1:]
+    assert [line.rpartition(",")[2] for line in stops] == ["wizard:w1", "wizard:another", "wizard:w7"]
     # The words of a session are its record.
     assert "hello there" in found["one/csv/utterances.csv"]
 
@@ -106,6 +112,7 @@ def test_names_are_exported_where_somebody_chose_that(study: Path, tmp_path: Pat
     found = words_of(tmp_path / "out")
     assert "trial.wizard,mia curie" in found["csv/session.csv"]
     assert f"robot.address,{ADDRESS}" in found["csv/session.csv"]
+    assert "wizard:ann lee" in found["csv/event_stop_requested.csv"]
     assert "mia curie (one session)" in found["methods/methods.md"]
     assert '"coder": "ann lee"' in next(text for name, text in found.items() if "annotations/Ann" in name)
 

@@ -6,6 +6,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     ControlUsed,
+    DriveEnded,
     EmergencyStopChanged,
     GamepadChanged,
     Gap,
@@ -14,9 +15,11 @@ from caris_desktop.domain.events import (
     LinkQuality,
     MappingChanged,
     MapRequestChanged,
+    Marked,
     PersonRenamed,
     PlacesChanged,
     Problem,
+    StopRequested,
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
@@ -87,6 +90,24 @@ def name_of(person_id: str) -> str:
             ("Problems", "3 frames were not recorded: the disk was slow"),
         ),
         (Problem(1, "warning", "Late", "Slow.", "Wait."), ("Problems", "Late. Slow.")),
+        (StopRequested(1), ("Moved", "Stop")),
+        (StopRequested(1, "wizard"), ("Moved", "Stop")),
+        (StopRequested(1, "wizard:Ada"), ("Moved", "Stop · by wizard Ada")),
+        (Marked(1, "Laughs", actor="script"), ("Session", "Marked: Laughs · by a script")),
+        (
+            UtteranceChanged(1, "u", "robot", "Hm", "filler", "started", actor="console"),
+            ("Said", "Robot: “Hm” · by the console"),
+        ),
+        (
+            UtteranceChanged(1, "u", "robot", "Hm", "filler", "started", actor="model"),
+            ("Said", "Robot: “Hm” · by the language model"),
+        ),
+        # That it was the console says the reason already.
+        (DriveEnded(1, "The link was lost", "console"), ("Moved", "Driving ended: The link was lost")),
+        (
+            GoalChanged(1, "g", "cancelled", Pose2D(0, 0, 0), "Kitchen", detail="the link was lost", actor="console"),
+            ("Moved", "No longer going to Kitchen: the link was lost"),
+        ),
         (object(), None),
     ],
 )

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, get_args
 
+from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
@@ -298,7 +299,7 @@ class SessionRecord:
         yield _Row(
             "Emergency stop",
             [
-                _Stretch(change.stamp_ns, end_ns, f"set by {change.by}")
+                _Stretch(change.stamp_ns, end_ns, f"set by {change.actor or change.by}")
                 for change, end_ns in _until_next(self._emergencies, ended_ns)
                 if change.latched
             ],
@@ -541,15 +542,20 @@ def _lanes(
 
 
 def _summary(value: Any) -> str:
-    """What an event says, in one line: its fields but for times and ids, without the names where there is only one."""
+    """What an event says, in one line: its fields but for times and ids, without the names where there is only one; and
+    who did it, where that is neither the wizard nor the console.
+    """
     parts = [
         (field.name, _cell(getattr(value, field.name)))
         for field in dataclasses.fields(value)
-        if not field.name.endswith(("_ns", "_id")) and field.name != "sequence"
+        if not field.name.endswith(("_ns", "_id")) and field.name not in ("sequence", "actor")
     ]
     parts = [(name, text) for name, text in parts if text]
     text = parts[0][1] if len(parts) == 1 else ", ".join(f"{_named(name)}: {_short(text)}" for name, text in parts)
     text = " ".join(text.split()) or _in_words(type(value).__name__)
+    actor = getattr(value, "actor", "")
+    if actor not in ("", WIZARD, CONSOLE):
+        text = f"{text} (by {actor})"
     return text if len(text) <= _LONGEST_SUMMARY else f"{text[: _LONGEST_SUMMARY - 1]}…"
 
 

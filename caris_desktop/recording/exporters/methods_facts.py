@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.events import ControlUsed, HeadMoved, LlmExchange, RobotChosen, ScenarioOpened
 from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.recording.exporters.methods_words import distinct
@@ -24,7 +25,9 @@ PRACTICE = "practice"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownSession:
-    """What the sheet needs of one session; its values themselves are let go."""
+    """What the sheet needs of one session; its values themselves are let go. ``said_by`` counts what the robot said by
+    who had it say that, in words.
+    """
 
     session: Session
     measures: Measures
@@ -34,7 +37,7 @@ class KnownSession:
     streams: frozenset[str]
     clock: ClockSummary | None
     heard: bool
-    spoken: bool
+    said_by: dict[str, int]
     voices: frozenset[str]
     head_moves: int
     controls: int
@@ -64,7 +67,7 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
             utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
         ),
         heard=any(item.speaker == "participant" for item in facts.utterances),
-        spoken=any(item.speaker == "robot" and item.said for item in facts.utterances),
+        said_by=Counter(in_words(item.actor) for item in facts.utterances if item.speaker == "robot" and item.said),
         voices=frozenset(item.voice for item in facts.utterances if item.speaker == "robot" and item.voice),
         head_moves=sum(isinstance(value, HeadMoved) for value in rare),
         controls=sum(isinstance(value, ControlUsed) and value.state == "requested" for value in rare),

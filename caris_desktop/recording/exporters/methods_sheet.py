@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from caris_desktop.domain.actor import WIZARD, in_words
 from caris_desktop.domain.events import LlmExchange, RobotChosen, ScenarioOpened
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.exporters.drawings import duration_text
@@ -152,7 +153,7 @@ class _Answers:
         if any("event/guard_changed" in one.streams for one in self._of.known):
             often = f"slowed or stopped it {times_word(guarded)}" if guarded else "never slowed or stopped it"
             own.append(f"A guard against obstacles {often}.")
-        own.append("What it said was decided by the wizard." if any(one.spoken for one in self._of.known) else "")
+        own.append(self._who_decided_words())
         return SheetSection(
             "Robot",
             (
@@ -472,6 +473,15 @@ class _Answers:
                  frozenset({"computer"}): " The voice was synthesised by the wizard's computer."}.get(
                      frozenset(voices), "")  # fmt: skip
         return f"It spoke {times_word(whole)}: {share_words(origins)}.{voice}"
+
+    def _who_decided_words(self) -> str:
+        said: Counter[str] = Counter()
+        for one in self._of.known:
+            said.update(one.said_by)
+        others = dict(said.most_common())
+        others.pop(in_words(WIZARD), None)
+        but = f", but for what it was made to say by others ({listing_counts(others)})" if others else ""
+        return f"What it said was decided by the wizard{but}." if said else ""
 
     def _wizards_text(self, wizards: list[str]) -> str:
         if not wizards:

@@ -495,6 +495,9 @@ schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file t
 - **Units** end the names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are counter-clockwise, x forward,
   y left.
 {_of_numbers(session)}
+- **Who asked** for what an event tells of is its `actor`: `wizard`, `wizard:NAME` (another one), `console` (the
+  program by itself), `model` (the language model) or `script`; empty where it was none of these, and in sessions
+  before version 3 of the format.
 
 | topic | what |
 | --- | --- |

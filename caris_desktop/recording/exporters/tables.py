@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import StreamSpec
@@ -67,6 +68,10 @@ _RESERVED = (
     "arrived_session_s",
     "number",
 )
+_MEANINGS = {
+    "actor": "Who did that: wizard (this computer's), wizard:NAME (another one), console, model or script. Empty: "
+    "somebody or something else, or nobody wrote it down, as before version 3.",
+}
 # Nothing is recorded a century away from its session; no calendar has to hold what damaged stamps say.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _HALVES = re.compile("[\ud800-\udfff]")
@@ -268,6 +273,7 @@ class _UtteranceRow:
     end_ns: int | None
     voice: str
     detail: str
+    actor: Actor
 
     @classmethod
     def of(cls, said: SpokenUtterance, session: Session) -> "_UtteranceRow":
@@ -287,6 +293,7 @@ class _UtteranceRow:
             end_ns=said.end_ns,
             voice=said.voice,
             detail=said.detail,
+            actor=said.actor,
         )
 
 
@@ -305,13 +312,14 @@ class _MarkRow:
     duration_s: float | None
     marked_ns: int
     open_at_end: bool
+    actor: Actor
 
     @classmethod
     def of(cls, mark: FinalMark) -> "_MarkRow":
         duration_s = None if mark.end_ns is None else round((mark.end_ns - mark.start_ns) / 1e9, 6)
         return cls(
             mark.start_ns, mark.mark_id, mark.label, mark.kind, mark.note, mark.end_ns, duration_s, mark.marked_ns,
-            mark.open_at_end,
+            mark.open_at_end, mark.actor,
         )  # fmt: skip
 
 
@@ -328,6 +336,7 @@ class _GoalRow:
     state: str
     end_ns: int | None
     duration_s: float | None
+    actor: Actor
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,6 +354,7 @@ class _AnswerRow:
     use: str
     asked_ns: int
     first_token_ns: int | None
+    actor: Actor
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,7 +374,9 @@ def _goal_rows(session: Session) -> Iterator[_GoalRow]:
     events = [value for _, value in session.values("event/goal_changed")]
     for goal in navigation_goals(events, started_ns=session.started_ns, pauses=_pauses(session)):
         duration_s = None if goal.end_ns is None else round((goal.end_ns - goal.start_ns) / 1e9, 6)
-        yield _GoalRow(goal.start_ns, goal.goal_id, goal.place, goal.target_in_map, goal.state, goal.end_ns, duration_s)
+        yield _GoalRow(
+            goal.start_ns, goal.goal_id, goal.place, goal.target_in_map, goal.state, goal.end_ns, duration_s, goal.actor
+        )
 
 
 def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
@@ -375,6 +387,7 @@ def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
         yield _AnswerRow(
             one.stamp_ns, one.exchange_id, one.provider, one.model, one.model_version, one.outcome,
             became[one.exchange_id] if one.outcome == "answered" else "", one.asked_ns, one.first_token_ns,
+            one.actor,
         )  # fmt: skip
 
 
@@ -484,7 +497,7 @@ def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterat
     read = _reader(path)
     hint, optional = _without_none(hint)
     unit = _unit(path[-1])
-    words = _in_words(name, unit)
+    words = _MEANINGS.get(path[-1]) or _in_words(name, unit)
     unknown = " Empty where it is not known." if optional else ""
     origin = get_origin(hint)
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
 
@@ -11,7 +12,9 @@ _OVER: tuple[GoalState, ...] = ("reached", "cancelled", "failed")
 
 @dataclass(frozen=True, slots=True)
 class NavigationGoal:
-    """One goal. ``end_ns`` is None where it was under way still, and is ``start_ns`` where it was refused at once."""
+    """One goal. ``end_ns`` is None where it was under way still, and is ``start_ns`` where it was refused at once.
+    ``actor`` set it.
+    """
 
     goal_id: str
     target_in_map: Pose2D
@@ -19,6 +22,7 @@ class NavigationGoal:
     start_ns: int
     end_ns: int | None
     state: GoalState
+    actor: Actor = ""
 
 
 def navigation_goals(
@@ -39,5 +43,9 @@ def navigation_goals(
         unrecorded = first.stamp_ns <= started_ns or any(begin < first.stamp_ns <= end for begin, end in pauses)
         if over is not first or not unrecorded:
             end_ns, state = (None, history[-1].state) if over is None else (over.stamp_ns, over.state)
-            goals.append(NavigationGoal(first.goal_id, first.target_in_map, first.place, first.stamp_ns, end_ns, state))
+            # Of one that is cancelled the event names who did that.
+            actor = first.actor if first.state != "cancelled" else ""
+            goals.append(
+                NavigationGoal(first.goal_id, first.target_in_map, first.place, first.stamp_ns, end_ns, state, actor)
+            )
     return tuple(goals)

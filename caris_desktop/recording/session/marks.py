@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.recording.session.session_reader import Session
 
@@ -11,7 +12,7 @@ from caris_desktop.recording.session.session_reader import Session
 class FinalMark:
     """A moment, or a stretch where ``end_ns`` is set, on the session clock; ``end_ns`` is not before ``start_ns``.
 
-    ``marked_ns`` is when the wizard first said so, ``open_at_end`` a stretch that nobody ended: the session did.
+    ``marked_ns`` is when ``actor`` first said so, ``open_at_end`` a stretch that nobody ended: the session did.
     """
 
     mark_id: str
@@ -22,6 +23,7 @@ class FinalMark:
     note: str
     marked_ns: int
     open_at_end: bool = False
+    actor: Actor = ""
 
 
 def final_marks(session: Session) -> tuple[FinalMark, ...]:
@@ -63,4 +65,5 @@ def _final(mark_id: str, history: list[Marked], ended_ns: int) -> FinalMark | No
         note=last.note,
         marked_ns=first.stamp_ns,
         open_at_end=last.state == "open",
+        actor=first.actor,
     )

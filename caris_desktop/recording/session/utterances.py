@@ -4,6 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import RecordingPaused, Speaker, UtteranceChanged, UtteranceOrigin, UtteranceState
 from caris_desktop.recording.session.session_reader import Session
 
@@ -19,7 +20,7 @@ class SpokenUtterance:
     ``start_ns`` and ``end_ns`` are None where nothing was said: it was still waiting when it was dropped, the voice
     failed, or the session ended first. ``state`` is the last one recorded: ``started`` with an ``end_ns`` means that
     the end itself was not recorded, and ``end_ns`` is then when the recording paused or ended, or the same speaker
-    went on. ``requested_ns`` is None for what was heard rather than asked for.
+    went on. ``requested_ns`` is None for what was heard rather than asked for. ``actor`` had it said.
     """
 
     utterance_id: str
@@ -32,6 +33,7 @@ class SpokenUtterance:
     state: UtteranceState
     voice: str = ""
     detail: str = ""
+    actor: Actor = ""
 
     @property
     def said(self) -> bool:
@@ -99,6 +101,8 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
         state=known.state if known.state in _ENDED and event.state not in _ENDED else event.state,
         voice=event.voice or known.voice,
         detail=event.detail or known.detail,
+        # Of what is interrupted the event names who did that.
+        actor=known.actor or (event.actor if event.state != "interrupted" else ""),
     )
 
 

@@ -14,6 +14,7 @@ from caris_desktop.domain import streams
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
+    DriveEnded,
     EmergencyStopChanged,
     GoalChanged,
     GoalState,
@@ -156,6 +157,12 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
         LinkChanged(at(34.0), "media", "connected", "ws://a"),
         EmergencyStopChanged(at(45.0), True, "wizard"),
         EmergencyStopChanged(at(47.0), False, "wizard"),
+        EmergencyStopChanged(at(50.0), True, "wizard", "wizard:b"),
+        EmergencyStopChanged(at(51.0), True, "robot"),
+        EmergencyStopChanged(at(52.0), False, "wizard", "wizard"),
+        StopRequested(at(20.0), "wizard"),
+        StopRequested(at(21.0), "wizard:b"),
+        DriveEnded(at(22.0), "The link was lost", "console"),
         LinkQuality(at(46.0), 3.0),
     ]
     folder = tell(tmp_path / "s", values, lasts_s=60.0)
@@ -176,7 +183,13 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
     assert found["LLM answer use"] == [(15_000, 15_200, "edited")]
     assert found["Link trouble"] == [(30_000, 33_000, "control: lost (no answer)")]
     assert found["Link trouble (2)"] == [(31_000, 34_000, "media: trouble")]
-    assert found["Emergency stop"] == [(45_000, 47_000, "set by wizard")]
+    assert found["Emergency stop"] == [
+        (45_000, 47_000, "set by wizard"),
+        (50_000, 51_000, "set by wizard:b"),
+        (51_000, 52_000, "set by robot"),
+    ]
+    assert [value for _, _, value in found["Stop requested"]] == ["Stop requested", "Stop requested (by wizard:b)"]
+    assert [value for _, _, value in found["Drive ended"]] == ["The link was lost"]
     # What is measured every second would bury the rest.
     assert not [name for name in found if "quality" in name.lower()]
     (folder / "people.json").write_text(json.dumps({"people": people}))

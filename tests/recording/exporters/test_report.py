@@ -214,6 +214,24 @@ def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
 # The methods sheet
 
 
+def test_who_had_the_robot_speak_is_told_of_all(tmp_path: Path) -> None:
+    def decided(name: str, *actors: str) -> str:
+        values = [
+            replace(event, actor=actor)
+            for number, actor in enumerate(actors, start=1)
+            for event in said(number, 3.0 * number, 3.0 * number + 0.1, 3.0 * number + 1.0, f"Sentence {number}.")
+        ]
+        sheet = methods_sheet([open_session(tell(tmp_path / name, values, lasts_s=30.0))])
+        return next(item.answer for item in sheet.sections[0].items if "by itself" in item.question)
+
+    # Versions 1 and 2 do not tell; nobody else could.
+    assert decided("alone", "wizard", "") == "What it said was decided by the wizard."
+    assert decided("many", "wizard", "model", "console", "wizard:b", "model") == (
+        "What it said was decided by the wizard, but for what it was made to say by others"
+        " (the language model: 2, the console: 1, another wizard: 1)."
+    )
+
+
 def paragraph(*values: Any, tmp_path: Path, lasts_s: float = 60.0, **trial: str) -> str:
     folder = tell(tmp_path / "sessions" / "s", list(values), lasts_s=lasts_s, trial={**TRIAL, **trial})
     return methods_sheet([open_session(folder)]).paragraph

@@ -88,6 +88,19 @@ def test_it_opens_and_replays(folder: Path) -> None:
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
+def test_nobody_is_said_to_have_asked_for_what_it_holds(folder: Path, tmp_path: Path) -> None:
+    """Who that was came with version 3."""
+    asked = [value for _, value in open_session(folder).values() if hasattr(value, "actor")]
+    assert len({type(value) for value in asked}) > 10
+    assert {value.actor for value in asked} == {""}
+    tables = {
+        name: list(csv.DictReader(io.StringIO(text))) for name, text in exported(folder, tmp_path / "out").items()
+    }
+    actors = [row["actor"] for rows in tables.values() for row in rows if "actor" in row]
+    assert len(actors) > len(asked)
+    assert set(actors) == {""}
+
+
 def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Path) -> None:
     """Every value of it, and so every export, through what is written today."""
     session = open_session(folder)

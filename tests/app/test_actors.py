@@ -1,0 +1,267 @@
+"""Who asked for it: from the intent over robot, voice, model and recorder back to the event, the file and the export.
+
+One console with its real link, recorder and simulated robot is asked for everything by another wizard; what this
+computer's wizard and the console itself did beside it says so.
+"""
+
+import asyncio
+import csv
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QCoreApplication
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.app import composition
+from caris_desktop.conversation.language_models import ModelEndpoint
+from caris_desktop.domain import events, intents
+from caris_desktop.domain.actor import CONSOLE, WIZARD
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
+from caris_desktop.domain.intents import INTENTS, Intent
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.console import Console
+from caris_desktop.recording.export import ExportContext, export_session
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.robot.profile import load_profile, save_profile
+from tests.live import bodies
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+
+pytestmark = pytest.mark.logs(r"live\.bus: ")
+
+OTHER = "wizard:b"
+HERE = Pose2D(9.0, 5.0, 0.0)
+LEAVES_NOTHING = {intents.UseMicrophone}
+"""Of which microphone is used the record has the sound."""
+
+
+@dataclass
+class Story:
+    """What was asked, and what happened. ``traces``: of each intent the event that names who asked, None without."""
+
+    console: Console
+    happened: list[Any] = field(default_factory=list)
+    traces: dict[type[Intent], Any] = field(default_factory=dict)
+    folder: Path = Path()
+
+    def until(self, observe: Callable[[], Any], what: str, *, timeout_s: float = 60.0) -> Any:
+        def look() -> Any:
+            QCoreApplication.processEvents()
+            return observe()
+
+        return wait_for(look, what, timeout_s=timeout_s)
+
+    def seen(self, kind: type[Any], since: int, **fields: Any) -> Any:
+        return next(
+            (
+                event
+                for event in self.happened[since:]
+                if type(event) is kind and all(getattr(event, name) == value for name, value in fields.items())
+            ),
+            None,
+        )
+
+    def ask(self, intent: Intent, kind: type[Any], actor: str = OTHER, **fields: Any) -> None:
+        """By the other wizard; an event of that kind with these fields has to follow from it."""
+        since = len(self.happened)
+        assert self.console.do(replace(intent, actor=OTHER)) == "", intent
+        try:
+            self.traces[type(intent)] = self.until(
+                lambda: self.seen(kind, since, actor=actor, **fields), f"what follows from {intent}", timeout_s=15.0
+            )
+        except AssertionError:
+            self.traces[type(intent)] = None
+
+    def do(self, intent: Intent, kind: type[Any], **fields: Any) -> None:
+        """By this computer's wizard, so that the other one finds something to end or change."""
+        since = len(self.happened)
+        assert self.console.do(intent) == "", intent
+        self.until(lambda: self.seen(kind, since, actor=WIZARD, **fields), f"what follows from {intent}")
+
+    def hold_a_key(self, actor: str) -> Any:
+        """Until the robot is sent turning; press again where this machine was too busy to go on renewing."""
+        since, pressed_s = len(self.happened), 0.0
+
+        def turning() -> Any:
+            nonlocal pressed_s
+            if time.monotonic() - pressed_s > 0.5:
+                pressed_s = time.monotonic()
+                assert self.console.do(intents.Drive(0.0, 0.0, 1.0, "keyboard", actor=actor)) == ""
+            commands = (event for event in self.happened[since:] if isinstance(event, events.CommandSent))
+            return next((command for command in commands if command.twist.moving and command.actor == actor), None)
+
+        return self.until(turning, f"a velocity of {actor}")
+
+
+def tell(story: Story) -> None:
+    """Everything that can be asked, in an order in which it can be done."""
+    console, state, ask, do = story.console, story.console.state, story.ask, story.do
+    ask(intents.EmergencyStop(), events.EmergencyStopChanged)
+    ask(intents.StartRecording(TrialDetails(participant="P1")), events.SessionStarted)
+    story.until(lambda: state.recording.value.state == "recording", "the recording")
+    story.folder = Path(state.recording.value.folder)
+
+    ask(intents.ReleaseEmergencyStop(), events.EmergencyStopChanged, latched=False)
+    story.until(lambda: state.drive.value.allowed, "the robot may be driven")
+
+    story.traces[intents.Drive] = story.hold_a_key(OTHER)
+    ask(intents.SetSpeed(0.5), events.NavigationSpeedChanged)
+    story.hold_a_key(WIZARD)
+    ask(intents.ReleaseDrive(), events.CommandSent, twist=ZERO_TWIST)
+    ask(intents.SetGuard(on=False), events.GuardChanged, state="overridden")
+    do(intents.SetGuard(on=True), events.GuardChanged)
+    ask(intents.LookAt(0.3, 0.0), events.HeadMoved)
+    ask(intents.TurnHead(1.0, 0.0), events.HeadMoved)
+    console.do(intents.TurnHead(0.0, 0.0))
+    ask(intents.Nod(), events.HeadMoved)
+
+    place = "Kitchen"  # the robot begins at another end of the house
+    ask(intents.GoToPlace(place), events.GoalChanged, state="requested")
+    ask(intents.GoToPoint(HERE), events.GoalChanged, state="active")
+    do(intents.GoToPlace(place), events.GoalChanged, state="active")
+    ask(intents.CancelGoal(), events.GoalChanged, state="cancelled", place=place)
+    ask(intents.SetInitialPose(HERE), events.InitialPoseSet)
+    ask(intents.SaveMap("lab"), events.MapRequestChanged, state="succeeded")
+    ask(intents.LoadMap("lab"), events.MapRequestChanged, state="succeeded")
+    ask(intents.SetMapping(mapping=True), events.MapRequestChanged, state="succeeded")
+    ask(intents.UseControl("eyes", True), events.ControlUsed, state="succeeded")
+    ask(intents.SavePlace("Here", HERE), events.PlacesChanged)
+    ask(intents.RemovePlace("Here"), events.PlacesChanged)
+
+    ask(intents.Say("Hello, how are you today?", "typed"), events.UtteranceChanged, state="finished")
+    do(intents.Say("I would like to show you around.", "typed"), events.UtteranceChanged, state="started")
+    ask(intents.Silence(), events.UtteranceChanged, state="interrupted")
+    ask(intents.Ask("Short?"), events.LlmExchange, outcome="answered")
+    ask(intents.SayAnswer("Yes."), events.AnswerUsed)
+    assert console.do(intents.Ask("Endless?")) == ""
+    story.until(lambda: state.assistant.value.answer, "the beginning of an answer")
+    # The exchange is whose question it was.
+    ask(intents.CancelAnswer(), events.LlmExchange, WIZARD, detail="cancelled by another wizard")
+
+    persons = story.until(lambda: state.persons.value, "somebody is here")
+    ask(intents.NamePerson(persons[0].person_id, "Ada"), events.PersonRenamed)
+    ask(intents.TakePhoto(), events.PhotoTaken)
+    ask(intents.KeepLayout("{}"), events.LayoutChanged)
+
+    ask(intents.Mark("Laughs", mark_id="m-1"), events.Marked)
+    ask(intents.StretchMark("m-1"), events.Marked)
+    ask(intents.EndMark("m-1"), events.Marked)
+    do(intents.Mark("Confused", mark_id="m-2"), events.Marked)
+    ask(intents.ChangeMark("m-2", label="Laughs"), events.Marked)
+    ask(intents.WithdrawMark("m-2"), events.Marked)
+    ask(intents.BeginMark("Waits"), events.Marked)
+
+    ask(intents.Stop(), events.StopRequested)
+    ask(intents.PauseRecording(paused=True), events.RecordingPaused)
+    story.until(lambda: state.recording.value.state == "paused", "the pause")
+    do(intents.PauseRecording(paused=False), events.RecordingPaused)
+    story.until(lambda: state.recording.value.state == "recording", "the recording again")
+    ask(intents.OpenScenario(Path("another.yaml")), events.ScenarioOpened)
+    ask(intents.UseRobot("another"), events.RobotChosen)
+    ask(intents.StopRecording(), events.SessionEnded)
+    story.until(lambda: state.recording.value.state == "idle", "the end of the recording")
+
+
+async def answers(_endpoint: object, messages: Any, **_: object) -> AsyncIterator[str]:
+    yield "Well"
+    if "Endless?" in messages[-1].content:
+        await asyncio.sleep(1000.0)
+
+
+@pytest.fixture(scope="module")
+def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
+    folder = tmp_path_factory.mktemp("actors")
+    scenario = composition.find_scenario("tour-guide")
+    scenario = replace(
+        scenario,
+        permissions=replace(scenario.permissions, audio_recording=False),
+        assistant=replace(scenario.assistant, model="openai:small"),
+    )
+    parts = composition.parts(scenario, study=composition.open_study(folder / "study"), camera=None)
+    with SimulatedRobot("--empty") as robot:
+        profile = replace(load_profile("simulated"), address=robot.address)
+        save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
+        parts = replace(
+            parts,
+            people=replace(parts.people, inference=ProcessBody("inference", bodies.somebody)),
+            assistant=replace(
+                parts.assistant,
+                stream_chat=answers,
+                resolve_endpoint=lambda _model, _url: ModelEndpoint("openai", "http://127.0.0.1:1/v1", "small"),
+            ),
+            scenario=replace(
+                parts.scenario,
+                load=lambda _path: replace(scenario, title="Another tour"),
+                save_places=lambda changed: changed,
+            ),
+            robots=replace(
+                parts.robots,
+                connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml"), own_camera=False),
+            ),
+        )
+        console = Console(parts, scenario)
+        story = Story(console)
+        console.state.event_happened.connect(story.happened.append)
+        try:
+            console.connect_robot(composition.robot_connection("simulated", address=robot.address, own_camera=False))
+            console.start()
+            state = console.state
+            story.until(lambda: state.drive.value.allowed and state.frame.value and state.scan.value, "the robot")
+            story.until(lambda: state.mapping.value.can_save and state.pose.value, "what the robot offers")
+            tell(story)
+        finally:
+            console.shutdown()
+    yield story
+
+
+@pytest.mark.parametrize("kind", INTENTS, ids=lambda kind: kind.__name__)
+def test_what_happens_names_who_asked_for_it(story: Story, kind: type[Intent]) -> None:
+    assert (kind in story.traces) != (kind in LEAVES_NOTHING), "tell() has to ask for it, and say what follows"
+    if kind not in LEAVES_NOTHING:
+        assert story.traces[kind] is not None, f"nothing that followed names {OTHER}"
+
+
+def test_the_file_has_it_all_and_of_everything_somebody_asked_for(story: Story) -> None:
+    recorded = [value for _, value in open_session(story.folder).values() if hasattr(value, "actor")]
+    by_other = {type(value) for value in recorded if value.actor == OTHER}
+    assert by_other >= {type(event) for event in story.traces.values() if event.actor == OTHER}
+    assert {value.actor for value in recorded} == {OTHER, WIZARD, CONSOLE}
+    # A velocity is whose key is held, and a mark whose last change it is.
+    moving = [command.actor for command in recorded if isinstance(command, events.CommandSent) and command.twist.moving]
+    assert {OTHER, WIZARD} <= set(moving)
+    assert [mark.actor for mark in recorded if isinstance(mark, events.Marked)] == [*3 * [OTHER], WIZARD, *4 * [OTHER]]
+    # The emergency stop was latched before.
+    stops = [value for value in recorded if isinstance(value, events.EmergencyStopChanged)]
+    assert [(stop.latched, stop.actor) for stop in (stops[0], stops[-1])] == [(True, OTHER), (False, OTHER)]
+    # Everything was in force as the recording began, and nobody had asked for it but this computer's wizard.
+    first = {type(value): value for value in reversed(recorded)}
+    assert (first[events.ScenarioOpened].actor, first[events.RobotChosen].actor) == (WIZARD, WIZARD)
+
+
+def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(story: Story, tmp_path: Path) -> None:
+    export_session(story.folder, "csv", tmp_path / "named", ExportContext(with_names=True))
+    export_session(story.folder, "csv", tmp_path / "csv")
+    export_session(story.folder, "eaf", tmp_path / "eaf", ExportContext(with_names=True))
+
+    def actors(folder: str, table: str) -> list[str]:
+        with (tmp_path / folder / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+            return [row["actor"] for row in csv.DictReader(file)]
+
+    assert actors("named", "event_stop_requested") == [OTHER]
+    assert actors("csv", "event_stop_requested") == ["wizard:another"]
+    assert [actors("named", table) for table in ("utterances", "goals", "answers", "marks")] == [
+        [OTHER, WIZARD, OTHER],
+        [OTHER, OTHER, WIZARD],
+        [OTHER, WIZARD],
+        [OTHER, OTHER],
+    ]
+    for path in (tmp_path / "csv").iterdir():
+        assert OTHER not in path.read_text(encoding="utf-8").replace("wizard:another", ""), path.name
+    eaf = (tmp_path / "eaf" / f"{story.folder.name}.eaf").read_text(encoding="utf-8")
+    assert f"Stop requested (by {OTHER})" in eaf
+    assert f"set by {OTHER}" in eaf
