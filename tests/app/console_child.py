@@ -10,12 +10,10 @@ Prints a JSON line whenever something that a wizard would see has changed.
 import json
 import os
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QSettings, Qt, QTimer, Signal
+from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
@@ -27,32 +25,20 @@ from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
+from tests.support.told_by_lines import Reporter, attend
 from tests.support.virtual_gamepad import VirtualGamepad
 
 
-class Driver(QObject):
+class Driver(Reporter):
     """Carries out the lines and reports what is on show."""
-
-    line_read = Signal(str)
 
     def __init__(self, run: ConsoleRun) -> None:
         super().__init__()
         self._run = run
-        self._shown: dict[str, object] = {}
         self._problems: list[str] = []
         self._pad: VirtualGamepad | None = None
         self._drive_ended: list[str] = []
         run.console.state.event_happened.connect(self._on_event)
-        self.line_read.connect(self._on_line)
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self._report)
-        self._timer.start(20)
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        for line in sys.stdin:
-            self.line_read.emit(line.strip())
-        self.line_read.emit("quit")
 
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")
@@ -107,9 +93,9 @@ class Driver(QObject):
         elif isinstance(event, Problem):
             self._problems.append(f"{event.what} {event.meaning} {event.advice}")
 
-    def _report(self) -> None:
+    def _on_show(self) -> dict[str, object]:
         console, state = self._run.console, self._run.console.state
-        shown: dict[str, object] = {
+        return {
             "link": state.link.value.state,
             "drive_allowed": state.drive.value.allowed,
             "video": state.frame.freshness,
@@ -134,9 +120,6 @@ class Driver(QObject):
             "problems": list(self._problems),
             "exports": [str(folder) for folder in self._run.library.export.value.written],
         }
-        if shown != self._shown:
-            self._shown = shown
-            print(json.dumps({"at_ns": time.monotonic_ns(), **shown}), flush=True)
 
 
 def _people_in_map(state: LiveState) -> tuple[PersonPlace, ...]:
@@ -159,12 +142,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
         default_arguments(scenario="tour-guide", robot=robot, study=study, camera=camera), settings=settings
     )
     run.show()
-    driver = driver_type(run)
-    try:
-        return run.application.exec()
-    finally:
-        driver.deleteLater()
-        run.close()
+    return attend(run, driver_type(run))
 
 
 if __name__ == "__main__":

@@ -4,24 +4,22 @@ Prints each intent and each change of what is on show; does what the lines on st
 """
 
 import sys
-import threading
 import time
 from collections.abc import Callable
 
-from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.ui.main_window import MainWindow
+from tests.support.told_by_lines import ToldByLines
 from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
 
-class Subject(QObject):
+class Subject(ToldByLines):
     """The window, and what the test can ask of it."""
-
-    line_read = Signal(str)
 
     def __init__(self) -> None:
         super().__init__()
@@ -41,16 +39,10 @@ class Subject(QObject):
         self.pad: VirtualGamepad | None = None
         self._told = 0
         self._shown: dict[str, object] = {}
-        self.line_read.connect(self._on_line)
         self._timer = QTimer(interval=5)
         self._timer.timeout.connect(self._tell)
         self._timer.start()
-        threading.Thread(target=self._read, daemon=True).start()
         self.window.show()
-
-    def _read(self) -> None:
-        for line in sys.stdin:
-            self.line_read.emit(line.strip())
 
     def _tell(self) -> None:
         for name, arguments in self.console.calls[self._told :]:
@@ -79,6 +71,9 @@ class Subject(QObject):
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")
         getattr(self, f"do_{word}")(*rest.split())
+
+    def do_quit(self) -> None:
+        QApplication.quit()
 
     def do_reset(self, number: str) -> None:
         """As at the start: nothing open, nothing held, the video in focus."""

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveValue
@@ -179,6 +180,17 @@ class ReplayScene(QWidget):
         column.addLayout(inner, 1)
         column.addWidget(self.bar)
         self.resize(1350, height_px)
+
+
+def open_scene(qtbot: QtBot, theme: Theme, replay: FakeReplay) -> ReplayScene:
+    """In front, with the keys at the timeline."""
+    scene = ReplayScene(theme, replay)
+    qtbot.addWidget(scene)
+    scene.show()
+    scene.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is scene)
+    scene.timeline.canvas.setFocus()
+    return scene
 
 
 STANCE = Vocabulary(

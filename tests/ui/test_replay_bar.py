@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
+from PySide6.QtWidgets import QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.model import PanelLeaf, Scenario
@@ -15,7 +15,7 @@ from caris_desktop.ui.replay.replay_bar import RATES, ReplayTimes, ReplayTitle
 from caris_desktop.ui.replay.scrubber import MomentBubble
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import click, find
-from tests.ui.fake_replay import STARTED_NS, FakeReplay, ReplayScene, sample_coding, sample_overview
+from tests.ui.fake_replay import STARTED_NS, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
 
 LEFT = Qt.MouseButton.LeftButton
 CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
@@ -28,13 +28,7 @@ def replay() -> FakeReplay:
 
 @pytest.fixture
 def scene(qtbot: QtBot, theme: Theme, replay: FakeReplay) -> Iterator[ReplayScene]:
-    scene = ReplayScene(theme, replay)
-    qtbot.addWidget(scene)
-    scene.show()
-    scene.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is scene)
-    scene.timeline.canvas.setFocus()
-    yield scene
+    yield open_scene(qtbot, theme, replay)
 
 
 def test_no_key_of_a_replay_belongs_to_two_actions() -> None:

@@ -35,7 +35,7 @@ from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
-from tests.ui.fake_replay import STANCE, FakeReplay, ReplayScene, sample_coding, sample_overview
+from tests.ui.fake_replay import STANCE, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
 
 LEFT = Qt.MouseButton.LeftButton
 CTRL, SHIFT, NONE = (
@@ -95,16 +95,6 @@ class Coder:
 
     def show(self, start_ms: float, end_ms: float) -> None:
         self.canvas.set_scale(TimeScale(start_ms, self.canvas.room_px / (end_ms - start_ms)))
-
-
-def open_scene(qtbot: QtBot, theme: Theme, replay: FakeReplay) -> ReplayScene:
-    scene = ReplayScene(theme, replay)
-    qtbot.addWidget(scene)
-    scene.show()
-    scene.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is scene)
-    scene.timeline.canvas.setFocus()
-    return scene
 
 
 @pytest.fixture
