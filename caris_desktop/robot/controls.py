@@ -29,8 +29,7 @@ from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.actions import Ending
-from caris_desktop.ros.definitions import plain_name
-from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.fields import Message, MessageError, message_of
 
 logger = logging.getLogger(__name__)

@@ -16,10 +16,9 @@ from caris_desktop.ros.definitions import (
     TRUTHS,
     Definition,
     FieldType,
-    plain_name,
     shipped_definition,
 )
-from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
+from caris_desktop.ros.dialect import Dialect, action_type_name, plain_name, service_type_name, type_name
 
 logger = logging.getLogger(__name__)
 

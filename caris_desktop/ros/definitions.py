@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
+from caris_desktop.ros.dialect import plain_name
+
 INTEGER_RANGES: dict[str, tuple[int, int]] = {
     "int8": (-(2**7), 2**7 - 1),
     "uint8": (0, 2**8 - 1),
@@ -39,11 +41,6 @@ class Definition:
 
     fields: tuple[FieldType, ...]
     nested: Mapping[str, tuple[FieldType, ...]]
-
-
-def plain_name(type_: str) -> str:
-    """A type's name as ROS 1 spells it, whichever dialect it is written in."""
-    return "/".join(part for part in type_.split("/") if part not in ("msg", "srv", "action"))
 
 
 @lru_cache(maxsize=1)

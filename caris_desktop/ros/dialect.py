@@ -31,7 +31,12 @@ def action_type_name(dialect: Dialect, package: str, name: str) -> str:
 
 def same_type(one: str, other: str) -> bool:
     """Whether two type names mean the same type, in whichever dialect each of them is written."""
-    return _plain(one) == _plain(other)
+    return plain_name(one) == plain_name(other)
+
+
+def plain_name(type_: str) -> str:
+    """A type's name as ROS 1 spells it, whichever dialect it is written in."""
+    return "/".join(part for part in type_.split("/") if part not in _KINDS_IN_TYPE_NAMES)
 
 
 def encode_time(dialect: Dialect, time_ns: int) -> dict[str, int]:
@@ -57,10 +62,6 @@ def decode_time(value: Any) -> int | None:
                 if _is_count(seconds) and _is_count(nanoseconds):
                     return int(seconds) * _NS_PER_S + int(nanoseconds) or None
     raise ValueError("a time is an object with secs and nsecs, or sec and nanosec, as whole numbers")
-
-
-def _plain(name: str) -> tuple[str, ...]:
-    return tuple(part for part in name.split("/") if part not in _KINDS_IN_TYPE_NAMES)
 
 
 def _is_count(value: Any) -> bool:

@@ -29,7 +29,7 @@ from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.compressed_image import picture_size
-from caris_desktop.ros.definitions import plain_name
+from caris_desktop.ros.dialect import plain_name
 from caris_desktop.ros.fields import Message, MessageError, frame_of, message_of, text
 from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image
 
