@@ -23,8 +23,8 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.annotation.store import file_content
 
-_MAX_FILE_BYTES = 64 * 1024 * 1024
 _MOST_ROWS = 500_000
 _SNIFFED_CHARACTERS = 50_000
 _LATEST_MS = 2**32 - 1
@@ -65,13 +65,7 @@ def read_csv(path: Path, *, coder: str = "") -> AnnotationDocument:
     AnnotationError
         For people; names the line.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if len(content) > _MAX_FILE_BYTES:
-        raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
+    content = file_content(path)
     try:
         return _document(_lines(_text(content)), coder)
     except AnnotationError as error:

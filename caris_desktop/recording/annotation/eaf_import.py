@@ -29,9 +29,9 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.annotation.store import file_content
 
 PROPERTY = "caris-desktop"  # what the exporter notes for what ELAN has no place for
-_MAX_FILE_BYTES = 64 * 1024 * 1024
 _MOST_ELEMENTS = 2_000_000
 _LATEST_MS = 2**32 - 1
 _log = logging.getLogger(__name__)
@@ -53,13 +53,7 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
     AnnotationError
         If the file cannot be read or breaks the rules of annotations; the text is for people.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if len(content) > _MAX_FILE_BYTES:
-        raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
+    content = file_content(path)
     try:
         root = _parse(content)
         return _document(root, coder, _moved_ms(root, media_began_ms or {}))

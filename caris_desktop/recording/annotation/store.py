@@ -35,13 +35,11 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # names
 _log = logging.getLogger(__name__)
 
 
-def load_documents(
-    folder: Path, *, duration_ms: int = 0, on_damaged: Callable[[str], None] | None = None
-) -> AnnotationDocument:
+def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = None) -> AnnotationDocument:
     """What all coders made of the session in ``folder``, each in tiers of their own; empty where nobody did.
 
-    ``duration_ms`` is how long the session is, where ``session.json`` does not tell. A file that cannot be used is
-    told to ``on_damaged`` and left out; without that the first one raises AnnotationError.
+    A file that cannot be used is told to ``on_damaged`` and left out; without that the first one raises
+    AnnotationError.
     """
     documents = []
     for path in annotation_files(folder):
@@ -54,7 +52,7 @@ def load_documents(
             continue
         documents.append(document)
     merged = merge_documents(*documents)
-    return replace(merged, duration_ms=max(merged.duration_ms, duration_ms, _duration_ms(folder)))
+    return replace(merged, duration_ms=max(merged.duration_ms, _duration_ms(folder)))
 
 
 def load_coding(path: Path) -> AnnotationDocument:
@@ -144,18 +142,23 @@ def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
     return coding
 
 
-def _load(path: Path) -> tuple[AnnotationDocument, str]:
-    """The document in one file, and whose it is."""
-    advice = "It stays as it is: restore it from a copy, or move it away to begin anew."
+def file_content(path: Path) -> bytes:
+    """What is in a file with annotations of whatever format. Raises AnnotationError, also for one that is too large."""
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_FILE_BYTES + 1)
     except OSError as error:
         raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
     if len(content) > _MAX_FILE_BYTES:
-        raise AnnotationError(f"{path} is too large to be annotations. {advice}")
+        raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
+    return content
+
+
+def _load(path: Path) -> tuple[AnnotationDocument, str]:
+    """The document in one file, and whose it is."""
+    advice = "It stays as it is: restore it from a copy, or move it away to begin anew."
     try:
-        data = json.loads(content)
+        data = json.loads(file_content(path))
     except (ValueError, RecursionError) as error:
         _log.warning("%s: %s", path, error)
         raise AnnotationError(f"{path} is damaged: it is not whole, or was changed by hand. {advice}") from error
