@@ -104,11 +104,9 @@ def open_study(folder: Path | None) -> StudyFolder:
 
 
 def parts(
-    scenario: Scenario,
     *,
     study: StudyFolder,
     camera: str | None,
-    perception: bool = True,
     microphone: MicrophoneParts | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
 ) -> Parts:
@@ -119,7 +117,7 @@ def parts(
         recorder=ProcessBody("recorder", bodies.recorder),
         speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),
         people=PeopleParts(
-            inference=ProcessBody("inference", bodies.inference, (inference,)) if perception else None,
+            inference=ProcessBody("inference", bodies.inference, (inference,)),
             camera=None if camera is None else ProcessBody("camera", bodies.camera, (camera,)),
             open_presence=functools.partial(_open_presence, study),
         ),

@@ -60,7 +60,6 @@ class ConsoleRun:
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
         parts = composition.parts(
-            scenario,
             study=study,
             camera=arguments.camera,
             address_of=self._address_of,

@@ -121,7 +121,6 @@ async def stream_chat(
     temperature: float,
     seed: int | None = None,
     told_version: Callable[[str], None] | None = None,
-    client: "httpx.AsyncClient | None" = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
 ) -> AsyncGenerator[str]:
     """Yield the answer piece by piece as the model writes it.
@@ -131,7 +130,7 @@ async def stream_chat(
     the stream, when it does and differently from before; Ollama tells nothing there, see `model_version`.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
-    stop generating. A given ``client`` is used and left open.
+    stop generating.
 
     Raises
     ------
@@ -151,10 +150,10 @@ async def stream_chat(
     characters = 0
     version = ""
     try:
-        async with _client(client, url) as opened:
-            request = opened.build_request("POST", url, json=body, headers=headers, timeout=limits)
+        async with _client(url) as client:
+            request = client.build_request("POST", url, json=body, headers=headers, timeout=limits)
             async with asyncio.timeout_at(deadline_s):
-                response = await opened.send(request, stream=True)
+                response = await client.send(request, stream=True)
             try:
                 if response.status_code != 200:
                     async with asyncio.timeout_at(deadline_s):
@@ -210,7 +209,7 @@ async def model_version(endpoint: ModelEndpoint) -> str:
     try:
         async with (
             asyncio.timeout(_LIST_TIMEOUT_S),
-            _client(None, url) as client,
+            _client(url) as client,
             client.stream("GET", url, headers={"Accept-Encoding": "identity"}) as response,
         ):
             listed = await _small_object(response, _MAX_LIST_BYTES) if response.status_code == 200 else {}
@@ -334,12 +333,9 @@ def _request(
 
 
 @asynccontextmanager
-async def _client(client: "httpx.AsyncClient | None", url: str) -> "AsyncIterator[httpx.AsyncClient]":
+async def _client(url: str) -> "AsyncIterator[httpx.AsyncClient]":
     import httpx
 
-    if client is not None:
-        yield client
-        return
     try:
         # A proxy from the environment must not see what is meant for this machine.
         opened = httpx.AsyncClient(trust_env=not is_loopback(url))

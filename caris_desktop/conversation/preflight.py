@@ -23,7 +23,7 @@ from caris_desktop.domain.events import ChatMessage
 _log = logging.getLogger(__name__)
 
 _PROBE_TIMEOUTS = ChatTimeouts(first_token_s=30.0)
-_DEFAULT_SPEECH = SpeechSettings()
+_SOUND_WITHIN_S = 15.0
 SOUND_ADVICE = (
     "Connect loudspeakers or start the sound server (Debian, Ubuntu: libportaudio2, and libasound2-plugins for "
     "PulseAudio or PipeWire)."
@@ -39,13 +39,8 @@ class ProbeResult:
     advice: str = ""
 
 
-def probe_language_model(
-    model: str,
-    *,
-    embedded_url: str | None = None,
-    timeouts: ChatTimeouts = _PROBE_TIMEOUTS,
-) -> ProbeResult:
-    """Ask ``model`` for one word. Blocks, at most for ``timeouts``.
+def probe_language_model(model: str, *, embedded_url: str | None = None) -> ProbeResult:
+    """Ask ``model`` for one word. Blocks, for half a minute at the most.
 
     ``embedded`` without an address is only looked for, since nothing serves it yet.
     """
@@ -54,7 +49,7 @@ def probe_language_model(
         return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
     try:
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
-        seconds = asyncio.run(_seconds_to_answer(endpoint, timeouts))
+        seconds = asyncio.run(_seconds_to_answer(endpoint))
     except LanguageModelError as error:
         return ProbeResult(False, error.what, error.advice)
     if seconds is None:
@@ -62,20 +57,21 @@ def probe_language_model(
     return ProbeResult(True, f"{model} began to answer after {seconds:.1f} s")
 
 
-async def _seconds_to_answer(endpoint: ModelEndpoint, timeouts: ChatTimeouts) -> float | None:
+async def _seconds_to_answer(endpoint: ModelEndpoint) -> float | None:
     asked_s = time.monotonic()
-    answer = stream_chat(endpoint, [ChatMessage("user", "Say yes.")], max_tokens=64, temperature=0.0, timeouts=timeouts)
+    question = [ChatMessage("user", "Say yes.")]
+    answer = stream_chat(endpoint, question, max_tokens=64, temperature=0.0, timeouts=_PROBE_TIMEOUTS)
     async with aclosing(answer):
         async for _ in answer:
             return time.monotonic() - asked_s
     return None
 
 
-def probe_sound(settings: SpeechSettings = _DEFAULT_SPEECH, *, timeout_s: float = 15.0) -> ProbeResult:
+def probe_sound() -> ProbeResult:
     """Whether there is a voice and an output device. Plays nothing."""
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-    engine = VoiceEngine(settings, inbox, number=1, look=True)
-    deadline_s = time.monotonic() + timeout_s
+    engine = VoiceEngine(SpeechSettings(), inbox, number=1, look=True)
+    deadline_s = time.monotonic() + _SOUND_WITHIN_S
     voice = ""
     try:
         while True:

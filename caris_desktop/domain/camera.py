@@ -76,9 +76,9 @@ class CameraModel:
         reach = self.z_m / -up
         return self.x_m + reach * forward, self.y_m + reach * left
 
-    def bearing_rad(self, u_px: float, v_px: float | None = None) -> float:
-        """Direction of a pixel on the floor plane, left positive from the robot's forward direction."""
-        forward, left, _up = self.ray(u_px, self.cy_px if v_px is None else v_px)
+    def bearing_rad(self, u_px: float) -> float:
+        """Direction of a column of pixels on the floor plane, left positive from the robot's forward direction."""
+        forward, left, _up = self.ray(u_px, self.cy_px)
         return math.atan2(left, forward)
 
     def pixel_of(self, x_m: float, y_m: float, z_m: float) -> tuple[float, float] | None:

@@ -20,7 +20,6 @@ class Mailbox:
         self._lock = threading.Lock()
         self._latest: dict[str, Any] = {}
         self._events: deque[Any] = deque()
-        self._overwritten: dict[str, int] = {}
         self._woken = False
 
     def put(self, value: Any) -> None:
@@ -33,10 +32,7 @@ class Mailbox:
             else:
                 # What goes on waiting after drain_events is taken in without another call.
                 wakes = wakes and not self._latest
-                key = spec.key_of(value)
-                if key in self._latest:
-                    self._overwritten[key] = self._overwritten.get(key, 0) + 1
-                self._latest[key] = value
+                self._latest[spec.key_of(value)] = value
             self._woken = self._woken or wakes
         if wakes:
             self._wake()
@@ -57,9 +53,3 @@ class Mailbox:
             self._latest.clear()
             self._woken = False
         return events, latest
-
-    @property
-    def overwritten(self) -> dict[str, int]:
-        """How many values of each stream were replaced before the GUI thread took them."""
-        with self._lock:
-            return dict(self._overwritten)

@@ -49,7 +49,6 @@ class PerceptionWorker(QObject):
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._turns_lock = threading.Lock()
         self._turns = CameraTurns()
-        self._stopping = False
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
         self._pace_told_ns = 0

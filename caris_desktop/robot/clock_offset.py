@@ -85,12 +85,6 @@ class ClockOffset:
         """The estimate for a moment at or after the last sample; None before any exchange."""
         return None if self._fit is None else self._fit.at(session_ns)
 
-    def forget(self) -> None:
-        """Another robot, or the same one after a restart: nothing of before counts."""
-        self._exchanges.clear()
-        self._stamped.clear()
-        self._fit = None
-
     def _refit(self, now_ns: int) -> None:
         while self._exchanges and now_ns - self._exchanges[0][0] > self._window_ns:
             self._exchanges.popleft()

@@ -51,6 +51,7 @@ logger = logging.getLogger(__name__)
 _GOODBYE_S = 0.3
 _LISTEN_S = 1.0
 _MOST_ASKED = 60
+_INVENTORY_WITHIN_S = 8.0
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
 _RESEMBLES = 0.7
@@ -140,7 +141,6 @@ async def explore_robot(
     *,
     security: SecuritySettings | None = None,
     timeout_s: float = 10.0,
-    namespace: str | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Exploration:
     """Ask the robot what it has, and propose a mapping. ``on_progress`` gets a few words for each step.
@@ -162,7 +162,7 @@ async def explore_robot(
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
             raise _no_rosapi(error) from error
-    return Exploration(address, offer, propose(offer, namespace=namespace), _resemblances(offer))
+    return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
 async def take_offer(ros: SafeRos) -> Offer:
@@ -200,7 +200,6 @@ async def check_streams(
     address: str | None = None,
     *,
     seconds: float = 3.0,
-    timeout_s: float = 8.0,
     on_check: Callable[[StreamCheck], None] | None = None,
 ) -> tuple[StreamCheck, ...]:
     """Listen to everything that the profile names, all at once, for ``seconds``, and say how it comes.
@@ -220,9 +219,9 @@ async def check_streams(
         done.append(check)
         tell(check)
 
-    async with _connected(address or profile.address, profile.security, timeout_s) as ros:
+    async with _connected(address or profile.address, profile.security, _INVENTORY_WITHIN_S) as ros:
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(_INVENTORY_WITHIN_S):
                 inventory = await take_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)

@@ -11,6 +11,7 @@ from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.robot.profile import RobotProfile
 
 MOST_PIXELS = 2**24
+_CHECKED_WITHIN_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +48,13 @@ def run_media_link(connection: Connection, settings: LinkSettings, frames: Frame
     run_link(connection, lambda outbox: MediaLink(settings.profile, settings.address, outbox, frames))
 
 
-def check_robot(profile: RobotProfile, address: str, timeout_s: float = 5.0) -> list[str]:
+def check_robot(profile: RobotProfile, address: str) -> list[str]:
     """What is wrong with the robot at ``address``, one sentence for the wizard each; empty when all is well.
 
-    Blocks for up to ``timeout_s`` and must not be called from a running asyncio loop.
+    Blocks for up to 5 s and must not be called from a running asyncio loop.
     """
     import asyncio
 
     from caris_desktop.robot.preflight import check
 
-    return asyncio.run(check(profile, address, timeout_s))
+    return asyncio.run(check(profile, address, _CHECKED_WITHIN_S))

@@ -323,9 +323,7 @@ def decode_tf_message(message: Any) -> tuple[Transform, ...]:
     return tuple(transforms)
 
 
-def encode_battery_state(
-    dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0, charging: bool = False
-) -> Message:
+def encode_battery_state(dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0) -> Message:
     """sensor_msgs/BatteryState; what is not known is NaN, as the message definition asks."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id="base_link"),
@@ -335,7 +333,7 @@ def encode_battery_state(
         "capacity": math.nan,
         "design_capacity": math.nan,
         "percentage": math.nan if battery.charge_fraction is None else battery.charge_fraction,
-        "power_supply_status": 1 if charging else 2,
+        "power_supply_status": 2,  # discharging
         "power_supply_health": 1,
         "power_supply_technology": 3,
         "present": True,

@@ -265,8 +265,8 @@ class Robot:
         self._min_gap_m = min(self._min_gap_m, self.gap_m)
         self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / _BATTERY_LASTS_S)
 
-    def scan(self, *, stamp_ns: int, learn: bool = True) -> LaserScan:
-        """What the LIDAR sees now; the localisation and, with ``learn``, the map learn from it.
+    def scan(self, *, stamp_ns: int) -> LaserScan:
+        """What the LIDAR sees now; the localisation and the map learn from it.
 
         A robot without a LIDAR gives what its mapping sees, which is the default one.
         """
@@ -280,7 +280,7 @@ class Robot:
         )
         self._pose_error = self._less_wrong()
         self._believed = self._localised()
-        if learn and not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
+        if not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
             self._mapper.add(scan, self._believed)
         return scan
 

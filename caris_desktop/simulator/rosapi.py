@@ -10,9 +10,7 @@ from caris_desktop.simulator.robot_clock import RobotClock
 from caris_desktop.simulator.server import BRIDGE_NODE, ROBOT_NODE, BridgeServer, CallFailed, Message, Service
 
 
-def offer_rosapi(
-    server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None, simulation_time: bool = False
-) -> None:
+def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None) -> None:
     """Add the ``/rosapi/...`` services to ``server``."""
     robot_clock = clock or RobotClock()
 

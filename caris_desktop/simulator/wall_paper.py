@@ -74,9 +74,9 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
     return whole, strips
 
 
-def sign(text: str, *, width_px: int = 360, height_px: int = 80) -> Image:
+def sign(text: str) -> Image:
     """A door sign, BGR."""
-    picture = np.full((height_px, width_px, 3), (92, 66, 38), dtype=np.uint8)
+    picture = np.full((80, 360, 3), (92, 66, 38), dtype=np.uint8)
     _write(picture, text, colour=(250, 250, 250), share=0.5)
     return picture
 

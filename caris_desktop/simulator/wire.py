@@ -42,11 +42,6 @@ class Wire:
         self._error: Exception | None = None
         self._pump: asyncio.Task[None] | None = None
 
-    @property
-    def held_bytes(self) -> int:
-        """What the slow link holds."""
-        return self._held_bytes
-
     async def send(self, message: str | bytes, of: Published | None = None) -> None:
         """Send, or put on the slow link when that has room; ``of`` is the message that this is the last piece of.
 

@@ -89,7 +89,6 @@ class MappingRow(QWidget):
         self._theme = theme
         self.proposal = proposal
         self._check: StreamCheck | None = None
-        self._topic = topic
         self._words = ""
         name = QLabel(label)
         name.setFixedWidth(150)

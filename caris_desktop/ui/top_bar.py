@@ -143,7 +143,6 @@ class TopBar(QWidget):
         row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
         row.setSpacing(_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
-        self._live_robots: LiveValue | None = None
         row.addWidget(self._replay_badge)
         row.addWidget(self.scenario_button)
         row.addWidget(self._trial)
@@ -173,7 +172,6 @@ class TopBar(QWidget):
     def show_replay(self, live_robots: LiveValue) -> None:
         """Only what a replay can do. The red button is that of the robot which is driven now, and says so."""
         self._in_replay = True
-        self._live_robots = live_robots
         self._replay_badge.show()
         self.scenario_button.setEnabled(False)
         for button in (self.record_button, self.mark_button, self.stretch_button, self._error):

@@ -132,9 +132,9 @@ def missing(stream: str, count: int) -> str:
     return f"{count} {one} was not recorded" if count == 1 else f"{count} {many} were not recorded"
 
 
-def counted(count: int, one: str, many: str = "") -> str:
+def counted(count: int, one: str) -> str:
     """1 session, 2 sessions."""
-    return f"{count} {one if count == 1 else many or one + 's'}"
+    return f"{count} {one}{'s' * (count != 1)}"
 
 
 def all_missing(dropped: Mapping[str, int]) -> str:

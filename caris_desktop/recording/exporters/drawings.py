@@ -3,7 +3,7 @@
 import base64
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any, Literal
@@ -120,10 +120,6 @@ def _element(name: str, *inside: str | Markup, **attributes: Any) -> Markup:
     content = "".join(part if isinstance(part, Markup) else escape(str(part)) for part in inside)
     opening = f"<{name}{_attributes(attributes)}"
     return Markup(f"{opening}>{content}</{name}>" if content else f"{opening}/>")  # noqa: S704 - escaped above
-
-
-def _joined(parts: Iterable[Markup]) -> Markup:
-    return Markup("").join(parts)
 
 
 def _svg(width: float, height: float, *inside: Markup, title: str, look: str = "drawing") -> Markup:

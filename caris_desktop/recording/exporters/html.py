@@ -224,9 +224,9 @@ def distance_text(metres: float) -> str:
     return f"{metres:.1f} m" if metres < 10 else f"{metres:.0f} m"
 
 
-def spread_text(spread: Spread, unit: str = "s") -> str:
+def spread_text(spread: Spread) -> str:
     """``1.42 ± 0.31 s``; without ± for a single value."""
-    return f"{spread.mean:.2f}{'' if spread.sd is None else f' ± {spread.sd:.2f}'} {unit}"
+    return f"{spread.mean:.2f}{'' if spread.sd is None else f' ± {spread.sd:.2f}'} s"
 
 
 # Time line

@@ -32,7 +32,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     people = distinct(one.session.trial.get("participant", "") for one in study.known)
     wizards = study.wizards()
     robots = distinct(name for one in study.known for name in one.robots)
-    recorded_s = sum(one.measures.recorded_s for one in study.known)
+    recorded_s = study.recorded_s()
     versions = distinct(str(one.session.header.get("program_version", "")) for one in study.known)
     by_whom = number_of(len(wizards), "wizard") if wizards else "[number of] wizards"
     with_people = f" with {number_of(len(people), 'participant')}" if people else ""

@@ -572,7 +572,7 @@ class _Answers:
         count = sum(errors.values())
         if not count:
             return "The wizard marked no errors."
-        rate = per_10_min(count, sum(one.measures.recorded_s for one in self._of.known))
+        rate = per_10_min(count, self._of.recorded_s())
         kinds = listing_counts({label or "not told which": number for label, number in errors.items()})
         shown = f", {rate:.1f} per 10 minutes" if rate is not None else ""
         return f"The wizard marked {number_of(count, 'error')} ({kinds}){shown}."

@@ -108,7 +108,6 @@ class BlockIndex:
 
     offsets: NDArray[np.int64]
     lengths: NDArray[np.int64]
-    starts_utc_ns: NDArray[np.int64]
     ends_utc_ns: NDArray[np.int64]
     channels: dict[int, Channel]
     blocks_of: dict[int, NDArray[np.int64]]
@@ -125,7 +124,7 @@ class BlockIndex:
 class _Gathered:
     """An index in the making."""
 
-    blocks: list[tuple[int, int, int, int]] = field(default_factory=list)
+    blocks: list[tuple[int, int, int]] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, bytes] = field(default_factory=dict)
     numbers: list[NDArray[np.int64]] = field(default_factory=list)
@@ -133,7 +132,7 @@ class _Gathered:
     damaged_bytes: int = 0
     beside: list[bytes] = field(default_factory=list)
 
-    def add_block(self, block: tuple[int, int, int, int], channels: NDArray[np.int64]) -> None:
+    def add_block(self, block: tuple[int, int, int], channels: NDArray[np.int64]) -> None:
         self.numbers.append(channels)
         self.at_blocks.append(np.full(len(channels), len(self.blocks), np.int64))
         self.blocks.append(block)
@@ -150,7 +149,7 @@ class _Gathered:
             self.channels[number] = Channel(topic, record, schema)
 
     def index(self, *, has_summary: bool) -> BlockIndex:
-        table = np.array(self.blocks, np.int64).reshape(-1, 4)
+        table = np.array(self.blocks, np.int64).reshape(-1, 3)
         numbers = np.concatenate(self.numbers) if self.numbers else np.zeros(0, np.int64)
         at_blocks = np.concatenate(self.at_blocks) if self.at_blocks else np.zeros(0, np.int64)
         order = np.lexsort((at_blocks, numbers))
@@ -161,7 +160,6 @@ class _Gathered:
             table[:, 0],
             table[:, 1],
             table[:, 2],
-            table[:, 3],
             self.channels,
             {int(number): part for number, part in zip(known, parts, strict=False)},
             has_summary,
@@ -323,13 +321,13 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
             if opcode in (SCHEMA, CHANNEL):
                 gathered.add_declaration(opcode, summary[at : body + length])
             elif opcode == CHUNK_INDEX:
-                first_ns, last_ns, offset, size, map_bytes = CHUNK_INDEX_BODY.unpack_from(summary, body)
+                _, last_ns, offset, size, map_bytes = CHUNK_INDEX_BODY.unpack_from(summary, body)
                 if offset + size > start:
                     return None
                 entries = np.frombuffer(
                     summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + CHUNK_INDEX_BODY.size
                 )
-                gathered.add_block((offset, size, first_ns, last_ns), entries["channel"].astype(np.int64))
+                gathered.add_block((offset, size, last_ns), entries["channel"].astype(np.int64))
             elif opcode == STATISTICS:
                 (messages,) = struct.unpack_from("<Q", summary, body)
             at = body + length
@@ -399,7 +397,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
     head = file.read(CHUNK_BODY.size)
     if len(head) < CHUNK_BODY.size:
         return False
-    first_ns, last_ns, _, _, _ = CHUNK_BODY.unpack(head)
+    _, last_ns, _, _, _ = CHUNK_BODY.unpack(head)
     place, numbers = at + record_bytes, []
     while True:
         file.seek(place)
@@ -414,7 +412,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
     # A chunk that declares a channel has to be unfolded, and so has the last one, which may lack some of its indexes.
     if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
         return False
-    gathered.add_block((at, record_bytes, first_ns, last_ns), np.array(sorted(numbers), np.int64))
+    gathered.add_block((at, record_bytes, last_ns), np.array(sorted(numbers), np.int64))
     return True
 
 
@@ -434,7 +432,7 @@ def _add_messages(gathered: _Gathered, records: bytes, at: int) -> None:
 
 def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) -> None:
     numbers: set[int] = set()
-    at, first_ns, last_ns = 0, 0, 0
+    at, last_ns = 0, 0
     while at + HEAD.size <= len(content):
         opcode, length = HEAD.unpack_from(content, at)
         body = at + HEAD.size
@@ -442,13 +440,11 @@ def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) ->
             gathered.add_declaration(opcode, content[at : body + length])
         elif opcode == MESSAGE and length >= MESSAGE_BODY.size and body + length <= len(content):
             number, _, log_ns, _ = MESSAGE_BODY.unpack_from(content, body)
-            first_ns = log_ns if not numbers else min(first_ns, log_ns)
             last_ns = max(last_ns, log_ns)
             numbers.add(number)
         at = body + length
     if numbers:
-        block = (*place, min(first_ns, _LARGEST_NS), min(last_ns, _LARGEST_NS))
-        gathered.add_block(block, np.array(sorted(numbers), np.int64))
+        gathered.add_block((*place, min(last_ns, _LARGEST_NS)), np.array(sorted(numbers), np.int64))
 
 
 def _next_chunk(file: IO[bytes], at: int, end: int) -> int:

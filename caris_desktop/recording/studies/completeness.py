@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from caris_desktop.domain.events import Gap
+from caris_desktop.domain.events import Gap, LinkQuality
 from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.studies.measures import Measures, SessionFacts
 
@@ -44,14 +44,14 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
             if facts.pose_ns.size
             else "The robot told neither odometry nor its pose: there is no distance and no trajectory."
         )
-    if measures.clock is None:
+    if all(quality.clock_offset_ms is None for quality in facts.of(LinkQuality)):
         sentences.append("The offset of the robot's clock was not measured: its own stamps cannot be compared.")
     return tuple(sentences)
 
 
-def counted(count: int, one: str, many: str = "") -> str:
+def counted(count: int, one: str) -> str:
     """``no stops``, ``1 stop``, ``3 stops``."""
-    return f"{'no' if count == 0 else count} {one if count == 1 else many or one + 's'}"
+    return f"{'no' if count == 0 else count} {one}{'s' * (count != 1)}"
 
 
 def stream_words(stream: str) -> str:

@@ -270,17 +270,6 @@ class Driving:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockAccuracy:
-    """How well the robot's clock is known: of the pings that told its offset."""
-
-    measurements: int
-    first_offset_ms: float
-    last_offset_ms: float
-    median_uncertainty_ms: float | None
-    largest_uncertainty_ms: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class Measures:
     """The figures of one session. Counters are in the order of first occurrence, or by label.
 
@@ -301,12 +290,8 @@ class Measures:
     models: tuple[ModelUse, ...]
     driving: Driving
     marks: dict[str, int]
-    notes: int
     errors: dict[str, int]
     link_trouble_s: float
-    link_losses: int
-    round_trip_ms: Spread | None
-    clock: ClockAccuracy | None
     lost: dict[str, int]
     missing: dict[str, int]
     problems: dict[str, int]
@@ -334,7 +319,6 @@ def measure(facts: SessionFacts) -> Measures:
     recorded_s = max(0.0, session.duration_s - paused_s)
     said = [utterance for utterance in facts.utterances if utterance.said]
     robot = [utterance for utterance in facts.utterances if utterance.speaker == "robot"]
-    quality = facts.of(LinkQuality)
     lost: Counter[str] = Counter()
     for gap in facts.of(Gap):
         lost[gap.stream] += gap.count
@@ -354,12 +338,8 @@ def measure(facts: SessionFacts) -> Measures:
         models=model_use(facts.of(LlmExchange), facts.of(AnswerUsed), facts.utterances),
         driving=_driving(facts),
         marks=dict(Counter(mark.label for mark in facts.marks if mark.kind == "mark")),
-        notes=sum(mark.kind == "note" for mark in facts.marks),
         errors=dict(Counter(mark.label for mark in facts.marks if mark.kind == "wizard_error")),
         link_trouble_s=sum(stretch.duration_s for stretch in trouble),
-        link_losses=sum(stretch.label == "lost" for stretch in trouble),
-        round_trip_ms=Spread.of([value.round_trip_ms for value in quality if math.isfinite(value.round_trip_ms)]),
-        clock=_clock_accuracy(quality),
         lost=dict(lost),
         missing=lost_values(session.header),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
@@ -367,11 +347,6 @@ def measure(facts: SessionFacts) -> Measures:
         identities=len({visit.person_id for visit in seen}),
         photos=len(facts.of(PhotoTaken)),
     )
-
-
-def measure_session(session: Session) -> Measures:
-    """All figures of a session, read now. Raises SessionError."""
-    return measure(read_facts(session))
 
 
 def per_10_min(count: int, seconds: float) -> float | None:
@@ -622,20 +597,6 @@ def _states(changes: Sequence[tuple[int, str]], ended_ns: int) -> list[Stretch]:
 
 def _rises(states: Sequence[bool]) -> int:
     return sum(now and not before for before, now in zip([False, *states], states, strict=False))
-
-
-def _clock_accuracy(quality: Sequence[LinkQuality]) -> ClockAccuracy | None:
-    offsets = [value.clock_offset_ms for value in quality if value.clock_offset_ms is not None]
-    uncertainties = [value.clock_uncertainty_ms for value in quality if value.clock_uncertainty_ms is not None]
-    if not offsets:
-        return None
-    return ClockAccuracy(
-        measurements=len(offsets),
-        first_offset_ms=offsets[0],
-        last_offset_ms=offsets[-1],
-        median_uncertainty_ms=statistics.median(uncertainties) if uncertainties else None,
-        largest_uncertainty_ms=max(uncertainties) if uncertainties else None,
-    )
 
 
 def nearest_index(stamps_ns: NDArray[np.int64], at_ns: int) -> int | None:

@@ -481,8 +481,6 @@ class DrivePad(QWidget):
 class HoldArrow(QWidget):
     """One arrow of the pad; moves the robot for as long as the mouse button is down on it."""
 
-    held_changed = Signal(bool)
-
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, action_id: str) -> None:
         super().__init__()
         self._theme = theme

@@ -40,9 +40,6 @@ class Strip:
     def add(self, stamp_ns: int, *values: float) -> None:
         self._rows.append((stamp_ns / 1e9, *values))
 
-    def clear(self) -> None:
-        self._rows.clear()
-
     def window(self, now_s: float, *, gap_s: float) -> NDArray[np.float64]:
         """Rows of (seconds before now, values...), oldest first; a row of NaN wherever nothing came for ``gap_s``."""
         if not self._rows:

@@ -99,7 +99,6 @@ class TierDialog(QDialog):
         self.setObjectName("tier_dialog")
         self.setWindowTitle("Add a tier" if tier is None else "Change the tier")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._theme = theme
         self._document = document
         self._apply = apply
         self._scenario_labels = tuple(dict.fromkeys(label.strip() for label in scenario_labels if label.strip()))

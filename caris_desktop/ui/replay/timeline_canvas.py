@@ -54,8 +54,6 @@ class TimelineCanvas(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self._theme = theme
-        self._thumbnails = thumbnails
         self.shown = Shown()
         self.places = TimelineGeometry(self.shown)
         self._drawing = TimelineDrawing(theme, thumbnails)

@@ -53,7 +53,6 @@ class TimelineView(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
         self._theme = theme
         self._replay = replay
-        self._state = state
         self._actions = actions
         self._tracks: dict[str, Track] = {}
         self._own_tracks: dict[str, Track] = {}

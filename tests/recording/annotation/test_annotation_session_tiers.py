@@ -34,7 +34,7 @@ from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.studies.measures import measure_session
+from caris_desktop.recording.studies.measures import measure, read_facts
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
 
 
@@ -243,7 +243,7 @@ def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path)
         (115_000, 115_200, "refused: failed"),
         (116_000, 120_000, "lab: requested"),
     ]
-    driving = measure_session(session).driving
+    driving = measure(read_facts(session)).driving
     assert driving.goals == {"cancelled": 1, "failed": 1, "unfinished": 1}
     assert driving.navigating_s == pytest.approx(14.99 + 4.0)
 

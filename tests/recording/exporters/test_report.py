@@ -34,7 +34,7 @@ from caris_desktop.recording.export import ExportContext, ExportRequest, export_
 from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.studies.measures import measure_session
+from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.recording.studies.statistics import study_statistics
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour
 
@@ -105,7 +105,7 @@ def drawings(page: Path) -> list[ElementTree.Element]:
 
 def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None:
     page = report_of(toured.folder, tmp_path / "out")
-    measures = measure_session(toured)
+    measures = measure(read_facts(toured))
     for words in (
         "Participant P07, humour, trial 3",
         "21 November 2026, 10:00 UTC",
@@ -248,7 +248,7 @@ def test_the_sheet_names_where_each_answer_is_from_and_what_is_left_to_fill_in(t
     assert answers["Who were they?"].answer == ""
     assert answers["Where did it take place?"].by_hand
     assert "One wizard: Mia (one session)." in answers["How many wizards?"].answer
-    measures = measure_session(toured)
+    measures = measure(read_facts(toured))
     (model,) = measures.models
     assert f"accepted {model.said + model.edited} " in answers["How many of its answers were used?"].answer
     assert "temperature 0.3" in answers["With which parameters?"].answer

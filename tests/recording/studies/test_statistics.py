@@ -17,7 +17,7 @@ from caris_desktop.recording.annotation.model import Annotation, AnnotationDocum
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
-from caris_desktop.recording.studies.measures import FIGURES, Measures, measure_session
+from caris_desktop.recording.studies.measures import FIGURES, Measures, measure, read_facts
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
 from tests.recording.told_session import TRIAL, at, exchange, silenced, tell, tour
 
@@ -52,7 +52,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def measures(study: Path) -> dict[str, Measures]:
-    return {folder.name: measure_session(open_session(folder)) for folder in (study / "sessions").iterdir()}
+    return {folder.name: measure(read_facts(open_session(folder))) for folder in (study / "sessions").iterdir()}
 
 
 @pytest.fixture(scope="module")
