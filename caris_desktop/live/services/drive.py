@@ -31,7 +31,6 @@ from caris_desktop.scenario.model import Scenario
 RENEW_EVERY_MS = 50
 LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
-SPEED_STEPS = (0.3, 0.6, 1.0)
 _WORTH_RENEWING_NS = 15_000_000
 _AGE_SHOWN_EVERY_MS = 500
 # A link in trouble is still the same connection.

@@ -7,7 +7,6 @@ from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSiz
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.motion_wish import MotionWish
-from caris_desktop.live.services.drive import SPEED_STEPS
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
@@ -374,13 +373,14 @@ class SpeedSteps(QWidget):
         slower, faster = self._caps()
         left = key_cap_width(self._theme, slower) + 6 if slower else 0.0
         right = self.width() - (key_cap_width(self._theme, faster) + 6 if faster else 0.0)
-        width = (right - left) / len(SPEED_STEPS)
-        return [QRectF(left + index * width, 0.5, width, self.height() - 1) for index in range(len(SPEED_STEPS))]
+        width = (right - left) / len(speed_steps.FRACTIONS)
+        height = self.height() - 1
+        return [QRectF(left + index * width, 0.5, width, height) for index in range(len(speed_steps.FRACTIONS))]
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         for index, rect in enumerate(self._segments()):
             if rect.contains(event.position()):
-                self.chosen.emit(SPEED_STEPS[index])
+                self.chosen.emit(speed_steps.FRACTIONS[index])
                 event.accept()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
