@@ -377,18 +377,17 @@ class WithdrawMark(Intent):
 Bounds = tuple[float, float]
 _SHARE: Bounds = (-1.0, 1.0)
 
-_EARLIER_S: Bounds = (0.0, 86_400.0)
-
 
 @dataclass(frozen=True, slots=True)
 class IntentSpec:
     """One line of the table.
 
-    ``words`` say what is asked for, as the beginning of a sentence. ``permission`` is what the scenario must allow.
-    ``moves``: the robot may move of it, so the emergency stop refuses it. ``needs_link``: it is for the robot, so
-    nothing waits for one that is not there. ``in_replay``: a replay does it too. ``quiet``: it is refused so often,
-    as while a key is held, that nobody is told each time; the window shows the reason all the while. ``proposable``: a
-    language model may propose it. ``bounds`` are the least and the greatest value of numbers among its fields.
+    ``words`` say what is asked for, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is
+    what the scenario must allow. ``moves``: the robot may move of it, so the emergency stop refuses it. ``needs_link``:
+    it is for the robot, so nothing waits for one that is not there. ``in_replay``: a replay does it too. ``quiet``: it
+    is refused so often, as while a key is held, that nobody is told each time; the window shows the reason all the
+    while. ``proposable``: a language model may propose it. ``bounds`` are the least and the greatest value of numbers
+    among its fields.
     """
 
     words: str
@@ -401,11 +400,7 @@ class IntentSpec:
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
 
 
-_GOAL = IntentSpec("Going there", "driving", moves=True, needs_link=True, proposable=True)
-_MAP = IntentSpec("The map", "driving", needs_link=True)
-_PLACE = IntentSpec("The place", "driving")
-_MARK = IntentSpec("The mark")
-_MOMENT = IntentSpec("The mark", bounds={"earlier_s": _EARLIER_S})
+_MOMENT: Mapping[str, Bounds] = {"earlier_s": (0.0, 86_400.0)}
 
 INTENTS: Mapping[type[Intent], IntentSpec] = {
     Drive: IntentSpec(
@@ -413,11 +408,11 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
         bounds={"forward": _SHARE, "left": _SHARE, "turn": _SHARE},
     ),
     ReleaseDrive: IntentSpec("Letting go", in_replay=True),
-    SetSpeed: IntentSpec("The speed", "driving", bounds={"fraction": (0.0, 1.0)}),
+    SetSpeed: IntentSpec("Setting the speed", "driving", bounds={"fraction": (0.0, 1.0)}),
     Stop: IntentSpec("Stopping", in_replay=True),
-    EmergencyStop: IntentSpec("The emergency stop", in_replay=True),
+    EmergencyStop: IntentSpec("Latching the emergency stop", in_replay=True),
     ReleaseEmergencyStop: IntentSpec("Releasing the emergency stop"),
-    SetGuard: IntentSpec("Switching the guard off", "driving", needs_link=True),
+    SetGuard: IntentSpec("Switching the obstacle guard off", "driving", needs_link=True),
     LookAt: IntentSpec(
         "Looking there", "driving", moves=True, needs_link=True, proposable=True,
         bounds={"pan_rad": (-math.tau, math.tau), "tilt_rad": (-math.tau, math.tau)},
@@ -426,35 +421,35 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
         "Turning the head", "driving", moves=True, needs_link=True, quiet=True, bounds={"pan": _SHARE, "tilt": _SHARE}
     ),
     Nod: IntentSpec("Nodding", "driving", moves=True, needs_link=True, proposable=True),
-    GoToPlace: _GOAL,
-    GoToPoint: _GOAL,
+    GoToPlace: IntentSpec("Driving to the place", "driving", moves=True, needs_link=True, proposable=True),
+    GoToPoint: IntentSpec("Driving there", "driving", moves=True, needs_link=True, proposable=True),
     CancelGoal: IntentSpec("Cancelling the goal"),
-    SetInitialPose: IntentSpec("Telling the robot where it is", "driving", needs_link=True),
-    SavePlace: _PLACE,
-    RemovePlace: _PLACE,
-    SaveMap: _MAP,
-    LoadMap: _MAP,
-    SetMapping: _MAP,
+    SetInitialPose: IntentSpec("Setting the robot's position", "driving", needs_link=True),
+    SavePlace: IntentSpec("Saving the place", "driving"),
+    RemovePlace: IntentSpec("Removing the place", "driving"),
+    SaveMap: IntentSpec("Saving the map", "driving", needs_link=True),
+    LoadMap: IntentSpec("Loading the map", "driving", needs_link=True),
+    SetMapping: IntentSpec("Switching mapping on or off", "driving", needs_link=True),
     # Whether it moves the robot is said of each control.
-    UseControl: IntentSpec("The control", "robot_controls", needs_link=True, proposable=True),
-    UseRobot: IntentSpec("Another robot"),
+    UseControl: IntentSpec("Using the control", "robot_controls", needs_link=True, proposable=True),
+    UseRobot: IntentSpec("Connecting to another robot"),
     Say: IntentSpec("Speaking", proposable=True),
-    Silence: IntentSpec("Silence"),
-    Ask: IntentSpec("The assistant", "assistant"),
+    Silence: IntentSpec("Interrupting speech"),
+    Ask: IntentSpec("Asking the assistant", "assistant"),
     CancelAnswer: IntentSpec("Cancelling the answer"),
-    SayAnswer: IntentSpec("The answer", "assistant"),
-    NamePerson: IntentSpec("The name", "naming_people"),
-    StartRecording: IntentSpec("Recording"),
+    SayAnswer: IntentSpec("Saying the answer", "assistant"),
+    NamePerson: IntentSpec("Naming the person", "naming_people"),
+    StartRecording: IntentSpec("Starting a recording"),
     StopRecording: IntentSpec("Ending the recording"),
-    PauseRecording: IntentSpec("The pause"),
-    UseMicrophone: IntentSpec("The microphone"),
-    TakePhoto: IntentSpec("The photo", "photos", proposable=True),
-    KeepLayout: IntentSpec("The arrangement of the panels", quiet=True),
-    OpenScenario: IntentSpec("Another scenario"),
-    Mark: _MOMENT,
-    BeginMark: _MOMENT,
-    StretchMark: _MARK,
-    EndMark: IntentSpec("The mark", quiet=True),
-    ChangeMark: _MOMENT,
-    WithdrawMark: _MARK,
+    PauseRecording: IntentSpec("Pausing the recording"),
+    UseMicrophone: IntentSpec("Choosing a microphone"),
+    TakePhoto: IntentSpec("Taking a photo", "photos", proposable=True),
+    KeepLayout: IntentSpec("Keeping the arrangement of the panels", quiet=True),
+    OpenScenario: IntentSpec("Opening another scenario"),
+    Mark: IntentSpec("Marking the moment", bounds=_MOMENT),
+    BeginMark: IntentSpec("Marking a stretch", bounds=_MOMENT),
+    StretchMark: IntentSpec("Making a stretch of the mark"),
+    EndMark: IntentSpec("Ending the mark", quiet=True),
+    ChangeMark: IntentSpec("Changing the mark", bounds=_MOMENT),
+    WithdrawMark: IntentSpec("Taking the mark back"),
 }  # fmt: skip

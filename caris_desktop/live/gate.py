@@ -49,7 +49,7 @@ class Gate:
         unfit = _unfit(intent, spec)
         if unfit:
             # Nobody types such values: a program that asks has made a mistake.
-            return Refusal(f"{spec.words}: {unfit}.", "Nothing was done.", "Ask for a value that is possible.")
+            return Refusal(f"{spec.words} is not possible: {unfit}.", "Nothing was done.", "Ask for another value.")
         if intent.lets_go:
             return None
         if spec.permission is not None and not getattr(self._permissions(), spec.permission):
@@ -58,7 +58,7 @@ class Gate:
         words, moves = self._of_control(intent, spec)
         if moves and self._state.drive.value.emergency_stop:
             return Refusal(
-                f"{words}: the emergency stop is on.",
+                f"{words} is not possible: the emergency stop is on.",
                 "Nothing was sent to the robot.",
                 "Release the emergency stop first, when everybody is clear of the robot.",
                 until="released",
@@ -66,7 +66,7 @@ class Gate:
             )
         if spec.needs_link and self._state.link.value.state != "connected":
             return Refusal(
-                f"{words}: the robot is not connected.",
+                f"{words} is not possible: the robot is not connected.",
                 "Nothing was sent to it, and nothing is kept for later.",
                 "Try again when the link is back.",
                 until="connected",
@@ -79,7 +79,7 @@ class Gate:
         if not isinstance(intent, intents.UseControl):
             return spec.words, spec.moves
         control = next((one for one in self._state.controls.value if one.id == intent.control), None)
-        return (spec.words, True) if control is None else (control.title, control.is_motion)
+        return (spec.words, True) if control is None else (f"Using “{control.title}”", control.is_motion)
 
 
 def _unfit(intent: Intent, spec: IntentSpec) -> str:

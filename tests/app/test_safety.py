@@ -242,10 +242,8 @@ def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_aski
     console.say("release A")
     console.say("press D")
     console.say("go 1.5 5.0")
-    wait_for(
-        lambda: any("Going there: the emergency stop is on." in problem for problem in console.shown["problems"]),
-        "the goal is refused",
-    )
+    refusal = "Driving there is not possible: the emergency stop is on."
+    wait_for(lambda: any(refusal in problem for problem in console.shown["problems"]), "the goal is refused")
     console.say("release D")
     assert _moving(wire) == []
     assert robot.state()["goal_id"] == ""
