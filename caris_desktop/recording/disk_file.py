@@ -130,15 +130,10 @@ class DiskFile:
         finally:
             self.seek(position)
 
-    def extend_to(self, size_bytes: int) -> None:
-        """Grow to ``size_bytes`` with zeros, which take no room where the file system can; then write from there."""
-        os.ftruncate(self._descriptor, size_bytes)
-        self._size = size_bytes
-        self._written += 1
-        self.seek(size_bytes)
-
-    def cut_to(self, size_bytes: int) -> None:
-        """Take back what was written last; then write from there."""
+    def end_at(self, size_bytes: int) -> None:
+        """Take back what was written last, or grow with zeros, which take no room where the file system can; then write
+        from there.
+        """
         os.ftruncate(self._descriptor, size_bytes)
         self._size = size_bytes
         self._written += 1

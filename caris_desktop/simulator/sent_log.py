@@ -11,7 +11,19 @@ from caris_desktop.ros.dialect import decode_time
 from caris_desktop.simulator.outbox import Published
 
 
-class SentLog:
+class _Lines:
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("a", encoding="utf-8", buffering=1)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        # CBOR brings bytes and undefined values, too.
+        self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
+
+
+class SentLog(_Lines):
     """One JSON line per message and client: ``at_ns`` (this machine's clock), ``client``, ``topic``, ``sequence`` (of
     the topic, from 1), ``stamp_ns`` (of the header, null without one) and ``bytes``.
 
@@ -21,26 +33,19 @@ class SentLog:
         When the file cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._file: TextIO = path.open("a", encoding="utf-8", buffering=1)
-
     def delivered(self, client: str, published: Published, size_bytes: int) -> None:
         """Note one message."""
-        line = {
+        self._write({
             "at_ns": time.time_ns(),
             "client": client,
             "topic": published.topic,
             "sequence": published.sequence,
             "stamp_ns": _stamp_ns(published.message),
             "bytes": size_bytes,
-        }
-        self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
-
-    def close(self) -> None:
-        self._file.close()
+        })  # fmt: skip
 
 
-class ObeyedLog:
+class ObeyedLog(_Lines):
     """One JSON line per message that the robot took from a client and obeyed: ``at_ns`` (monotonic clock, the same for
     every process of this machine), ``client``, ``topic`` and ``message``; and one per client: ``at_ns``, ``connected``.
 
@@ -50,9 +55,6 @@ class ObeyedLog:
         When the file cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._file: TextIO = path.open("a", encoding="utf-8", buffering=1)
-
     def connected(self, client: str) -> None:
         """Note a client that has just been let in."""
         self._write({"at_ns": time.monotonic_ns(), "connected": client})
@@ -60,13 +62,6 @@ class ObeyedLog:
     def obeyed(self, client: str, topic: str, message: dict[str, Any]) -> None:
         """Note one message."""
         self._write({"at_ns": time.monotonic_ns(), "client": client, "topic": topic, "message": message})
-
-    def close(self) -> None:
-        self._file.close()
-
-    def _write(self, line: dict[str, Any]) -> None:
-        # CBOR brings bytes and undefined values, too.
-        self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
 
 
 def _stamp_ns(message: dict[str, Any]) -> int | None:

@@ -42,7 +42,6 @@ class Colors:
     red_hover: str
     red_soft: str
     on_blue: str
-    on_green: str
     on_red: str
     key_ground: str
     key_line: str
@@ -58,7 +57,6 @@ class Colors:
     map_free: str
     map_unknown: str
     map_wall: str
-    map_grid: str
     shadow: str
     coders: tuple[str, ...]
     """One for each coder of the annotations, in turn. Chips on them are written in ``panel``."""
@@ -86,7 +84,6 @@ DARK = Colors(
     red_hover="#c12e34",
     red_soft="#42191c",
     on_blue="#0b1a2b",
-    on_green="#06231a",
     on_red="#ffffff",
     key_ground="#14171c",
     key_line="#465164",
@@ -102,7 +99,6 @@ DARK = Colors(
     map_free="#20262f",
     map_unknown="#161a20",
     map_wall="#78879f",
-    map_grid="#262d38",
     shadow="#70000000",
     coders=("#4cc2c4", "#b39bf8", "#eb9b66", "#ea86bf", "#a9c85c", "#7fb2f9"),
 )
@@ -129,7 +125,6 @@ LIGHT = Colors(
     red_hover="#b9282e",
     red_soft="#fce8e9",
     on_blue="#ffffff",
-    on_green="#ffffff",
     on_red="#ffffff",
     key_ground="#ffffff",
     key_line="#b4bdca",
@@ -145,35 +140,6 @@ LIGHT = Colors(
     map_free="#ffffff",
     map_unknown="#e9edf2",
     map_wall="#4a586c",
-    map_grid="#eef1f5",
     shadow="#38243447",
     coders=("#0e7680", "#6a4cd0", "#a94e14", "#b02f7a", "#55720f", "#2360c2"),
 )
-
-
-def contrast(first: str, second: str) -> float:
-    """WCAG 2 contrast ratio of two opaque colours given as ``#rrggbb``."""
-    lighter, darker = sorted((_luminance(first), _luminance(second)), reverse=True)
-    return (lighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(color: str) -> float:
-    channels = [int(color[index : index + 2], 16) / 255 for index in (1, 3, 5)]
-    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in channels]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-# Text and the ground it stands on: every pair must reach 4.5:1 in both themes.
-TEXT_PAIRS: tuple[tuple[str, str], ...] = (
-    ("text", "window"), ("text", "panel"), ("text", "raised"), ("text", "raised_hover"), ("text", "field"),
-    ("text", "blue_soft"), ("text", "green_soft"), ("text", "amber_soft"), ("text", "red_soft"),
-    ("text", "key_ground"),
-    ("dim", "window"), ("dim", "panel"), ("dim", "raised"), ("dim", "field"), ("dim", "key_ground"),
-    ("blue", "panel"), ("green", "panel"), ("amber", "panel"), ("red", "panel"),
-    ("green", "window"), ("amber", "window"), ("red", "window"),
-    ("blue", "blue_soft"), ("amber", "amber_soft"), ("red", "red_soft"), ("green", "green_soft"),
-    ("on_blue", "blue"), ("on_green", "green"), ("on_red", "red_fill"), ("on_red", "red_hover"),
-    ("video_text", "video_ground"), ("video_dim", "video_ground"),
-    ("on_box", "box_named"), ("on_box", "box_unnamed"),
-    ("text", "map_free"), ("text", "map_unknown"), ("text", "line"),
-)  # fmt: skip

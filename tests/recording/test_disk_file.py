@@ -82,7 +82,7 @@ def test_a_file_can_be_patched_and_extended_while_it_grows(tmp_path: Path) -> No
     file = DiskFile(tmp_path / "f")
     file.write(b"head body")
     file.patch(0, b"HEAD")
-    file.extend_to(12)
+    file.end_at(12)
     file.write(b"tail")
     assert (tmp_path / "f").read_bytes() == b"HEAD body\0\0\0tail"
     assert file.sync()

@@ -12,8 +12,35 @@ from pytestqt.qtbot import QtBot
 import caris_desktop.ui
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
-from caris_desktop.ui.tokens import DARK, LIGHT, TEXT_PAIRS, Colors, contrast
+from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 from tests.ui.conftest import MemorySettings
+
+# Text and the ground it stands on: every pair must reach 4.5:1 in both themes.
+TEXT_PAIRS: tuple[tuple[str, str], ...] = (
+    ("text", "window"), ("text", "panel"), ("text", "raised"), ("text", "raised_hover"), ("text", "field"),
+    ("text", "blue_soft"), ("text", "green_soft"), ("text", "amber_soft"), ("text", "red_soft"),
+    ("text", "key_ground"),
+    ("dim", "window"), ("dim", "panel"), ("dim", "raised"), ("dim", "field"), ("dim", "key_ground"),
+    ("blue", "panel"), ("green", "panel"), ("amber", "panel"), ("red", "panel"),
+    ("green", "window"), ("amber", "window"), ("red", "window"),
+    ("blue", "blue_soft"), ("amber", "amber_soft"), ("red", "red_soft"), ("green", "green_soft"),
+    ("on_blue", "blue"), ("on_red", "red_fill"), ("on_red", "red_hover"),
+    ("video_text", "video_ground"), ("video_dim", "video_ground"),
+    ("on_box", "box_named"), ("on_box", "box_unnamed"),
+    ("text", "map_free"), ("text", "map_unknown"), ("text", "line"),
+)  # fmt: skip
+
+
+def contrast(first: str, second: str) -> float:
+    """WCAG 2 contrast ratio of two opaque colours given as ``#rrggbb``."""
+    lighter, darker = sorted((_luminance(first), _luminance(second)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(color: str) -> float:
+    channels = [int(color[index : index + 2], 16) / 255 for index in (1, 3, 5)]
+    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 @pytest.mark.parametrize("colors", [DARK, LIGHT], ids=["dark", "light"])

@@ -138,7 +138,7 @@ class AudioFile:
         if count <= _WRITTEN_SILENCE_S * self.rate_hz:
             self.file.write(bytes(size_bytes))
         else:
-            self.file.extend_to(HEADER_BYTES + (self.samples + count) * self._frame_bytes)
+            self.file.end_at(HEADER_BYTES + (self.samples + count) * self._frame_bytes)
         self.samples += count
 
     def _header(self) -> bytes:

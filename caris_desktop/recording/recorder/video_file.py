@@ -172,7 +172,7 @@ class VideoFile:
                 self.last_stamp_ns = held[-1][0]
             yield
         except Exception:
-            self.index.cut_to(size_before)
+            self.index.end_at(size_before)
             self.frames, self.last_stamp_ns = frames_before, last_before_ns
             raise
 

@@ -79,7 +79,7 @@ class DrivePanel(Panel):
         self._guard.clicked.connect(self._on_guard_clicked)
         self.hold.escape_pressed.connect(self._guard.give_up)
         self._guard_hint = QTimer(self, singleShot=True, interval=_GUARD_HINT_MS)
-        self._guard_hint.timeout.connect(self._on_keys_changed)
+        self._guard_hint.timeout.connect(self._show_now)
         # What is shown of arrows, stick and head where there is not room for all; the chosen one comes first.
         self._chosen_view = 0
         self._words = QWidget()
@@ -114,13 +114,13 @@ class DrivePanel(Panel):
         self._layout.addLayout(self._first)
         self._layout.addLayout(self._second, 1)
         self.theme.changed.connect(self._style)
-        self.state.drive.changed.connect(self._on_drive_changed)
-        self.state.goal.changed.connect(self._on_goal_changed)
+        self.state.drive.changed.connect(self._show_now)
+        self.state.goal.changed.connect(self._show_now)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.state.look.changed.connect(self._on_look_changed)
-        self.hold.motion.held_changed.connect(self._on_held_changed)
-        self.hold.key_owner_changed.connect(self._on_key_owner_changed)
-        self.table.keys_changed.connect(self._on_keys_changed)
+        self.hold.motion.held_changed.connect(self._show_now)
+        self.hold.key_owner_changed.connect(self._show_now)
+        self.table.keys_changed.connect(self._show_now)
         self._style()
         self._on_robot_changed(self.state.robot.value)
 
@@ -184,42 +184,27 @@ class DrivePanel(Panel):
         self._chosen_view = (self._chosen_view + 1) % len(self._available_views())
         self._arrange_views()
 
-    def _on_keys_changed(self) -> None:
-        self._show(self.state.drive.value)
-
-    def _on_key_owner_changed(self, _owner: str) -> None:
-        self._show(self.state.drive.value)
-
     def _style(self) -> None:
         self._line.setFont(self.theme.font(tokens.SPEECH_PX - 1, tokens.WEIGHT_SEMIBOLD))
         self._reason.setFont(self.theme.font(tokens.STATUS_PX))
-        self._show(self.state.drive.value)
+        self._show_now()
 
     def _on_robot_changed(self, robot: object) -> None:
         self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
         self._pad.show_rows()
         self._arrange_views()
         self._on_look_changed(self.state.look.value)
-        self._show(self.state.drive.value)
+        self._show_now()
 
     def _on_look_changed(self, _look: object) -> None:
         if not self.in_view:
             return
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
 
-    def _on_drive_changed(self, drive: DriveStatus) -> None:
-        self._show(drive)
-
-    def _on_goal_changed(self, _goal: GoalChanged | None) -> None:
-        self._show(self.state.drive.value)
-
     def _going_to(self) -> str:
         """Where the robot drives by itself; empty when it does not."""
         goal: GoalChanged | None = self.state.goal.value
         return (goal.place or "the chosen point") if goal is not None and goal.state in words.UNDER_WAY else ""
-
-    def _on_held_changed(self, _held: object) -> None:
-        self._show(self.state.drive.value)
 
     def _on_stick_moved(self, wish: MotionWish) -> None:
         self.hold.motion.push_onscreen("base", wish)
@@ -240,14 +225,15 @@ class DrivePanel(Panel):
 
     def _on_guard_let_go(self) -> None:
         self._guard_hint.start()
-        self._show(self.state.drive.value)
+        self._show_now()
 
     def catch_up(self) -> None:
         self._on_robot_changed(self.state.robot.value)
 
-    def _show(self, drive: DriveStatus) -> None:
+    def _show_now(self, _changed: object = None) -> None:
         if not self.in_view:
             return
+        drive: DriveStatus = self.state.drive.value
         going_to = self._going_to()
         by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
         by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
