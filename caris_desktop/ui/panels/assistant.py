@@ -84,7 +84,7 @@ class AssistantPanel(Panel):
         self._column.addLayout(self._middle, 1)
         self._column.addWidget(self._note)
         self.state.assistant.changed.connect(self._on_assistant_changed)
-        self.table.rebuilt.connect(self._on_table_rebuilt)
+        self.table.rebuilt.connect(self.catch_up)
         self.theme.changed.connect(self._style)
         self._style()
 
@@ -152,9 +152,6 @@ class AssistantPanel(Panel):
         # The style sheet tells a field that can be edited from text by this property.
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
-
-    def _on_table_rebuilt(self) -> None:
-        self._on_assistant_changed(self.state.assistant.value)
 
     def catch_up(self) -> None:
         self._on_assistant_changed(self.state.assistant.value)

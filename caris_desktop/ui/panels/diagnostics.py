@@ -307,7 +307,7 @@ class DiagnosticsPanel(Panel):
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
         self.every(1000, self.refresh)
-        self.state.traffic.changed.connect(self._on_traffic_changed)
+        self.state.traffic.changed.connect(self.refresh)
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.theme.changed.connect(self._style)
@@ -342,9 +342,6 @@ class DiagnosticsPanel(Panel):
 
     def _on_robot_changed(self, _robot: object) -> None:
         self.model.forget()
-        self.refresh()
-
-    def _on_traffic_changed(self, _traffic: object) -> None:
         self.refresh()
 
     def _on_link_changed(self, link: LinkStatus) -> None:

@@ -230,7 +230,7 @@ class DrivePanel(Panel):
     def catch_up(self) -> None:
         self._on_robot_changed(self.state.robot.value)
 
-    def _show_now(self, _changed: object = None) -> None:
+    def _show_now(self) -> None:
         if not self.in_view:
             return
         drive: DriveStatus = self.state.drive.value

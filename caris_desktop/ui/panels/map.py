@@ -11,7 +11,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
 from caris_desktop.live.state import LiveStream
-from caris_desktop.live.status import DriveStatus, LinkStatus, MapStatus
+from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import words
@@ -56,7 +56,7 @@ class MapPanel(Panel):
         self._make_title_widgets()
         view = self.view
         view.follow_changed.connect(self._follow.setChecked)
-        view.rotate_changed.connect(self._on_rotate_changed)
+        view.rotate_changed.connect(self._refresh)
         self._listen()
         self.every(250, self._refresh)
 
@@ -73,9 +73,9 @@ class MapPanel(Panel):
         state.people_in_map.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_people_changed)
         state.robot.changed.connect(self._on_robot_changed)
-        state.mapping.changed.connect(self._on_mapping_changed)
+        state.mapping.changed.connect(self._refresh)
         state.drive.changed.connect(self._on_drive_changed)
-        state.link.changed.connect(self._on_link_changed)
+        state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
             stream.freshness_changed.connect(self._on_freshness_changed)
@@ -208,9 +208,6 @@ class MapPanel(Panel):
         self._follow.setChecked(False)
         self.view.fit()
 
-    def _on_rotate_changed(self, rotate: bool) -> None:
-        self._refresh()
-
     # ---- what the console tells
 
     def _on_table_rebuilt(self) -> None:
@@ -318,16 +315,10 @@ class MapPanel(Panel):
                 self._ended = (told[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)
             self._refresh()
 
-    def _on_mapping_changed(self, _mapping: MapStatus) -> None:
-        self._refresh()
-
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if not self.in_view:
             return
         self.view.show_guard(drive.guard, drive.guard_distance_m)
-
-    def _on_link_changed(self, _link: LinkStatus) -> None:
-        self._refresh()
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
         if not self.in_view:

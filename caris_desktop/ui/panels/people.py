@@ -79,9 +79,9 @@ class PeoplePanel(Panel):
         layout.setContentsMargins(2, 6, 2, 8)
         layout.addWidget(holder)
         self.state.persons.changed.connect(self._on_persons_changed)
-        self.state.camera.changed.connect(self._on_camera_changed)
-        self.state.perception.changed.connect(self._on_perception_changed)
-        self.state.frame.freshness_changed.connect(self._on_freshness_changed)
+        self.state.camera.changed.connect(self.catch_up)
+        self.state.perception.changed.connect(self._refresh)
+        self.state.frame.freshness_changed.connect(self._refresh)
         self.theme.changed.connect(self._refresh)
         self.every(1000, self.model.refresh_ages)
         self.catch_up()
@@ -95,9 +95,6 @@ class PeoplePanel(Panel):
     def catch_up(self) -> None:
         self._on_persons_changed(self.state.persons.value)
 
-    def _on_camera_changed(self, _camera: str) -> None:
-        self._on_persons_changed(self.state.persons.value)
-
     def _in_picture(self, person: PersonRow) -> bool:
         return self.state.camera.value in ("", person.camera) or not person.camera
 
@@ -108,12 +105,6 @@ class PeoplePanel(Panel):
             self.model.show_persons(in_picture, known=known, in_place=self.list.held)
             self.list.look_whose_name_it_is()
             self._refresh()
-
-    def _on_perception_changed(self, _status: PerceptionStatus) -> None:
-        self._refresh()
-
-    def _on_freshness_changed(self, _freshness: str) -> None:
-        self._refresh()
 
     def _refresh(self) -> None:
         if not self.in_view:

@@ -70,9 +70,9 @@ class RobotPanel(Panel):
         self.state.control_states.changed.connect(self._on_states_changed)
         self.state.readings.changed.connect(self._on_readings_changed)
         self.state.readings.freshness_changed.connect(self._on_readings_freshness_changed)
-        self.state.link.changed.connect(self._on_link_changed)
+        self.state.link.changed.connect(self._refresh)
         self.state.drive.changed.connect(self._on_drive_changed)
-        self.state.robot.changed.connect(self._on_robot_changed)
+        self.state.robot.changed.connect(self._refresh)
         self.hold.escape_pressed.connect(self._on_escape)
         self.theme.changed.connect(self._style)
         self._on_controls_changed(self.state.controls.value)
@@ -144,12 +144,6 @@ class RobotPanel(Panel):
         if drive.emergency_stop != self._held:
             self._held = drive.emergency_stop
             self._refresh()
-
-    def _on_link_changed(self, _link: LinkStatus) -> None:
-        self._refresh()
-
-    def _on_robot_changed(self, _robot: object) -> None:
-        self._refresh()
 
     def _on_escape(self) -> None:
         for entry in self._entries.values():

@@ -130,7 +130,7 @@ class SessionPanel(Panel):
         layout.addWidget(self._log, 1)
         self._log.setMinimumHeight(LOG_LINE_PX)
         self.state.time_jumped.connect(self._on_time_jumped)
-        self.state.recording.changed.connect(self._on_recording_changed)
+        self.state.recording.changed.connect(self._refresh)
         self.state.event_happened.connect(self._on_event)
         self.every(500, self._refresh)
         self.theme.changed.connect(self._refresh)
@@ -212,9 +212,6 @@ class SessionPanel(Panel):
         folder: Path | None = self.state.recording.value.folder
         if folder is not None:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
-
-    def _on_recording_changed(self, _status: RecordingStatus) -> None:
-        self._refresh()
 
     def _kept(self) -> str:
         """What a session holds, in few words."""

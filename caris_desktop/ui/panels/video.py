@@ -13,7 +13,7 @@ from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, RobotPose
-from caris_desktop.live.status import DriveStatus, LinkStatus
+from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
@@ -84,8 +84,8 @@ class VideoPanel(Panel):
         state.frame.freshness_changed.connect(self._on_freshness_changed)
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
-        state.drive.changed.connect(self._on_drive_changed)
-        state.link.changed.connect(self._on_link_changed)
+        state.drive.changed.connect(self._refresh)
+        state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         state.cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_cameras_changed)
@@ -299,12 +299,6 @@ class VideoPanel(Panel):
     def _go(self, target: Pose2D) -> None:
         self.view.show_spot(None)
         self.console.do(intents.GoToPoint(target))
-
-    def _on_link_changed(self, _link: LinkStatus) -> None:
-        self._refresh()
-
-    def _on_drive_changed(self, _drive: DriveStatus) -> None:
-        self._refresh()
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, DriveEnded):
