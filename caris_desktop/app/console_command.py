@@ -26,11 +26,9 @@ from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.session_library import LiveSessionLibrary
-from caris_desktop.scenario.library import list_scenarios
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.scenario_choice import ScenarioChoice
 from caris_desktop.ui.theme import Theme, as_choice
 
 _log = logging.getLogger(__name__)
@@ -76,7 +74,6 @@ class ConsoleRun:
             self.console,
             settings=self.settings,
             theme=theme,
-            scenarios=_scenario_choices,
             gamepads=self.console.gamepads,
             explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
         )
@@ -234,10 +231,6 @@ def check_screen() -> None:
             "There is no screen to open the window on. Start the console from a desktop session; without one, "
             "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' makes a virtual screen for it."
         )
-
-
-def _scenario_choices() -> list[ScenarioChoice]:
-    return [ScenarioChoice(entry.title, entry.path) for entry in list_scenarios()]
 
 
 def _let_python_run() -> None:

@@ -26,29 +26,13 @@ class Turn:
         return self.started_ns is not None and self.state != "failed"
 
 
-class Conversation:
-    """The newest ``max_turns`` turns, in the order in which they were first heard of."""
-
-    def __init__(self, *, max_turns: int = 500) -> None:
-        self._max_turns = max_turns
-        self._turns: dict[str, Turn] = {}
-
-    def add(self, event: UtteranceChanged) -> None:
-        known = self._turns.get(event.utterance_id)
-        self._turns[event.utterance_id] = _first(event) if known is None else _next(known, event)
-        while len(self._turns) > self._max_turns:
-            del self._turns[next(iter(self._turns))]
-
-    @property
-    def turns(self) -> tuple[Turn, ...]:
-        return tuple(self._turns.values())
-
-
 def turns_of(events: Iterable[UtteranceChanged]) -> tuple[Turn, ...]:
-    conversation = Conversation()
+    """The turns in the order in which they were first heard of."""
+    turns: dict[str, Turn] = {}
     for event in events:
-        conversation.add(event)
-    return conversation.turns
+        known = turns.get(event.utterance_id)
+        turns[event.utterance_id] = _first(event) if known is None else _next(known, event)
+    return tuple(turns.values())
 
 
 def _first(event: UtteranceChanged) -> Turn:

@@ -45,7 +45,6 @@ class Situation:
     """
 
     generation: int
-    at_ns: int
     values: tuple[Any, ...]
     standing: tuple[Any, ...]
     frames: tuple[FrameRef, ...]
@@ -55,7 +54,6 @@ class Situation:
 
 @dataclass(slots=True)
 class _Ahead:
-    generation: int = 0
     waiting: deque[tuple[int, Any]] = field(default_factory=deque)
     read_until_ns: int = 0
 
@@ -86,7 +84,7 @@ class ReplayFeed:
         """
         with self._changed:
             self._jump = (generation, at_ns, shown_ns)
-            self._ahead = _Ahead(generation, read_until_ns=at_ns)
+            self._ahead = _Ahead(read_until_ns=at_ns)
             self._position_ns = at_ns
             self._changed.notify()
 
@@ -181,7 +179,6 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
     }
     return Situation(
         generation,
-        at_ns,
         tuple(values.values()),
         tuple(event for _, event in standing),
         tuple(sorted(frames, key=lambda frame: frame.stamp_ns)),

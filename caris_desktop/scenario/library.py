@@ -12,14 +12,11 @@ SUFFIXES = (".yaml", ".yml")
 
 
 @dataclass(frozen=True, slots=True)
-class ScenarioEntry:
-    """One file of the library. ``problem`` says why it cannot be opened; then ``title`` is its file name."""
+class ScenarioChoice:
+    """One file of the library. Of one that cannot be opened the title is its file name."""
 
-    name: str
     title: str
     path: Path
-    shipped: bool
-    problem: str = ""
 
 
 def user_scenarios_dir() -> Path:
@@ -27,13 +24,13 @@ def user_scenarios_dir() -> Path:
     return Path(platformdirs.user_config_dir("caris-desktop", appauthor=False)) / "scenarios"
 
 
-def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioEntry, ...]:
+def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...]:
     """Shipped scenarios, then the user's, each by file name. A user's file stands in for a shipped one of its name."""
     user_dir = user_scenarios_dir() if user_dir is None else user_dir
-    own = [_entry(path, shipped=False) for path in _files(user_dir)]
-    own_names = {entry.name for entry in own}
-    shipped = [_entry(path, shipped=True) for path in _files(layouts_dir()) if path.stem not in own_names]
-    return (*shipped, *own)
+    own = _files(user_dir)
+    own_names = {path.stem for path in own}
+    shipped = [path for path in _files(layouts_dir()) if path.stem not in own_names]
+    return tuple(ScenarioChoice(_title(path), path) for path in (*shipped, *own))
 
 
 def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> Path:
@@ -63,9 +60,8 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES and path.is_file())
 
 
-def _entry(path: Path, *, shipped: bool) -> ScenarioEntry:
+def _title(path: Path) -> str:
     try:
-        title, problem = load_scenario(path).title, ""
-    except ScenarioError as error:
-        title, problem = path.stem, str(error)
-    return ScenarioEntry(name=path.stem, title=title, path=path, shipped=shipped, problem=problem)
+        return load_scenario(path).title
+    except ScenarioError:
+        return path.stem

@@ -21,7 +21,6 @@ from caris_desktop.live.gamepad_mapping import (
     part_names,
     with_rests,
 )
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 from caris_desktop.ui import tokens
@@ -183,7 +182,7 @@ class GamepadDialog(QDialog):
         self._rests = with_rests(self._rests, sample.raw)
         if not self.isVisible():
             return
-        self._view.show_sample(sample, self._gamepads.device, self._gamepads.wish, self._gamepads.mapping.dead_zone)
+        self._view.show_sample(sample, self._gamepads.device, self._gamepads.mapping.dead_zone)
         if self._learned is None:
             return
         found = self._found(sample.raw)
@@ -232,7 +231,7 @@ class GamepadDialog(QDialog):
         self._speed_words.setText(f"{mapping.speed * 100:.0f} %")
         self._reset.setEnabled(device is not None)
         self._show_hint(status)
-        self._view.show_sample(self._gamepads.sample, device, self._gamepads.wish, mapping.dead_zone)
+        self._view.show_sample(self._gamepads.sample, device, mapping.dead_zone)
 
     def _show_hint(self, status: GamepadStatus | None = None) -> None:
         status = status or self._state.gamepad.value
@@ -296,24 +295,21 @@ class BindingRow(QWidget):
 
 
 class GamepadView(QWidget):
-    """Each axis as a bar with its dead zone, each button as a lamp, and what it all asks of the robot."""
+    """Each axis as a bar with its dead zone, each button as a lamp."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
         self._raw = RawInputs()
-        self._wish = AT_REST
         self._names: dict[str, str] = {}
         self._dead_zone = 0.0
         self.setFixedHeight(112)
         self.setAccessibleName("The gamepad, live")
         theme.changed.connect(self.update)
 
-    def show_sample(
-        self, sample: GamepadSample, device: GamepadDevice | None, wish: MotionWish, dead_zone: float
-    ) -> None:
+    def show_sample(self, sample: GamepadSample, device: GamepadDevice | None, dead_zone: float) -> None:
         self._raw = sample.raw if device is not None else RawInputs()
-        self._wish, self._dead_zone = wish, dead_zone
+        self._dead_zone = dead_zone
         self._names = part_names(device.controller if device is not None else None)
         self.update()
 

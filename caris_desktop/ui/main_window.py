@@ -13,6 +13,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
+from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import PanelName, Scenario
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.actions import Actions
@@ -34,7 +35,7 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.scenario_choice import ScenarioChoice, same_panels, shipped_scenarios
+from caris_desktop.ui.same_panels import same_panels
 from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice
@@ -58,7 +59,7 @@ class MainWindow(QWidget):
     settings
         Where the theme and the window's place are kept; nothing is kept without.
     scenarios
-        Gives the lines of the scenario menu each time it opens; by default the shipped files.
+        Gives the lines of the scenario menu each time it opens; by default those of the library.
     explorer
         Looks at robots that have no profile yet. It can also be given later, with ``use_explorer``.
     gamepads
@@ -74,7 +75,7 @@ class MainWindow(QWidget):
         console: WizardConsole,
         *,
         settings: Settings | None = None,
-        scenarios: Callable[[], Sequence[ScenarioChoice]] = shipped_scenarios,
+        scenarios: Callable[[], Sequence[ScenarioChoice]] = list_scenarios,
         theme: Theme | None = None,
         gamepads: Gamepads | None = None,
         explorer: "RobotExplorer | None" = None,

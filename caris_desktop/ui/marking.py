@@ -22,7 +22,6 @@ ANSWER_WITHIN_S = 5.0
 @dataclass(slots=True)
 class _Held:
     mark_id: str
-    label: str
     timer: QTimer
     stretched: bool = False
 
@@ -66,7 +65,7 @@ class Marking(QObject):
         label = "" if spec.argument is None else self._label(spec.argument)
         timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
         timer.timeout.connect(lambda: self._on_held(action_id))
-        self._held[action_id] = _Held(self._mark(label), label, timer)
+        self._held[action_id] = _Held(self._mark(label), timer)
         timer.start()
 
     def _on_held(self, action_id: str) -> None:

@@ -9,13 +9,13 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.actions import ActionSpec, go_to_nth_place
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.overlays import Entry
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.scenario_choice import ScenarioChoice
 from caris_desktop.ui.theme import ThemeChoice
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
 from caris_desktop.ui.words import UNDER_WAY

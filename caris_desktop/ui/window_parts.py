@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.scenario_choice import ScenarioChoice
 from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.theme import Theme, ThemeChoice
 

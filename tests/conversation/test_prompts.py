@@ -2,7 +2,7 @@
 
 from caris_desktop.conversation import prompts
 from caris_desktop.conversation.prompts import build_messages
-from caris_desktop.conversation.transcript import Conversation, Turn, turns_of
+from caris_desktop.conversation.transcript import Turn, turns_of
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceState
 
 
@@ -80,10 +80,3 @@ def test_turns_carry_their_times_and_do_not_go_back() -> None:
 def test_an_utterance_silenced_before_it_began_was_not_said() -> None:
     (turn,) = turns_of([event("u1", "requested"), event("u1", "interrupted", at_ns=2)])
     assert not turn.said
-
-
-def test_a_conversation_forgets_its_oldest_turns() -> None:
-    conversation = Conversation(max_turns=2)
-    for number in range(4):
-        conversation.add(event(f"u{number}", "finished"))
-    assert [turn.utterance_id for turn in conversation.turns] == ["u2", "u3"]

@@ -14,11 +14,12 @@ def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_text("title: Broken\n")
     (tmp_path / "tour-guide.yaml").write_text("title: My tour\nlayout: {panel: video}\n")
     (tmp_path / "notes.txt").write_text("not a scenario")
-    entries = {entry.name: entry for entry in list_scenarios(user_dir=tmp_path)}
-    assert set(entries) == {"mental-health-check", "tour-guide", "mine", "broken"}
-    assert (entries["tour-guide"].title, entries["tour-guide"].shipped) == ("My tour", False)
-    assert entries["mental-health-check"].shipped
-    assert "'layout' is missing" in entries["broken"].problem
+    assert {choice.path: choice.title for choice in list_scenarios(user_dir=tmp_path)} == {
+        layouts_dir() / "mental-health-check.yaml": "Mental health check",
+        tmp_path / "tour-guide.yaml": "My tour",
+        tmp_path / "mine.yaml": "Mine",
+        tmp_path / "broken.yaml": "broken",
+    }
 
 
 def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:

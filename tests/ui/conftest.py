@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.scenario_choice import ScenarioChoice
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole

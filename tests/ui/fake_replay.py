@@ -170,7 +170,7 @@ class ReplayScene(QWidget):
         self.actions_table = Actions(self, self.console, self)
         self.actions_table.rebuild(scenario)
         self.timeline = TimelineView(theme, replay, self.state, self.actions_table)
-        self.bar = ReplayBar(theme, replay, self.state, self.actions_table)
+        self.bar = ReplayBar(theme, replay, self.actions_table)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)

@@ -63,7 +63,7 @@ class VideoReader:
         self.problems: list[str] = []
         files = _files_of(session, self.problems)
         for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):
-            video = _Video(path, camera, first_ns, told_bytes_of(session.header, path.name))
+            video = _Video(path, first_ns, told_bytes_of(session.header, path.name))
             self._videos.setdefault(camera, []).append(video)
 
     @property
@@ -191,11 +191,10 @@ class VideoReader:
 class _Video:
     """One file. ``times`` is there after :meth:`prepare`; the file is opened for the first picture."""
 
-    def __init__(self, path: Path, camera: str, first_ns: int, told_bytes: int | None) -> None:
+    def __init__(self, path: Path, first_ns: int, told_bytes: int | None) -> None:
         """``told_bytes`` is how large the file was when its session was closed."""
         self.path = path
         self._told_bytes = told_bytes
-        self.camera = camera
         self.times = FrameTimes.none()
         self._first_ns = first_ns
         self._container: Any = None

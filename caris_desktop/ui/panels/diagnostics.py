@@ -43,11 +43,10 @@ _Index = QModelIndex | QPersistentModelIndex
 
 @dataclass(frozen=True, slots=True)
 class TopicRow:
-    """A topic of a link: ``usual_hz`` is the best rate that it kept for a while, ``state`` words for how it comes."""
+    """A topic of a link; ``state`` are words for how it comes."""
 
     link: str
     traffic: TopicTraffic
-    usual_hz: float
     state: str
 
     @property
@@ -134,9 +133,7 @@ class TrafficModel(QAbstractTableModel):
             for topic in measured.topics:
                 key = link, topic.topic
                 usual_hz = self._usual(key, topic.rate_hz, measured.stamp_ns)
-                rows.append(
-                    TopicRow(link, topic, usual_hz, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s))
-                )
+                rows.append(TopicRow(link, topic, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s)))
         same = [(row.link, row.traffic.topic) for row in rows] == [(row.link, row.traffic.topic) for row in self._rows]
         if same:
             self._rows = rows

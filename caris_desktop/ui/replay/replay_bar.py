@@ -7,7 +7,6 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.overview import SessionOverview
@@ -39,14 +38,13 @@ def rate_text(rate: float) -> str:
 class ReplayBar(QWidget):
     """Moves through the session; ``actions`` gets the keys of a replay."""
 
-    def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
+    def __init__(self, theme: Theme, replay: ReplayControls, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("replay_bar")
         self.setAccessibleName("Replay")
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._replay = replay
-        self._state = state
         actions.add_rows(REPLAY_ACTIONS, self)
         self._thumbnails = Thumbnails(replay, self)
         self.scrubber = Scrubber(theme, self._thumbnails)

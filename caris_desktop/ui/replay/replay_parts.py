@@ -19,7 +19,7 @@ class ReplayParts:
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         self.timeline = TimelineView(theme, replay, state, actions)
-        self._bar = ReplayBar(theme, replay, state, actions)
+        self._bar = ReplayBar(theme, replay, actions)
         self._panels: ReplayPanels | None = None
 
     def arrange(self, docks: DockHost, middle: QSplitter, column: QVBoxLayout, status_bar: QWidget) -> None:

@@ -1,27 +1,9 @@
-"""Which scenarios there are to choose from, and what changes in the window when another one is opened."""
+"""What changes in the window when another scenario is opened."""
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
-from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.dock_host import panels_in
-
-
-@dataclass(frozen=True, slots=True)
-class ScenarioChoice:
-    """A line of the scenario menu."""
-
-    title: str
-    path: Path
-
-
-def shipped_scenarios() -> list[ScenarioChoice]:
-    """The scenario files that come with the program, named after their files."""
-    return [
-        ScenarioChoice(path.stem.replace("_", " ").replace("-", " ").capitalize(), path)
-        for path in sorted(layouts_dir().glob("*.yaml"))
-    ]
 
 
 def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
