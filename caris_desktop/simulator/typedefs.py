@@ -169,7 +169,7 @@ def misfit(dialect: Dialect, type_: str, message: Any) -> str | None:
 
     Fields that are left out are filled with zero by ROS. A type whose definition is not known allows everything.
     """
-    definition = _part(dialect, type_)
+    definition = _part_of(dialect, type_)
     return None if definition is None else _misfit(dialect, plain_name(type_), definition, message, "")
 
 
@@ -179,7 +179,7 @@ def cbor_refusal(dialect: Dialect, type_: str, message: dict[str, Any]) -> str |
     Its encoder knows lists of numbers by names such as ``float64[]``. What has another name is taken for a message or a
     list of messages: a list of fixed length, in ROS 1 also one of texts and times with anything in it.
     """
-    for entry in _values(_part(dialect, type_)):
+    for entry in _values(_part_of(dialect, type_)):
         values = message.get(entry.name)
         if entry.length < 0:
             items: Sequence[Any] = [values if isinstance(values, dict) else {}]
@@ -201,12 +201,12 @@ def _is_no_list_of_cbor(dialect: Dialect, type_: str) -> bool:
 
 def is_known(dialect: Dialect, type_: str) -> bool:
     """Whether the robot has this type installed."""
-    return _part(dialect, type_) is not None
+    return _part_of(dialect, type_) is not None
 
 
 def field_names(dialect: Dialect, type_: str) -> list[str]:
     """The names of the fields in their order; empty where the type is not known."""
-    return [entry.name for entry in _values(_part(dialect, type_))]
+    return [entry.name for entry in _values(_part_of(dialect, type_))]
 
 
 def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
@@ -214,7 +214,7 @@ def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, A
     whole = blank(dialect, type_)
     for name, value in message.items():
         inside = whole.get(name)
-        entry = next((one for one in _values(_part(dialect, type_)) if one.name == name), None)
+        entry = next((one for one in _values(_part_of(dialect, type_)) if one.name == name), None)
         nested = isinstance(inside, dict) and isinstance(value, dict) and entry is not None
         whole[name] = (
             filled(dialect, entry.type, value)
@@ -226,7 +226,7 @@ def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, A
 
 def blank(dialect: Dialect, type_: str, *, part: int = 0) -> dict[str, Any]:
     """A message with every field zero, false or empty."""
-    return {entry.name: _blank(dialect, entry) for entry in _values(_part(dialect, type_, part))}
+    return {entry.name: _blank(dialect, entry) for entry in _values(_part_of(dialect, type_, part))}
 
 
 def _blank(dialect: Dialect, entry: _Field) -> Any:
@@ -275,12 +275,12 @@ def _misfit_of_one(dialect: Dialect, type_: str, value: Any, where: str) -> str 
     elif type_ in _PRIMITIVES:
         fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     else:
-        definition = _part(dialect, type_)
+        definition = _part_of(dialect, type_)
         return None if definition is None else _misfit(dialect, type_, definition, value, where)
     return None if fits else f"{where} must be a {type_}"
 
 
-def _part(dialect: Dialect, type_: str, part: int = 0) -> str | None:
+def _part_of(dialect: Dialect, type_: str, part: int = 0) -> str | None:
     """One part of a definition; None where there is none of that type or number."""
     name, special = plain_name(type_), _ROS1 if dialect is Dialect.ROS1 else _ROS2
     parts = special.get(name, _BOTH.get(name, "")).split("---")
@@ -292,7 +292,7 @@ def _typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
     waiting, seen = [(type_, part)], {type_}
     while waiting:
         name, which = waiting.pop(0)
-        definition = _part(dialect, name, which)
+        definition = _part_of(dialect, name, which)
         if definition is None:
             continue
         entries = list(_fields(definition))
