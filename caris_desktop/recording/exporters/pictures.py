@@ -1,8 +1,7 @@
 """The pictures that recorded values speak of, and how many of them to take."""
 
-import re
-
 from caris_desktop.recording.replay.video_reader import Picture, RecordedFrame, VideoReader
+from caris_desktop.recording.session.media_names import in_file_names
 
 # Neighbouring frames of the fastest cameras are 4 ms apart; a video rounds its times to 11 µs.
 _SAME_FRAME_NS = 1_500_000
@@ -22,7 +21,7 @@ def picture_of(videos: VideoReader, camera: str, stamp_ns: int) -> Picture | Non
 
 def camera_file_name(camera: str) -> str:
     """The camera's name as a part of a file's name."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", camera).strip("-")[:40] or "camera"
+    return in_file_names(camera) or "camera"
 
 
 class Pace:

@@ -1,7 +1,8 @@
 """A session as an RO-Crate: its files with what an archive must know of them, readable by people and programs.
 
-https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads it in tests; its writer copies
-files as they are, where these are checked and given pseudonyms on the way, and of the rest would spare only braces.
+https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads it in tests. Its writer copies
+files as they are, where these are checked and given pseudonyms on the way; of the graph it would spare the six lines
+that describe the metadata file, but list each file in the root and in its folder, for three more packages to install.
 
 Long because it is the whole graph of an archive.
 """

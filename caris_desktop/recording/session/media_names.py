@@ -8,12 +8,12 @@ _NAME = re.compile(r"(?P<first>.*?)(-\d+)?\.mp4")
 
 def video_file_name(camera: str, taken: set[str]) -> str:
     """``video-CAMERA.mp4`` with nothing in the name that could leave the folder, and not yet ``taken``."""
-    return _free_name(f"video-{_plain(camera) or 'camera'}", ".mp4", taken)
+    return _free_name(f"video-{in_file_names(camera) or 'camera'}", ".mp4", taken)
 
 
 def audio_file_name(source: str, taken: set[str]) -> str:
     """``audio-SOURCE.wav`` with nothing in the name that could leave the folder, and not yet ``taken``."""
-    return _free_name(f"audio-{_plain(source) or 'sound'}", ".wav", taken)
+    return _free_name(f"audio-{in_file_names(source) or 'sound'}", ".wav", taken)
 
 
 def camera_of_video(file_name: str, cameras: Iterable[str]) -> str:
@@ -25,7 +25,8 @@ def camera_of_video(file_name: str, cameras: Iterable[str]) -> str:
     return of_name.get(file_name) or of_name.get(first) or plain
 
 
-def _plain(text: str) -> str:
+def in_file_names(text: str) -> str:
+    """A name as a part of a file's name; empty where nothing of it can be one."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
 
 
