@@ -6,7 +6,6 @@ GUI thread, except where a method says otherwise.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QObject
 
@@ -209,10 +208,6 @@ class Console(QObject):
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         pids["inference"] = self._people.inference_pid
         return {name: pid for name, pid in pids.items() if pid is not None}
-
-    def publish(self, value: Any, raw: bytes | None = None) -> None:
-        """Take a domain value from any thread to whoever wants it."""
-        self._bus.publish(value, raw)
 
     def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
         """Tell the wizard, and the record."""

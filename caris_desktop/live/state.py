@@ -175,7 +175,6 @@ class LiveState(QObject):
         self.head = self._streams["head"]
         self.readings = self._streams["readings"]
         self.frame = self._streams["frame"]
-        self.audio = self._streams["audio"]
         self.link = LiveValue(LinkStatus(), self)
         self.drive = LiveValue(DriveStatus(), self)
         self.recording = LiveValue(RecordingStatus(), self)

@@ -6,6 +6,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros.fields import Message, count, message_of, truth
 
 START_AT_FIRST_NODE = 1
+START_AT_GIVEN_POSE = 2
 LOCALIZE_AT_POSE = 3
 """match_type of slam_toolbox/DeserializePoseGraph."""
 

@@ -6,6 +6,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import messages
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import count, message_of, number, part, text
+from caris_desktop.ros.map_services import LOCALIZE_AT_POSE, START_AT_GIVEN_POSE
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from caris_desktop.simulator.map_files import MapFileError, MapFiles, NoSuchMap
 from caris_desktop.simulator.server import Message
@@ -16,7 +17,6 @@ logger = logging.getLogger(__name__)
 _LOOK_EVERY_STEPS = 50
 _WHOLE_EVERY_S = 5.0
 _GROWN_BY = 0.1
-_START_AT_GIVEN_POSE, _LOCALIZE_AT_POSE = 2, 3
 _LOADED, _NO_SUCH_MAP, _INVALID_MAP = 0, 1, 2
 _SERIALIZED, _NOT_WRITTEN = 0, 255
 
@@ -102,18 +102,18 @@ class MapOnRos:
         return {"result": _SERIALIZED}
 
     def _deserialize(self, arguments: Message) -> Message:
-        match_type = count(arguments, "match_type", "args", most=_LOCALIZE_AT_POSE) if "match_type" in arguments else 0
+        match_type = count(arguments, "match_type", "args", most=LOCALIZE_AT_POSE) if "match_type" in arguments else 0
         try:
             self._wiring.robot.mapper.restore(*self._files.load_graph(text(arguments, "filename", "args")))
         except (MapFileError, ValueError) as error:
             # slam_toolbox too answers the same whatever happens, and only logs it
             logger.warning("The map was not loaded: %s", error)
             return {}
-        if match_type in (_START_AT_GIVEN_POSE, _LOCALIZE_AT_POSE) and "initial_pose" in arguments:
+        if match_type in (START_AT_GIVEN_POSE, LOCALIZE_AT_POSE) and "initial_pose" in arguments:
             pose = part(message_of(arguments, "args"), "initial_pose", "args")
             here = Pose2D(*(number(pose, name, "args.initial_pose") for name in ("x", "y", "theta")))
             self._wiring.robot.assume_pose(here)
-        if match_type == _LOCALIZE_AT_POSE:
+        if match_type == LOCALIZE_AT_POSE:
             self._wiring.robot.mapping_paused = True
         self._publish_whole()
         return {}
