@@ -169,7 +169,7 @@ def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_
     }
 
 
-def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D | None = None) -> LaserScan:
+def decode_laser_scan(message: Any, *, stamp_ns: int) -> LaserScan:
     """sensor_msgs/LaserScan. JSON's null in ``ranges`` and ``intensities`` becomes ``inf``."""
     scan = message_of(message, "LaserScan")
     range_max_m = number_or_none(scan, "range_max", "LaserScan")
@@ -182,7 +182,7 @@ def decode_laser_scan(message: Any, *, stamp_ns: int, robot_from_laser: Pose2D |
         range_min_m=number(scan, "range_min", "LaserScan"),
         range_max_m=math.inf if range_max_m is None else range_max_m,
         ranges_m=floats(scan, "ranges", "LaserScan", most=MAX_BEAMS),
-        robot_from_laser=robot_from_laser,
+        robot_from_laser=None,
         intensities=floats_or_empty(scan, "intensities", "LaserScan", most=MAX_BEAMS),
     )
 

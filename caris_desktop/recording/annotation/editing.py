@@ -153,17 +153,12 @@ def remove_annotation(document: AnnotationDocument, annotation_id: str) -> Annot
     return _without(document, annotation_id)
 
 
-def free_stretch(
-    document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int, *, ignore: str = ""
-) -> tuple[int, int] | None:
-    """The longest part of the stretch that is free on the tier and within the session; None where nothing is.
-
-    The annotation ``ignore`` does not count: the one that is being moved.
-    """
+def free_stretch(document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int) -> tuple[int, int] | None:
+    """The longest part of the stretch that is free on the tier and within the session; None where nothing is."""
     start_ms, end_ms = max(start_ms, 0), min(end_ms, document.duration_ms) if document.duration_ms else end_ms
     best: tuple[int, int] | None = None
     at_ms = start_ms
-    taken = [item for item in document.of_tier(tier_id) if item.annotation_id != ignore and item.end_ms > start_ms]
+    taken = [item for item in document.of_tier(tier_id) if item.end_ms > start_ms]
     for begin_ms, until_ms in [*((item.start_ms, item.end_ms) for item in taken), (end_ms, end_ms)]:
         free_until_ms = min(begin_ms, end_ms)
         if free_until_ms > at_ms and (best is None or free_until_ms - at_ms > best[1] - best[0]):
