@@ -9,14 +9,20 @@ import pytest
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 
 
-def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = DiskFile(tmp_path / "f")
+def held_back(path: Path) -> DiskFile:
+    """A body on disk, with a front that changed and an index behind it which wait for the commit."""
+    file = DiskFile(path)
     file.write(b"front body")
     file.hold_back()
     file.seek(0)
     file.write(b"FRONT")
     file.seek(0, os.SEEK_END)
     file.write(b" index")
+    return file
+
+
+def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = held_back(tmp_path / "f")
     assert (tmp_path / "f").read_bytes() == b"front body"
     seen_at_sync: list[bytes] = []
     monkeypatch.setattr(os, "fdatasync", lambda _descriptor: seen_at_sync.append((tmp_path / "f").read_bytes()))
@@ -27,13 +33,7 @@ def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: p
 
 
 def test_an_index_that_finds_no_room_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = DiskFile(tmp_path / "f")
-    file.write(b"front body")
-    file.hold_back()
-    file.seek(0)
-    file.write(b"FRONT")
-    file.seek(0, os.SEEK_END)
-    file.write(b" index")
+    file = held_back(tmp_path / "f")
     write = os.write
 
     def write_three_bytes(descriptor: int, data: memoryview) -> int:
