@@ -21,10 +21,7 @@ class ScenarioText:
     file_name: str
     sha256: str
     description: str = ""
-    voice: str = ""
     phrases: tuple[str, ...] = ()
-    filler: str = ""
-    system_prompt: str = ""
     labels: tuple[str, ...] = ()
     places: tuple[tuple[str, Pose2D], ...] = ()
     permissions: dict[str, bool] = field(default_factory=dict)
@@ -34,16 +31,13 @@ class ScenarioText:
 def read_scenario(event: ScenarioOpened) -> ScenarioText:
     """Fields that are missing, or not as they should be, stay empty: the record may be older than this program."""
     content = _mapping(parsed_yaml(event.content, "scenario"))
-    assistant, recording = _mapping(content.get("assistant")), _mapping(content.get("recording"))
+    recording = _mapping(content.get("recording"))
     return ScenarioText(
         title=event.title,
         file_name=event.file_name,
         sha256=event.sha256,
         description=_string(content.get("description")),
-        voice=_string(content.get("voice")),
         phrases=_strings(content.get("phrases")),
-        filler=_string(content.get("filler")),
-        system_prompt=_string(assistant.get("system_prompt")),
         labels=_strings(recording.get("labels")),
         places=tuple(place for entry in _list(content.get("places")) if (place := _place(_mapping(entry))) is not None),
         permissions={
