@@ -29,7 +29,8 @@ from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
-from caris_desktop.recording.foreign.bag_import import BagError, import_bag, looks_like_bag
+from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
+from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.recovery import needs_repair

@@ -41,47 +41,6 @@ from caris_desktop.ros.fields import (
     truth,
 )
 
-__all__ = [
-    "MAX_BEAMS",
-    "MAX_IMAGE_BYTES",
-    "MAX_MAP_CELLS",
-    "CompressedImage",
-    "Lens",
-    "Message",
-    "MessageError",
-    "Transform",
-    "decode_battery_state",
-    "decode_bool",
-    "decode_camera_info",
-    "decode_compressed_image",
-    "decode_heading",
-    "decode_laser_scan",
-    "decode_occupancy_grid",
-    "decode_odometry",
-    "decode_pose",
-    "decode_pose_stamped",
-    "decode_pose_with_covariance_stamped",
-    "decode_string",
-    "decode_tf_message",
-    "decode_twist",
-    "decode_twist_stamped",
-    "encode_battery_state",
-    "encode_bool",
-    "encode_camera_info",
-    "encode_compressed_image",
-    "encode_heading",
-    "encode_laser_scan",
-    "encode_occupancy_grid",
-    "encode_odometry",
-    "encode_pose",
-    "encode_pose_stamped",
-    "encode_pose_with_covariance_stamped",
-    "encode_string",
-    "encode_tf_message",
-    "encode_twist",
-    "encode_twist_stamped",
-]
-
 MAX_BEAMS = 100_000
 MAX_MAP_CELLS = 64_000_000
 MAX_IMAGE_BYTES = 32_000_000

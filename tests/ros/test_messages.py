@@ -15,7 +15,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
 from caris_desktop.ros import actions, joint_messages, map_services, messages, navigation_messages, rosbridge
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.messages import MessageError
+from caris_desktop.ros.fields import MessageError, decode_heading, encode_heading
 
 STAMP_NS = 1_700_000_000_000_000_005
 NOW_NS = 77
@@ -177,11 +177,11 @@ def test_small_ones(wire: Wire) -> None:
 
 @given(st.floats(-math.pi + 1e-6, math.pi))
 def test_headings_come_back(heading_rad: float) -> None:
-    assert messages.decode_heading(messages.encode_heading(heading_rad), "q") == pytest.approx(heading_rad, abs=1e-9)
+    assert decode_heading(encode_heading(heading_rad), "q") == pytest.approx(heading_rad, abs=1e-9)
 
 
 def test_a_scaled_quaternion_is_the_same_heading() -> None:
-    assert messages.decode_heading({"x": 0, "y": 0, "z": 1e200, "w": 1e200}, "q") == pytest.approx(math.pi / 2)
+    assert decode_heading({"x": 0, "y": 0, "z": 1e200, "w": 1e200}, "q") == pytest.approx(math.pi / 2)
 
 
 @both_wires

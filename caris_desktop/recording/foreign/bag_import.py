@@ -25,7 +25,6 @@ from caris_desktop.recording.foreign.bag_files import (
     BagError,
     ReadNotes,
     in_order_of_time,
-    looks_like_bag,
     open_bag,
 )
 from caris_desktop.recording.foreign.bag_messages import MessageReader, NotUnderstoodError
@@ -51,7 +50,6 @@ from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.ros.fields import MessageError
 
-__all__ = ["BagError", "ImportReport", "TopicReport", "import_bag", "looks_like_bag"]
 _log = logging.getLogger(__name__)
 REASON = "imported"
 _FIRST_STAMP_NS = 1_000_000_000

@@ -36,7 +36,8 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.recording.export import export_session
-from caris_desktop.recording.foreign.bag_import import BagError, ImportReport, import_bag, looks_like_bag
+from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
+from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import verify_manifest
