@@ -46,7 +46,6 @@ MAX_MAP_CELLS = 64_000_000
 MAX_IMAGE_BYTES = 32_000_000
 MAX_IMAGE_SIDE_PX = 65_535
 MAX_TRANSFORMS = 1_000
-_AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,5 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +31,6 @@ from caris_desktop.recording.recorder.messages import (
 )
 from caris_desktop.scenario.model import Scenario
 
-_log = logging.getLogger(__name__)
 # The recorder allows itself a minute for the checksums, and tells the log when it gives up.
 _CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")

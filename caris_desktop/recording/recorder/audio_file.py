@@ -4,7 +4,6 @@ The clock of a sound card is not the session's. What it is off is made up sample
 flattest; what is missing becomes silence.
 """
 
-import logging
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +18,6 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session.format import AudioInfo
 from caris_desktop.recording.session.media_names import audio_file_name
 
-_log = logging.getLogger(__name__)
 HEADER_BYTES = 44
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
 _LARGEST_DATA_BYTES = 2**32 - 2**20
