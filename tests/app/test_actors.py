@@ -182,7 +182,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         permissions=replace(scenario.permissions, audio_recording=False),
         assistant=replace(scenario.assistant, model="openai:small"),
     )
-    parts = composition.parts(scenario, study=composition.open_study(folder / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(folder / "study"), camera=None)
     with SimulatedRobot("--empty") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
         save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
