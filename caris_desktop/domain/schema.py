@@ -3,6 +3,10 @@
 Arrays of numbers become lists, and grids (arrays of whole numbers) an object with their deflated bytes: a map of a
 building would be tens of megabytes of digits. Values that JSON cannot hold become null, which in arrays stands for
 ``inf`` (for scans: nothing returned); ``nan`` in an array (for scans: invalid) is the text "nan".
+
+msgspec writes a value of odometry in 1 µs where this takes 25 and reads it in 1 where this takes 15, of a scan a third
+and a sixth of the time; at some hundred values a second that is under a percent of a core. But it reads no null as
+infinite, takes whole numbers of any size, and its schemas refer to one another where these stand alone.
 """
 
 import base64
