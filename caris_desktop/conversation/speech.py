@@ -11,7 +11,7 @@ import tempfile
 import threading
 import unicodedata
 from collections import deque
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -252,17 +252,13 @@ class _SpeechDesk:
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
-        problem = ""
         if not text:
-            problem = "there is nothing to say in it"
+            self._report(command, "failed", clock.now_ns(), "there is nothing to say in it")
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
-            problem = f"it is longer than {MAX_UTTERANCE_CHARACTERS} characters: say it in parts"
-            text = text[:MAX_UTTERANCE_CHARACTERS] + "…"
-        taken = replace(command, text=text)
-        if problem:
-            self._report(taken, "failed", clock.now_ns(), problem)
+            too_long = f"it is longer than {MAX_UTTERANCE_CHARACTERS} characters: say it in parts"
+            self._report(command, "failed", clock.now_ns(), too_long)
         else:
-            self._waiting.append(taken)
+            self._waiting.append(command)
 
     def _silence(self) -> None:
         self._dropped += self._waiting
@@ -288,8 +284,9 @@ class _SpeechDesk:
         self._now = self._waiting.popleft()
         self._started = False
         self._duration_s = self._played_s = 0.0
-        self._engine.send({"do": "say", "text": self._now.text})
-        self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(self._now.text))
+        text = speakable(self._now.text)
+        self._engine.send({"do": "say", "text": text})
+        self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(text))
 
     def _on_engine(self, event: dict[str, Any] | None) -> None:
         match event:

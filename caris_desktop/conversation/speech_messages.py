@@ -18,7 +18,7 @@ class SpeechSettings:
 
 @dataclass(frozen=True, slots=True)
 class Speak:
-    """Say ``text`` after whatever is waiting."""
+    """Say ``text`` after whatever is waiting. ``text`` and ``origin`` come back with what is told of it."""
 
     utterance_id: str
     text: str

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue, RobotControl
-from caris_desktop.domain.events import CommandSource, MapOperation
+from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 
 
@@ -149,12 +149,13 @@ class UseControl:
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """Speak through the robot's own voice."""
+    """Speak through the robot's own voice. ``origin`` comes back with what is told of it."""
 
     stamp_ns: int
     utterance_id: str
     text: str
     actor: Actor = ""
+    origin: UtteranceOrigin = "typed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -59,11 +58,10 @@ class Children(QObject):
 
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""
-        # What a voice reports is put on record with what the wizard meant by it, which no voice knows.
-        if type(value) not in BY_TYPE or isinstance(value, UtteranceChanged):
-            self.tell(heard, value)
-        else:
+        if type(value) in BY_TYPE:
             self._bus.publish(value, raw)
+        else:
+            self.tell(heard, value)
 
     def tell(self, take: Callable[[Any], None], value: Any) -> None:
         """Call ``take(value)`` in the GUI thread, in the order of the calls. Any thread."""

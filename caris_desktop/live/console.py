@@ -259,4 +259,6 @@ class Console(QObject):
             service.use_scenario(scenario)
 
     def _new_link(self, body: ProcessBody) -> ChildProcess:
-        return self._children.start(body, ended=self._robot.on_child_ended, heard=self._speech.on_heard)
+        return self._children.start(
+            body, ended=self._robot.on_child_ended, heard=self._speech.on_heard, reads=self._speech.read
+        )

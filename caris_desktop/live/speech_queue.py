@@ -1,6 +1,7 @@
-"""What the robot says next: one queue in front of whichever voice the scenario uses. GUI thread."""
+"""What the robot says next: one queue in front of whichever voice the scenario uses. GUI thread, but for reports."""
 
 import secrets
+import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,10 +15,11 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
 from caris_desktop.live.state import LiveState
 
 VoiceKind = Literal["robot", "computer"]
+_ENDS = ("finished", "interrupted", "failed")
 
 
 class Voice(Protocol):
-    """Speaks one utterance at a time and reports it as UtteranceChanged events to whoever owns it."""
+    """Speaks one utterance at a time. Its UtteranceChanged events come by ``SpeechQueue.report``."""
 
     @property
     def held_up(self) -> bool:
@@ -37,9 +39,10 @@ class SpeechQueue(QObject):
         self,
         state: LiveState,
         voices: dict[VoiceKind, Voice],
-        publish: Callable[[UtteranceChanged], None],
+        publish: Callable[[UtteranceChanged, bytes | None], None],
         parent: QObject | None = None,
     ) -> None:
+        """``publish`` takes an event, with its pickled form where there is one, in any thread."""
         super().__init__(parent)
         self._state = state
         self._voices = voices
@@ -47,6 +50,8 @@ class SpeechQueue(QObject):
         self._kind: VoiceKind = "robot"
         self._waiting: deque[UtteranceChanged] = deque()
         self._now: UtteranceChanged | None = None
+        self._reporting = threading.Lock()
+        self._reported_on = ""
 
     def use_voice(self, kind: VoiceKind) -> None:
         self._kind = kind
@@ -67,7 +72,7 @@ class SpeechQueue(QObject):
             voice=self._kind,
             actor=actor,
         )
-        self._publish(utterance)
+        self._publish(utterance, None)
         self._waiting.append(utterance)
         self._next()
         return utterance.utterance_id
@@ -75,21 +80,30 @@ class SpeechQueue(QObject):
     def silence(self, actor: Actor = CONSOLE) -> None:
         dropped, self._waiting = list(self._waiting), deque()
         for utterance in dropped:
-            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted", actor=actor))
+            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted", actor=actor), None)
         if self._now is not None:
             self._voices[self._kind_of(self._now)].silence(actor)
         self._show()
 
-    def on_utterance(self, reported: UtteranceChanged) -> None:
-        """A voice reports on what it says; voices do not know where a sentence came from, so that is added here."""
-        now = self._now
-        if now is None or reported.utterance_id != now.utterance_id:
+    def report(self, reported: UtteranceChanged, raw: bytes | None = None) -> None:
+        """A voice tells of what it says: that goes on, until the end of the utterance. Any thread.
+
+        What a voice tells that was given up by ``on_voice_lost`` comes too late, and is dropped.
+        """
+        # Held while it goes on: nothing else can come behind the end.
+        with self._reporting:
+            if reported.utterance_id != self._reported_on:
+                return
+            if reported.state in _ENDS:
+                self._reported_on = ""
+            self._publish(reported, raw)
+
+    def on_utterance(self, event: UtteranceChanged) -> None:
+        """What was published reaches the GUI thread."""
+        if self._now is None or event.utterance_id != self._now.utterance_id:
             return
-        self._now = replace(
-            now, stamp_ns=reported.stamp_ns, state=reported.state, detail=reported.detail, actor=reported.actor
-        )
-        self._publish(self._now)
-        if reported.state in ("finished", "interrupted", "failed"):
+        self._now = event
+        if event.state in _ENDS:
             self._now = None
             self._next()
         self._show()
@@ -101,8 +115,7 @@ class SpeechQueue(QObject):
     def on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
         """The voice went away in mid-sentence, and nobody will tell what became of it."""
         if self._now is not None and self._kind_of(self._now) == kind:
-            failed = replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail)
-            self._publish(failed)
+            self.report(replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail))
             self._now = None
             self._next()
             self._show()
@@ -110,14 +123,13 @@ class SpeechQueue(QObject):
     def _next(self) -> None:
         while self._now is None and self._waiting and not self._voices[self._kind_of(self._waiting[0])].held_up:
             utterance = self._waiting.popleft()
+            with self._reporting:
+                self._reported_on = utterance.utterance_id
             if self._voices[self._kind_of(utterance)].say(utterance):
                 self._now = utterance
             else:
-                self._publish(
-                    replace(
-                        utterance, stamp_ns=clock.now_ns(), state="failed", detail=f"the {self._kind} has no voice now"
-                    )
-                )
+                detail = f"the {self._kind} has no voice now"
+                self.report(replace(utterance, stamp_ns=clock.now_ns(), state="failed", detail=detail))
         self._show()
 
     def _kind_of(self, utterance: UtteranceChanged) -> VoiceKind:

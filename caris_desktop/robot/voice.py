@@ -10,7 +10,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import filled
-from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, UtteranceState
+from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
@@ -314,15 +314,13 @@ def _tell(
 ) -> None:
     """``actor``: whose doing that is; None: who had it said."""
     asked = utterance.asked
-    # Who asked for it knows the origin; to the robot everything is typed.
-    origin: UtteranceOrigin = "typed"
     emit(
         UtteranceChanged(
             now_ns(),
             asked.utterance_id,
             "robot",
             asked.text,
-            origin,
+            asked.origin,
             state,
             voice="robot",
             detail=detail,

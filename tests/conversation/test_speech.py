@@ -320,7 +320,7 @@ def test_what_cannot_be_said_is_refused_with_the_reason(start_speech: StartSpeec
     assert "longer than 1000" in speech.wait_state("u1", "failed").detail
     assert "nothing to say" in speech.wait_state("u2", "failed").detail
     speech.say("u3", "Y\x07es.\n")
-    assert speech.wait_state("u3", "finished").text == "Y es."
+    assert speech.wait_state("u3", "finished").text == "Y\x07es.\n", "what was asked comes back as it was"
 
 
 def test_closing_interrupts_and_ends_both_processes(start_speech: StartSpeech) -> None:

@@ -5,8 +5,10 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from caris_desktop.conversation.speech_messages import Speak
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain.commands import Say
+from caris_desktop.domain.events import Marked, UtteranceChanged
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.inference import InferenceReady
@@ -79,6 +81,28 @@ def silent_link(connection: Connection) -> None:
             connection.recv()
         except EOFError:
             return
+
+
+def voice(connection: Connection) -> None:
+    """Stands in for a voice, be it the robot's or this computer's: says at once what it is told to, and tells of it."""
+    while True:
+        try:
+            asked = connection.recv()
+        except EOFError:
+            return
+        if isinstance(asked, Speak | Say):
+            for state in ("started", "finished"):
+                connection.send(
+                    UtteranceChanged(
+                        clock.now_ns(),
+                        asked.utterance_id,
+                        "robot",
+                        asked.text,
+                        asked.origin,
+                        state,  # type: ignore[arg-type]
+                        actor=asked.actor,
+                    )
+                )
 
 
 def deaf_to(connection: Connection, _request: object) -> None:

@@ -1,5 +1,8 @@
 """One queue in front of the voices."""
 
+from dataclasses import replace
+from typing import Any
+
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -30,20 +33,19 @@ class TestVoice:
 
 def _setup() -> tuple[SpeechQueue, TestVoice, list[UtteranceChanged], LiveState]:
     voice, published, state = TestVoice(), [], LiveState()
-    queue = SpeechQueue(state, {"robot": voice, "computer": TestVoice()}, published.append, state)
+
+    def publish(event: UtteranceChanged, _raw: bytes | None) -> None:
+        published.append(event)
+
+    queue = SpeechQueue(state, {"robot": voice, "computer": TestVoice()}, publish, state)
     return queue, voice, published, state
 
 
-def _report(utterance: UtteranceChanged, what: str, actor: Actor = "wizard") -> UtteranceChanged:
-    return UtteranceChanged(
-        clock.now_ns(),
-        utterance.utterance_id,
-        "robot",
-        utterance.text,
-        "typed",
-        what,
-        actor=actor,  # type: ignore[arg-type]
-    )
+def _report(queue: SpeechQueue, utterance: UtteranceChanged, what: Any, actor: Actor = "wizard") -> None:
+    """The voice tells, and what is published of it reaches the GUI thread."""
+    told = replace(utterance, stamp_ns=clock.now_ns(), state=what, actor=actor)
+    queue.report(told)
+    queue.on_utterance(told)
 
 
 def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> None:
@@ -52,8 +54,8 @@ def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> No
     queue.say("Goodbye", "typed")
     assert [utterance.text for utterance in voice.said] == ["Hello there"]
     assert state.speech.value.now.text == "Hello there" and len(state.speech.value.waiting) == 1
-    queue.on_utterance(_report(voice.said[0], "started"))
-    queue.on_utterance(_report(voice.said[0], "finished"))
+    _report(queue, voice.said[0], "started")
+    _report(queue, voice.said[0], "finished")
     assert [utterance.text for utterance in voice.said] == ["Hello there", "Goodbye"]
     assert [(event.text, event.state, event.origin) for event in published] == [
         ("Hello there", "requested", "phrase"),
@@ -70,7 +72,7 @@ def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:
     queue.silence("wizard:b")
     assert voice.silenced == ["wizard:b"]
     assert ("Two", "interrupted", "wizard:b") in [(event.text, event.state, event.actor) for event in published]
-    queue.on_utterance(_report(voice.said[0], "interrupted", "wizard:b"))
+    _report(queue, voice.said[0], "interrupted", "wizard:b")
     assert (published[-1].text, published[-1].state, published[-1].actor) == ("One", "interrupted", "wizard:b")
     assert state.speech.value.now is None and state.speech.value.waiting == ()
     assert len(voice.said) == 1
@@ -88,7 +90,7 @@ def test_what_is_said_while_a_voice_is_held_up_waits_for_it(qtbot: QtBot) -> Non
     queue, voice, published, state = _setup()
     queue.say("One", "typed")
     voice.held_up = True
-    queue.on_utterance(_report(voice.said[0], "finished"))
+    _report(queue, voice.said[0], "finished")
     queue.say("Two", "typed")
     queue.say("Three", "typed")
     assert [utterance.text for utterance in voice.said] == ["One"]
@@ -116,6 +118,30 @@ def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> N
     queue.on_voice_lost("robot", "the link was lost")
     assert published[-1].state == "failed" and published[-1].text == "One"
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
+
+
+def test_what_a_lost_voice_tells_late_is_dropped(qtbot: QtBot) -> None:
+    queue, voice, published, _state = _setup()
+    queue.say("One", "typed")
+    _report(queue, voice.said[0], "started")
+    queue.on_voice_lost("robot", "the link was lost")
+    queue.say("Two", "typed")
+    _report(queue, voice.said[0], "finished")
+    queue.report(replace(voice.said[0], utterance_id="u-of-nobody", state="started"))
+    assert [(event.text, event.state) for event in published] == [
+        ("One", "requested"),
+        ("One", "started"),
+        ("One", "failed"),
+        ("Two", "requested"),
+    ]
+
+
+def test_a_voice_that_is_lost_after_it_has_told_the_end_has_not_failed(qtbot: QtBot) -> None:
+    queue, voice, published, _state = _setup()
+    queue.say("One", "typed")
+    queue.report(replace(voice.said[0], state="finished"))  # the GUI thread does not know it yet
+    queue.on_voice_lost("robot", "the link was lost")
+    assert [event.state for event in published] == ["requested", "finished"]
 
 
 def test_blank_text_says_nothing(qtbot: QtBot) -> None:

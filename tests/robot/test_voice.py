@@ -51,10 +51,11 @@ def test_one_sentence_after_the_other_by_the_robots_own_word() -> None:
 
 def test_a_word_that_is_over_before_it_began_has_both_states() -> None:
     async def test(bench: LoopBench) -> None:
-        bench.send(Say(now_ns(), "u1", "Hi"))
+        bench.send(Say(now_ns(), "u1", "Hi", origin="phrase"))
         [first] = await goal_ids(bench, 1)
         await bench.bridge.publish("/tts/result", {"status": status(first, 3), "result": {}})
         await bench.until(lambda: states(bench) == [("u1", "started"), ("u1", "finished")], "both")
+        assert [event.origin for event in bench.of(UtteranceChanged)] == ["phrase", "phrase"]
 
     with_link(ROBOT, test)
 

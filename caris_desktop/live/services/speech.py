@@ -33,7 +33,7 @@ class RobotVoice:
 
     def say(self, utterance: UtteranceChanged) -> bool:
         return self._state.link.value.state == "connected" and self._robot.send(
-            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text, utterance.actor)
+            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text, utterance.actor, utterance.origin)
         )
 
     def silence(self, actor: Actor) -> bool:
@@ -65,7 +65,7 @@ class SpeechService(Service):
         }
 
     def follows(self) -> Follows:
-        return {LinkChanged: self._on_link_changed}
+        return {LinkChanged: self._on_link_changed, UtteranceChanged: self.queue.on_utterance}
 
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._child is None else {self._body.name: self._child}
@@ -78,7 +78,7 @@ class SpeechService(Service):
             self._held_problem = None
 
     def start(self) -> None:
-        self._child = self._children.start(self._body, ended=self._on_ended, heard=self.on_heard, reads=self._read)
+        self._child = self._children.start(self._body, ended=self._on_ended, heard=self.on_heard, reads=self._read_own)
 
     def stop(self) -> None:
         if self._child is not None:
@@ -93,10 +93,8 @@ class SpeechService(Service):
         return self._child is not None and self._child.send(message)
 
     def on_heard(self, message: Any) -> None:
-        """What a voice reports, be it the robot's or this computer's."""
+        """What this computer's voice says of itself."""
         match message:
-            case UtteranceChanged():
-                self.queue.on_utterance(message)
             case SpeechReady():
                 detail = "" if message.audible else "no sound device: nobody hears it"
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
@@ -109,11 +107,18 @@ class SpeechService(Service):
     def _say(self, asked: intents.Say) -> None:
         self.queue.say(asked.text, asked.origin, asked.actor)
 
-    def _read(self, value: Any, raw: bytes) -> None:  # reader thread
+    def read(self, value: Any, raw: bytes) -> None:  # reader thread
+        """What a process with a voice sends. What became of an utterance is on record whatever the GUI thread does."""
+        if isinstance(value, UtteranceChanged):
+            self.queue.report(value, raw)
+        else:
+            self._children.pass_on(self.on_heard, value, raw)
+
+    def _read_own(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, Problem):
             self._children.tell(self.on_heard, value)
         else:
-            self._children.pass_on(self.on_heard, value, raw)
+            self.read(value, raw)
 
     def _tell(self, problem: Problem) -> None:
         """What is wrong with this computer's voice matters once a scenario speaks with it."""

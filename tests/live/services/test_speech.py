@@ -1,0 +1,162 @@
+"""What became of an utterance is on record with its origin, whatever the GUI thread is doing."""
+
+import pickle
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.commands import RobotCommand
+from caris_desktop.domain.events import LinkChanged, UtteranceChanged
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
+from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.speech_queue import VoiceKind
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import LinkStatus
+from tests.live.bodies import voice
+
+WITHIN_S = 30.0
+
+
+class Recorder:
+    """Stands for the recorder's pipe: keeps what is written, in whatever thread that is."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self.utterances: list[UtteranceChanged] = []
+
+    def send_raw_waiting(self, raw: bytes) -> bool:
+        assert raw[:1] == ARRIVED
+        value = pickle.loads(raw[9:])  # noqa: S301 - made here
+        if isinstance(value, UtteranceChanged):
+            with self._changed:
+                self.utterances.append(value)
+                self._changed.notify_all()
+        return True
+
+    def wait_for(self, found: Callable[[], bool]) -> bool:
+        """Without a turn of the event loop."""
+        with self._changed:
+            return self._changed.wait_for(found, WITHIN_S)
+
+    @property
+    def told(self) -> list[tuple[str, str, str]]:
+        return [(event.text, event.state, event.origin) for event in self.utterances]
+
+
+class Bench:
+    """The speech service between two real voices and a recorder."""
+
+    def __init__(self) -> None:
+        self.owner = QObject()
+        self.state = LiveState(self.owner)
+        self.bus = Bus(self.state, self.owner)
+        self.recorder = Recorder()
+        self.feed = RecorderFeed(self.recorder)  # type: ignore[arg-type]
+        self.bus.tap(self.feed.put)
+        self.feed.start("begin")
+        self.children = Children(self.bus, self.owner)
+        self.speech = SpeechService(
+            self.state, self.bus, self.children, ProcessBody("speech", voice), robot=self, parent=self.owner
+        )
+        self.bus.follow(self.speech.follows())
+        self.speech.start()
+        self.link = self.new_link()
+        self.state.link.set(LinkStatus(state="connected"))
+
+    def new_link(self) -> ChildProcess:
+        return self.children.start(
+            ProcessBody("control", voice), ended=lambda _child: None, heard=self.speech.on_heard, reads=self.speech.read
+        )
+
+    def send(self, command: RobotCommand) -> bool:
+        return self.link.send(command)
+
+    def close(self) -> None:
+        self.children.close()
+        self.speech.stop()
+        self.speech.end()
+        self.link.stop(grace_s=2.0)
+        self.feed.close()
+
+
+@pytest.fixture(scope="module")
+def shared_bench(qapp: QApplication) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def bench(shared_bench: Bench) -> Bench:
+    shared_bench.recorder.utterances.clear()
+    return shared_bench
+
+
+@pytest.mark.parametrize("kind", ["robot", "computer"])
+def test_while_the_gui_thread_is_held_a_voice_comes_to_its_end_on_record(
+    bench: Bench, qtbot: QtBot, kind: VoiceKind
+) -> None:
+    bench.speech.queue.use_voice(kind)
+    bench.speech.queue.say("Hello", "phrase")
+    # From here to the end the event loop does not turn.
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
+    assert bench.recorder.told == [
+        ("Hello", "requested", "phrase"),
+        ("Hello", "started", "phrase"),
+        ("Hello", "finished", "phrase"),
+    ]
+    assert bench.state.speech.value.now is not None, "the GUI thread has not heard of it"
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None)
+    assert len(bench.recorder.utterances) == 3, "and nothing of it is recorded twice"
+
+
+def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Bench, qtbot: QtBot) -> None:
+    said: list[Any] = []
+
+    def note(event: object) -> None:
+        said.append(event)
+
+    bench.state.event_happened.connect(note)
+    bench.speech.queue.use_voice("computer")
+    bench.speech.queue.say("One", "typed")
+    bench.speech.queue.say("Two", "assistant")
+    qtbot.waitUntil(lambda: len(said) == 6)
+    bench.state.event_happened.disconnect(note)
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 6)
+    assert bench.recorder.told[-3:] == [
+        ("One", "finished", "typed"),
+        ("Two", "started", "assistant"),
+        ("Two", "finished", "assistant"),
+    ]
+
+
+def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot: QtBot) -> None:
+    bench.speech.queue.use_voice("robot")
+    before = bench.link
+    mute = ChildProcess(ProcessBody("control", voice), on_message=lambda _value, _raw: None)
+    mute.start()
+    bench.link = mute  # a link that takes the sentence and dies
+    bench.speech.queue.say("Hello", "typed")
+    assert bench.state.speech.value.now is not None
+    late = bench.state.speech.value.now
+    mute.stop(grace_s=2.0)
+    bench.link = before
+    bench.bus.publish(LinkChanged(clock.now_ns(), "control", "connecting", "ws://r:9090"))
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None)
+    bench.speech.read(late, pickle.dumps(late))
+    bench.bus.publish(replace(late, utterance_id="u-2", text="Good day", state="finished"))
+    assert bench.recorder.wait_for(lambda: bench.recorder.told[-1:] == [("Good day", "finished", "typed")])
+    assert [(event.state, event.detail) for event in bench.recorder.utterances[:-1]] == [
+        ("requested", ""),
+        ("failed", "the link was lost"),
+    ]
