@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer
 
@@ -16,7 +17,6 @@ from caris_desktop.app import bodies, composition
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import SavedLayouts
-from caris_desktop.domain import intents
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
@@ -25,6 +25,7 @@ from caris_desktop.live.live_robots import LiveRobotHost
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.services.microphone import MicrophoneParts
+from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
@@ -121,21 +122,19 @@ class ConsoleRun:
                 f"{self._refused_scenario}",
                 f"{self.console.scenario.title} is open instead. Correct the file and open it.",
             )
-        arguments = self._arguments
         if self._make_demo_robot is not None:
             self.demo_robot = self._make_demo_robot(self.console)
             self.demo_robot.start()
             return
+        robot = self._arguments.robot or self.console.scenario.robot
+        self.console.use_robot(lambda: self._robot_to_start_with(robot), until="connected")
+
+    def _robot_to_start_with(self, robot: str) -> RobotConnection:
+        """Raises ToldFailure."""
         try:
-            self.console.connect_robot(
-                composition.robot_connection(
-                    arguments.robot or self.console.scenario.robot, own_camera=arguments.camera is not None
-                )
-            )
+            return composition.robot_connection(robot, own_camera=self._arguments.camera is not None)
         except composition.StartError as refusal:
-            self.console.problem(
-                "error", str(refusal), "No robot is connected.", "Start again with another --robot.", until="connected"
-            )
+            raise ToldFailure(str(refusal), "No robot is connected.", "Start again with another --robot.") from refusal
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -154,31 +153,28 @@ class ConsoleRun:
             return composition.find_scenario("tour-guide"), str(refusal)
 
     def _on_layout_save_requested(self, layout: LayoutNode) -> None:
-        try:
-            path = composition.save_layout(self.console.scenario, layout)
-        except ToldFailure as error:
-            self.console.problem("error", error.what, error.meaning, error.advice)
-            return
-        self._saved_layouts.note(path, layout, replaced=self.console.scenario)
-        self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
-        self.console.do(intents.OpenScenario(path))
+        replaced = self.console.scenario
+
+        def written(path: Path) -> None:
+            self._saved_layouts.note(path, layout, replaced=replaced)
+            self._keep_scenario(path)
+            self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
+
+        self.console.rewrite_scenario(lambda scenario: composition.save_layout(scenario, layout), written)
 
     def _on_layout_reset_requested(self) -> None:
         """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
-        scenario = self.console.scenario
-        before = self._saved_layouts.before(scenario)
+        before = self._saved_layouts.before(self.console.scenario)
         if before is None:
             return
-        try:
-            path = composition.save_layout(scenario, before)
-        except ToldFailure as error:
-            self.console.problem("error", error.what, error.meaning, error.advice)
-            return
-        self._saved_layouts.forget(path)
-        self.console.problem(
-            "info", "The panels are back.", "The layout that was saved is undone.", "Save it again to keep another."
-        )
-        self.console.do(intents.OpenScenario(path))
+
+        def written(path: Path) -> None:
+            self._saved_layouts.forget(path)
+            self.console.problem(
+                "info", "The panels are back.", "The layout that was saved is undone.", "Save it again to keep another."
+            )
+
+        self.console.rewrite_scenario(lambda scenario: composition.save_layout(scenario, before), written)
 
     def _kept_microphone(self) -> str | None:
         """The system's default until another was chosen."""
@@ -193,7 +189,11 @@ class ConsoleRun:
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:
-            self.settings.setValue("scenario", str(scenario.path))
+            self._keep_scenario(scenario.path)
+
+    def _keep_scenario(self, path: Path) -> None:
+        """It is open when the program starts again."""
+        self.settings.setValue("scenario", str(path))
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -41,9 +41,8 @@ class DemoRobot(QObject):
 
     def _on_ready(self, address: str) -> None:
         self._address = address
-        self._console.connect_robot(
-            composition.robot_connection(PROFILE, address=address, own_camera=self._camera is not None)
-        )
+        own_camera = self._camera is not None
+        self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address, own_camera=own_camera))
 
     def _on_failed(self, detail: str) -> None:
         self._console.problem(

@@ -35,6 +35,7 @@ from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
 from caris_desktop.live.services.session import Concerned, SessionParts, SessionService
 from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.slow_work import During, SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.live.wizard_console import RobotChoice
@@ -43,7 +44,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class RobotParts:
-    """``connect_to`` raises ToldFailure."""
+    """``connect_to`` waits on files in a thread of its own, and raises ToldFailure."""
 
     choices: Callable[[], Sequence[RobotChoice]]
     connect_to: Callable[[str], RobotConnection]
@@ -74,14 +75,21 @@ class Console(QObject):
         bus = self._bus = Bus(state, self)
         children = self._children = Children(bus, self)
         self._asyncio = AsyncioThread()
+        slow_work = self._slow_work = SlowWork(self)
+        self._robot_asked: object = None
+        self._robot_to_connect: RobotConnection | None = None
         self._media_ring = FrameRing.create()
         self._camera_ring = FrameRing.create() if parts.people.camera else None
         rings = [self._media_ring] + ([self._camera_ring] if self._camera_ring else [])
         self._frames = FrameRings(rings)
         to_read = RingsToRead(tuple(ring.name for ring in rings))
 
-        self._scenario = ScenarioService(state, bus, parts.scenario, scenario, apply=self._apply, parent=self)
-        recording = self._recording = RecordingService(state, bus, children, parts.recorder, rings=to_read, parent=self)
+        self._scenario = ScenarioService(
+            state, bus, parts.scenario, scenario, slow_work, apply=self._apply, parent=self
+        )
+        recording = self._recording = RecordingService(
+            state, bus, children, parts.recorder, slow_work, rings=to_read, parent=self
+        )
         self._microphone = MicrophoneService(state, bus, children, parts.microphone, parent=self)
         self._people = PeopleService(
             state, bus, children, parts.people,
@@ -117,7 +125,7 @@ class Console(QObject):
         bus.before_work(self._drive.renew_before_work)
         self._gate = Gate(state, lambda: self.scenario.permissions)
         self._handlers: dict[type[Intent], Handler] = {
-            UseRobot: lambda asked: self.connect_robot(parts.robots.connect_to(asked.robot), asked.actor)
+            UseRobot: lambda asked: self.use_robot(lambda: parts.robots.connect_to(asked.robot), asked.actor)
         }
         for service in reversed(self._services):
             self._handlers.update(service.handlers())
@@ -183,17 +191,45 @@ class Console(QObject):
             self._bus.problem(refusal.severity, refusal.what, refusal.meaning, refusal.advice, until=refusal.until)
         return refusal.what
 
+    def use_robot(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
+        """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program
+        with one is its wizard.
+
+        ``find`` is called in a thread of its own; it raises ToldFailure, which the wizard is told (``until`` as in
+        Problem).
+        """
+        asked = self._robot_asked = object()
+
+        def found(connection: RobotConnection) -> None:
+            if asked is self._robot_asked:
+                self.connect_robot(connection, actor)
+
+        self._slow_work.do(find, found, lambda failure: self._tell(failure, until))
+
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect, or connect to another robot instead. Who starts the program with one is its wizard."""
+        """Connect, or connect to another robot instead, which is left stopped; the last one asked for counts."""
         if self._shut_down:
             return
+        self._robot_asked = None
+        self._robot_to_connect = connection
         self._drive.release("Another robot is connected")
+        leave = self._robot.leave_for(connection)
+        self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._tell)
+
+    def _connect(self, connection: RobotConnection, actor: Actor) -> None:
+        if self._shut_down or connection is not self._robot_to_connect:
+            return
         # What the robot before said to the last is taken in first: it must not stand for the new one.
-        self._robot.leave_robot()
         self._bus.take_in()
         self._recording.forget_robot()
         self._people.forget_robot()
         self._robot.connect_robot(connection, actor)
+
+    def rewrite_scenario(self, write: Callable[[Scenario], Path], written: Callable[[Path], None]) -> None:
+        """Have ``write`` put the scenario into a file, tell ``written`` which, and open that. ``write`` is called in a
+        thread of its own; where it raises ToldFailure, the wizard is told.
+        """
+        self._scenario.rewrite(write, written)
 
     # For what runs beside the services
 
@@ -208,6 +244,9 @@ class Console(QObject):
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         pids["inference"] = self._people.inference_pid
         return {name: pid for name, pid in pids.items() if pid is not None}
+
+    def _tell(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
+        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until)
 
     def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
         """Tell the wizard, and the record."""
@@ -227,7 +266,7 @@ class Console(QObject):
         for service in self._services:
             service.start()
 
-    def shutdown(self, during: Callable[[str, Callable[[], None]], None] = lambda _what, work: work()) -> None:
+    def shutdown(self, during: During = lambda _what, work: work()) -> None:
         """Zero, close the recording, end every thread and child, in that order.
 
         Blocks: a few seconds as a rule, up to a minute and a half where much is left to write. ``during`` is given
@@ -239,6 +278,9 @@ class Console(QObject):
         self._children.close()
         self._gamepads.stop()
         for service in reversed(self._services):
+            if service is self._session:
+                # The robot is stopped; what was asked of the disk still belongs to the session that ends now.
+                self._slow_work.finish(during)
             service.stop()
         during("Voice, models and people detection are being ended.", self._end_helpers)
         self._asyncio.stop()

@@ -36,6 +36,8 @@ class RecorderFeed:
         self._paused = False
         self._ended = False
         self._latched: dict[str, bytes] = {}
+        self._held: list[bytes] | None = None
+        self._held_ns = 0
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._write, name="recorder-feed", daemon=True)
         self._thread.start()
@@ -61,8 +63,34 @@ class RecorderFeed:
     def start(self, message: Any, *events: Any) -> None:
         """Begin: ``message`` first, then the latched values as they stand, then everything that is put."""
         with self._changed:
+            self.hold(*events)
+            self.begin(message)
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is put waits for ``begin``."""
+        return self._held is not None
+
+    def hold(self, *events: Any) -> None:
+        """A recording is to begin: from now on what is put is kept for it, behind what stands and ``events``."""
+        with self._changed:
             self._recording, self._paused = True, False
-            self._append_all(message, *events)
+            self._held, self._held_ns = [], clock.now_ns()
+            self._append_all(*events)
+
+    def begin(self, message: Any) -> None:
+        """``message`` first, as of the moment of ``hold``, then all that was kept."""
+        with self._changed:
+            held, self._held = self._held or [], None
+            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL), arrived_ns=self._held_ns)
+            self._queue.extend(held)
+
+    def drop(self) -> None:
+        """The recording does not begin after all."""
+        with self._changed:
+            self._recording = False
+            self._queued_bytes -= sum(map(len, self._held or []))
+            self._held = None
 
     def pause(self, message: Any, *events: Any, paused: bool) -> None:
         """Hold back everything from now on, or go on: with ``message``, what stands, and ``events``."""
@@ -74,7 +102,8 @@ class RecorderFeed:
                 self._append_gaps()
                 self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
             else:
-                self._append_all(message, *events)
+                self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+                self._append_all(*events)
 
     def forget_streams(self, names: Iterable[str]) -> None:
         """What stood on these streams stands no longer: the link or the robot that told it is gone."""
@@ -96,16 +125,20 @@ class RecorderFeed:
             self._recording = False
 
     def use_recorder(self, recorder: ChildProcess) -> None:
-        """Another recorder in place of one that is gone. The session went with that one; what waited is dropped."""
+        """Another recorder in place of one that is gone. The session went with that one; what waited is dropped, but
+        for what is held for a session of which that one had not heard.
+        """
         with self._changed:
             self._recorder = recorder
-            self._recording = False
+            self._recording = self.holds
             self._forget()
 
     def request(self, message: Any) -> None:
-        """A request to the recorder itself, such as a photo."""
+        """A request to the recorder itself, such as a photo. It does not wait for a recording that is to begin."""
         with self._changed:
+            held, self._held = self._held, None
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+            self._held = held
 
     def close(self, *, timeout_s: float = 30.0) -> None:
         """Write out what is queued, which may have piled up before a slow disk, and end the thread."""
@@ -115,8 +148,7 @@ class RecorderFeed:
             self._changed.notify()
         self._thread.join(timeout_s)
 
-    def _append_all(self, message: Any, *events: Any) -> None:
-        self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+    def _append_all(self, *events: Any) -> None:
         for raw in self._latched.values():
             self._append(raw)
         for event in events:
@@ -128,9 +160,10 @@ class RecorderFeed:
             self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
         self._dropped.clear()
 
-    def _append(self, raw: bytes) -> None:
-        raw = ARRIVED + clock.now_ns().to_bytes(8, "little", signed=True) + raw
-        self._queue.append(raw)
+    def _append(self, raw: bytes, *, arrived_ns: int | None = None) -> None:
+        arrived_ns = clock.now_ns() if arrived_ns is None else arrived_ns
+        raw = ARRIVED + arrived_ns.to_bytes(8, "little", signed=True) + raw
+        (self._queue if self._held is None else self._held).append(raw)
         self._queued_bytes += len(raw)
         self._changed.notify()
 
@@ -150,12 +183,12 @@ class RecorderFeed:
                 with self._changed:
                     if recorder is self._recorder:
                         _log.error("the recorder is gone: %d values were not handed over", len(self._queue) + 1)
-                        self._recording = False
+                        self._recording = self.holds
                         self._forget()
                     if self._ended:
                         return
 
     def _forget(self) -> None:
         self._queue.clear()
-        self._queued_bytes = 0
+        self._queued_bytes = sum(map(len, self._held or []))
         self._dropped.clear()

@@ -135,8 +135,12 @@ class LiveValue(QObject):
 
     def set(self, value: Any) -> None:
         if value != self.value:
-            self.value = value
-            self.changed.emit(value)
+            self.set_anew(value)
+
+    def set_anew(self, value: Any) -> None:
+        """Also where it is the same: whoever follows it hears of it."""
+        self.value = value
+        self.changed.emit(value)
 
 
 class LiveState(QObject):

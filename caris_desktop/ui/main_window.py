@@ -256,8 +256,7 @@ class MainWindow(QWidget):
         self.board.close(name)
 
     def _open_scenario(self, path: Path) -> None:
-        if not self._console.do(intents.OpenScenario(path)):
-            self._on_scenario_changed(self._console.scenario)
+        self._console.do(intents.OpenScenario(path))
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         shown = self._shown_scenario

@@ -166,8 +166,11 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         qtbot.waitUntil(lambda: state.frame.value is not None, timeout=20_000)
         assert state.camera.value == "front"
         shown: list[str] = []
+        state.robot.changed.connect(
+            # From the moment on at which the new robot stands for the old one.
+            lambda _robot: state.frame.changed.connect(lambda frame: shown.append(frame.camera))
+        )
         console.connect_robot(_robot("head"))
-        state.frame.changed.connect(lambda frame: shown.append(frame.camera))
         assert state.frame.value is None
         qtbot.waitUntil(lambda: len(shown) >= 5, timeout=20_000)
         assert set(shown) == {"head"}

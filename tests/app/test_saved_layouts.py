@@ -30,33 +30,53 @@ def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRu
     run.close()
 
 
-def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: ConsoleRun) -> None:
+def _save(qtbot: QtBot, run: ConsoleRun, layout: LayoutNode) -> None:
+    run.window.layout_save_requested.emit(layout)
+    qtbot.waitUntil(lambda: run.console.scenario.layout == layout)
+
+
+def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: ConsoleRun, qtbot: QtBot) -> None:
     shipped = run.console.scenario.layout
-    run.window.layout_save_requested.emit(ARRANGED)
+    _save(qtbot, run, ARRANGED)
     own = user_scenarios_dir() / "tour-guide.yaml"
-    assert load_scenario(own).layout == run.console.scenario.layout == ARRANGED
-    run.window.layout_save_requested.emit(PanelLeaf("map"))
+    assert load_scenario(own).layout == ARRANGED
+    _save(qtbot, run, PanelLeaf("map"))
     run.window.layout_keeper.put_back()
-    assert load_scenario(own).layout == run.console.scenario.layout == shipped
+    qtbot.waitUntil(lambda: run.console.scenario.layout == shipped)
+    assert load_scenario(own).layout == shipped
     assert set(run.window.panels) == set(panels_in(shipped))
     run.window.layout_keeper.put_back()
+    run.close()
     assert load_scenario(own).layout == shipped, "there is nothing more to undo"
 
 
-def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun) -> None:
+def test_an_arrangement_that_is_saved_while_the_window_closes_is_there_the_next_time(
+    run: ConsoleRun, settings: QSettings
+) -> None:
     run.window.layout_save_requested.emit(ARRANGED)
+    run.close()
+    own = user_scenarios_dir() / "tour-guide.yaml"
+    assert load_scenario(own).layout == ARRANGED
+    assert settings.value("scenario") == str(own)
+
+
+def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: QtBot) -> None:
+    _save(qtbot, run, ARRANGED)
     own = user_scenarios_dir() / "tour-guide.yaml"
     own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
     run.console.do(intents.OpenScenario(own))
+    qtbot.waitUntil(lambda: panels_in(run.console.scenario.layout) == ("video", "session"))
     run.window.layout_keeper.put_back()
+    run.close()
     assert panels_in(load_scenario(own).layout) == ("video", "session")
 
 
 @pytest.mark.logs(r"app\.saved_layouts: ")
 @pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
-def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, kept: str) -> None:
+def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, qtbot: QtBot, kept: str) -> None:
     own = user_scenarios_dir() / "tour-guide.yaml"
-    run.window.layout_save_requested.emit(PanelLeaf("map"))
+    _save(qtbot, run, PanelLeaf("map"))
     settings.setValue("layouts_before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
     run.window.layout_keeper.put_back()
+    run.close()
     assert load_scenario(own).layout == PanelLeaf("map")

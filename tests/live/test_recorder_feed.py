@@ -63,6 +63,64 @@ def test_what_stands_comes_first_and_once_for_each_key() -> None:
     ]
 
 
+def test_what_happens_before_the_session_has_a_place_is_in_it() -> None:
+    feed, pipe = _fed()
+    feed.put(BatteryState(1, 0.9))
+    asked_ns = clock.now_ns()
+    feed.hold("opened")
+    feed.put(Marked(2, "meanwhile"))
+    feed.request("photo")
+    wait_for(lambda: pipe.messages == ["photo"], "what is no part of it does not wait for it")
+    begun_ns = clock.now_ns()
+    feed.begin("begin")
+    feed.put(Marked(3, "afterwards"))
+    feed.close()
+    assert pipe.messages[1:] == [
+        "begin",
+        BatteryState(1, 0.9),
+        "opened",
+        Marked(2, "meanwhile"),
+        Marked(3, "afterwards"),
+    ]
+    arrivals_ns = [int.from_bytes(raw[1:9], "little", signed=True) for raw in pipe.raw[1:]]
+    assert arrivals_ns == sorted(arrivals_ns)
+    assert asked_ns <= arrivals_ns[0] <= arrivals_ns[3] <= begun_ns, "it starts when it was asked for"
+
+
+def test_a_session_that_ends_before_it_has_a_place_holds_what_came_until_then() -> None:
+    feed, pipe = _fed()
+    feed.hold()
+    feed.put(Marked(1, "inside"))
+    feed.stop("end")
+    feed.put(Marked(2, "outside"))
+    feed.begin("begin")
+    feed.close()
+    assert pipe.messages == ["begin", Marked(1, "inside"), "end"]
+
+
+def test_nothing_of_a_session_that_is_given_up_reaches_the_next() -> None:
+    feed, pipe = _fed()
+    feed.hold("opened")
+    feed.put(Marked(1, "given up"))
+    feed.drop()
+    feed.put(Marked(2, "in between"))
+    assert not feed.holds
+    feed.start("begin")
+    feed.close()
+    assert pipe.messages == ["begin"]
+
+
+def test_another_recorder_gets_the_session_that_has_not_begun() -> None:
+    feed, _pipe = _fed()
+    other = Pipe()
+    feed.hold("opened")
+    feed.use_recorder(other)  # type: ignore[arg-type]
+    feed.put(Marked(1, "a"))
+    feed.begin("begin")
+    feed.close()
+    assert other.messages == ["begin", "opened", Marked(1, "a")]
+
+
 def test_a_pause_lets_nothing_through_and_ends_with_what_stands() -> None:
     feed, pipe = _fed()
     feed.start("begin")

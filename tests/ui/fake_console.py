@@ -320,7 +320,7 @@ class FakeConsole:
         self.scenario = self._others[path]
         self.state.places.set(self.scenario.places)
         self.state.controls.set(self.scenario.controls)
-        self.state.scenario.set(self.scenario)
+        self.state.scenario.set_anew(self.scenario)
         return True
 
     def _set_drive(self, **changes: Any) -> None:

@@ -17,6 +17,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToR
 from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.service import Restarts, Service
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.recording.recorder.messages import (
@@ -45,6 +46,7 @@ class RecordingService(Service):
         bus: Bus,
         children: Children,
         body: ProcessBody,
+        slow_work: SlowWork,
         *,
         rings: RingsToRead,
         parent: QObject,
@@ -53,12 +55,14 @@ class RecordingService(Service):
         self._state = state
         self._bus = bus
         self._children = children
+        self._slow_work = slow_work
         self._body = replace(body, arguments=(*body.arguments, rings))
         self._problem = bus.problem
         bus.tap(self.put)
         self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
+        self._making_folder = False
         self._video = self._audio = False
         self._markers_offered = OfferMarkers(False)
         self._restarts = Restarts()
@@ -82,12 +86,6 @@ class RecordingService(Service):
     @property
     def idle(self) -> bool:
         return self._state.recording.value.state not in IN_SESSION
-
-    @property
-    def announced(self) -> bool:
-        """A recording is about to start: ``announce_session`` was the last that was heard of it."""
-        status = self._state.recording.value
-        return bool(status.state == "starting" and status.folder is None)
 
     def processes(self) -> dict[str, ChildProcess]:
         return {"recorder": self._recorder}
@@ -117,61 +115,72 @@ class RecordingService(Service):
 
     # Sessions
 
-    def start_session(
-        self,
-        new_session: Callable[[], tuple[Path, SessionHeader]],
-        scenario: Scenario,
-        opened: Sequence[Event],
-        actor: Actor,
-    ) -> bool:
-        """False when it was refused; the wizard knows why then. ``opened`` are events that head the recording."""
-        if not (self.idle or self.announced):
+    def announce_session(self, opened: Sequence[Event]) -> bool:
+        """A recording is about to start: ``opened`` heads it, and what happens from now on is in it. Until
+        ``begin_session`` it can be given up. False when it was refused; where there is a reason the wizard knows it.
+        """
+        if not self.idle or self._scenario is None:
             return False
         if self._restarts.exhausted:
             self._state.recording.set(replace(self._state.recording.value, state="failed"))
             self._problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
             return False
-        try:
-            folder, header = new_session()
-        except ToldFailure as refusal:
-            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=refusal.what))
-            self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="recording")
-            return False
-        self._folder = folder
-        permissions = scenario.permissions
-        self._video, self._audio = permissions.video_recording, permissions.audio_recording
+        self._folder = None
+        self._audio = self._scenario.permissions.audio_recording
+        now_ns = clock.now_ns()
         self._state.recording.set(
-            replace(self._state.recording.value, state="starting", folder=folder, started_ns=clock.now_ns(), detail="")
+            replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
         )
-        self._feed.start(
+        self._feed.hold(*opened)
+        return True
+
+    def begin_session(
+        self, new_session: Callable[[], tuple[Path, SessionHeader]], actor: Actor, *, refused: Callable[[], None]
+    ) -> None:
+        """Have the folder of the announced session made, and record into it; ``refused`` where there is none."""
+        if not self._feed.holds or self._making_folder:
+            return
+        self._making_folder = True
+
+        def failed(failure: ToldFailure) -> None:
+            self._making_folder = self._audio = False
+            self._feed.drop()
+            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=failure.what))
+            self._problem("error", failure.what, failure.meaning, failure.advice, until="recording")
+            refused()
+
+        self._slow_work.do(new_session, lambda made: self._on_folder_made(*made, actor), failed)
+
+    def _on_folder_made(self, folder: Path, header: SessionHeader, actor: Actor) -> None:
+        self._making_folder = False
+        if self._scenario is None or not self._feed.holds:
+            return  # the recorder failed too often meanwhile
+        self._folder = folder
+        permissions, recording = self._scenario.permissions, self._scenario.recording
+        # No pictures before: they would be gone from the ring. Whoever has ended it meanwhile gets what was until then.
+        self._video = permissions.video_recording and self._state.recording.value.state == "starting"
+        self._state.recording.set(replace(self._state.recording.value, folder=folder))
+        self._feed.begin(
             StartRecording(
                 folder,
                 header,
                 video=permissions.video_recording,
                 photos=permissions.photos,
                 audio=permissions.audio_recording,
-                lsl=scenario.recording.lsl,
-                lsl_words=scenario.recording.lsl_words,
+                lsl=recording.lsl,
+                lsl_words=recording.lsl_words,
                 actor=actor,
-            ),
-            *opened,
-        )
-        return True
-
-    def announce_session(self) -> None:
-        """A recording is about to start; until then it can be given up."""
-        self._folder = None
-        now_ns = clock.now_ns()
-        self._state.recording.set(
-            replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
+            )
         )
 
     def stop_session(self, reason: str = "wizard", actor: Actor = CONSOLE) -> None:
-        if self.announced:
-            self._state.recording.set(replace(self._state.recording.value, state="idle"))
-        if self._state.recording.value.state not in ACTIVE or self._folder is None:
+        if self._state.recording.value.state not in ACTIVE:
             return
         self._video = self._audio = False
+        if self._feed.holds and not self._making_folder:
+            self._feed.drop()
+            self._state.recording.set(replace(self._state.recording.value, state="idle"))
+            return
         self._state.recording.set(replace(self._state.recording.value, state="stopping"))
         self._feed.stop(StopRecording(reason, actor))
 
@@ -189,8 +198,9 @@ class RecordingService(Service):
         self._offer_markers(scenario)
         recording = self._state.recording.value.state in ACTIVE
         permissions = scenario.permissions
-        self._video = recording and permissions.video_recording
         self._audio = recording and permissions.audio_recording
+        recording = recording and not self._feed.holds  # else it begins with what is permitted then
+        self._video = recording and permissions.video_recording
         if recording:
             self._feed.request(
                 SetRecordingPermissions(
@@ -252,6 +262,9 @@ class RecordingService(Service):
             self._recorder = self._new_recorder()
             self._recorder.start()
         self._feed.use_recorder(self._recorder)
+        if self._feed.holds and again:
+            return  # the session that is to begin begins with the new one
+        self._feed.drop()
         self._video = self._audio = False
         self._state.recording.set(
             replace(

@@ -116,6 +116,7 @@ class RobotService(Service):
         self._control_is_new = False
         self._control_since_ns = 0
         self._told_no_timeout_of = ""
+        self._left = False
         self._closed = False
 
     @property
@@ -166,31 +167,40 @@ class RobotService(Service):
         """Connect, or connect to another robot instead of the present one, which is left stopped."""
         if self._closed:
             return
-        self.leave_robot()
+        self.leave_for(connection)()
+        self._left = False
         self._connection = connection
         self._chosen_by = actor
-        self._forget_robot()
         if connection.profile != self._state.robot.value:
             self._state.robot.set(connection.profile)
             self._publish(self._chosen(connection))
         self._show_controls()
-        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
         if connection.settle is not None:
             self._settling = self._asyncio.submit(self._settle(connection, connection.settle))
             return
         self._start_link("control")
         self._start_link("media")
 
-    def leave_robot(self) -> None:
-        """End the links to the present robot, which is left stopped. Nothing comes from them afterwards."""
+    def leave_for(self, connection: RobotConnection) -> Callable[[], None]:
+        """Have the links to the present robot end, which is left stopped, as ``connection`` is wanted instead.
+
+        What is given waits for their end, in any thread; until then they may still tell something.
+        """
+        self._left = True
         ending = [self._links.pop(name) for name in ("control", "media") if name in self._links]
         for child in ending:
-            child.ask_to_end()  # side by side: the window waits for the slower one only
-        for child in ending:
-            child.stop(grace_s=1.0)
+            child.ask_to_end()  # side by side: it takes as long as the slower one
         if self._settling is not None:
             self._settling.cancel()
             self._settling = None
+        self._forget_robot()
+        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
+
+        def wait() -> None:
+            for child in ending:
+                child.stop(grace_s=1.0)
+
+        return wait
 
     async def _settle(
         self, connection: RobotConnection, settle: Callable[[], Coroutine[Any, Any, RobotConnection]]
@@ -213,7 +223,7 @@ class RobotService(Service):
                 return
 
     def _on_settled(self, asked: RobotConnection, settled: RobotConnection) -> None:
-        if self._connection is asked and not self._closed:
+        if self._connection is asked and not (self._left or self._closed):
             self.connect_robot(settled, self._chosen_by)
 
     def stop(self) -> None:
@@ -269,7 +279,7 @@ class RobotService(Service):
             self._control_since_ns = clock.now_ns()
 
     def _restart_link(self, name: str) -> None:
-        if not self._closed and name not in self._links:
+        if not (self._left or self._closed) and name not in self._links:
             self._start_link(name)
 
     # What the robot tells

@@ -25,7 +25,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class SessionParts:
-    """``new_session`` raises ToldFailure."""
+    """``new_session`` makes the folder, in a thread of its own, and raises ToldFailure."""
 
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
@@ -80,9 +80,10 @@ class SessionService(Service):
         # What was said with one participant is neither told to the model about the next nor in the next one's record.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
+        if not concerned.recording.announce_session(self._standing(resumed=False)):
+            return
         if concerned.scenario.current.permissions.audio_recording:
             # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
-            concerned.recording.announce_session()
             concerned.microphone.open_and_then(lambda: self._begin(asked))
         else:
             self._begin(asked)
@@ -90,14 +91,11 @@ class SessionService(Service):
     def _begin(self, asked: intents.StartRecording) -> None:
         concerned = self._with
         scenario, connection = concerned.scenario.current, concerned.robot.connection
-        started = concerned.recording.start_session(
+        concerned.recording.begin_session(
             lambda: self._parts.new_session(asked.details, scenario, connection),
-            scenario,
-            self._standing(resumed=False),
             asked.actor,
+            refused=concerned.microphone.close,
         )
-        if not started:
-            concerned.microphone.close()
 
     def _standing(self, *, resumed: bool) -> list[Event]:
         """What happened once and holds until it happens again, as it stands now that a recording begins or goes on."""

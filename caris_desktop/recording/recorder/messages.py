@@ -46,7 +46,10 @@ class SessionHeader:
 
 @dataclass(frozen=True, slots=True)
 class StartRecording:
-    """Begin a session in ``folder``, which is made if it is not there and must be empty. Ends a running one."""
+    """Begin a session in ``folder``, which is made if it is not there and must be empty. Ends a running one.
+
+    The session starts at the moment of this message's arrival at the console, when the recording was asked for.
+    """
 
     folder: Path
     header: SessionHeader

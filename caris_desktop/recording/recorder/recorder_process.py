@@ -123,7 +123,7 @@ class _Recorder:
         match message:
             case StartRecording():
                 self._stop("wizard", message.actor)
-                self._start(message)
+                self._start(message, arrived_ns)
             case StopRecording():
                 self._stop(message.reason, message.actor)
             case PauseRecording():
@@ -165,7 +165,7 @@ class _Recorder:
         ref, file_name = wanted.ref, f"{path.parent.name}/{path.name}"
         self._send(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor))
 
-    def _start(self, start: StartRecording) -> None:
+    def _start(self, start: StartRecording, started_ns: int) -> None:
         unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
         try:
             session = SessionRecorder(
@@ -175,6 +175,7 @@ class _Recorder:
                 limits=self._limits,
                 encoders=self._encoders,
                 offer=self._offer if self._outlet is not None else None,
+                started_ns=started_ns,
             )
         except OSError as error:
             _log.exception("no session in %s", start.folder)

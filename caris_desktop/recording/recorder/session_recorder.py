@@ -75,12 +75,14 @@ class SessionRecorder:
         limits: DiskLimits,
         encoders: Encoders | None = None,
         offer: Callable[[StreamSpec, Any], None] | None = None,
+        started_ns: int | None = None,
     ) -> None:
-        """Raises OSError when the folder cannot be used."""
+        """``started_ns`` is when it was asked for; None: just now. Raises OSError when the folder cannot be used."""
         self.folder = start.folder
         self.full = False
         self._broken: OSError | None = None
-        self.started_ns = clock.now_ns()
+        self.started_ns = clock.now_ns() if started_ns is None else started_ns
+        self._waited_until_ns = 0 if started_ns is None else clock.now_ns()
         self.dropped: Counter[str] = Counter()
         self._header = start.header
         self._frames = frames
@@ -139,7 +141,7 @@ class SessionRecorder:
             "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
         )
         self._log_sync.note(self.folder / "session.json")
-        self._record(SessionStarted(self.started_ns, self.folder.name, start.actor))
+        self._record(SessionStarted(self.started_ns, self.folder.name, start.actor), arrived_ns=self.started_ns)
         self.tick()
         self._log_sync.start()
         self._media_sync.start()
@@ -150,7 +152,8 @@ class SessionRecorder:
             return
         now_ns = clock.now_ns()
         arrived_ns = now_ns if arrived_ns is None else arrived_ns
-        self._behind_ns = max(self._behind_ns, now_ns - arrived_ns)
+        # What came between the wish for a recording and its folder could not be written sooner.
+        self._behind_ns = max(self._behind_ns, now_ns - max(arrived_ns, self._waited_until_ns))
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, "this kind is not in the stream table")
@@ -376,10 +379,10 @@ class SessionRecorder:
                 self._latched[topic] = _Held(held.spec, time.monotonic_ns(), None, 0)
                 self._put(held.spec, held.value, held.arrived_ns)
 
-    def _record(self, event: Any) -> None:
+    def _record(self, event: Any, *, arrived_ns: int | None = None) -> None:
         """An event of the recorder's own: written, then told. What goes wrong during a pause is only told."""
         if not (self.paused and isinstance(event, Problem)):
-            self._put(BY_TYPE[type(event)], event, clock.now_ns())
+            self._put(BY_TYPE[type(event)], event, clock.now_ns() if arrived_ns is None else arrived_ns)
         self._report(event)
 
     def _put(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:

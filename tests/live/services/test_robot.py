@@ -250,6 +250,20 @@ def test_both_links_of_the_robot_before_end_side_by_side(bench: Bench) -> None:
     assert control.others_asked == [True]
 
 
+def test_a_robot_is_left_without_waiting_for_its_links(bench: Bench, qtbot: QtBot) -> None:
+    bench.connect()
+    links = list(bench.children)
+    bench.robot.on_child_ended(bench.control)  # type: ignore[arg-type]
+    wait = bench.robot.leave_for(RobotConnection("Other", "ws://o:9090", RobotProfile("o", "O"), links[0].body, None))
+    assert (bench.state.link.value.state, bench.state.link.value.robot) == ("connecting", "Other")
+    assert links[1].asked_to_end and not links[1].stopped
+    bench.robot._restart_link("control")
+    assert (bench.robot.links, bench.children) == ({}, links), "nor is one of them made again"
+    assert not bench.robot.send(commands.StopMotion(now_ns()))
+    wait()
+    assert links[1].stopped
+
+
 def test_the_use_of_a_control_and_its_outcome_are_shown(bench: Bench) -> None:
     bench.connect()
     bench.robot.use_control("wave", True)

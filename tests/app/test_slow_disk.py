@@ -1,0 +1,268 @@
+"""A disk that takes its time holds up neither window nor driving, and what was asked of it is done all the same."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app import composition
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.commands import Drive, Release, RenewLease
+from caris_desktop.domain.events import Marked, PlacesChanged, Problem, ScenarioOpened
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.console import Console
+from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.file import load_scenario, save_scenario
+from tests.live import bodies
+from tests.support.slow_disk import SlowDisk
+
+HERE = Pose2D(1.0, 2.0, 0.5)
+FULL = ToldFailure("The disk is full.", "Nothing was kept.", "Make room.")
+
+
+class Bench:
+    """A console in front of a slow disk, with a robot that takes everything and a real recorder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.disk = SlowDisk()
+        self.sent: list[Any] = []
+        self.happened: list[Any] = []
+        shipped = composition.find_scenario("tour-guide")
+        permitted = replace(shipped.permissions, audio_recording=False, assistant=False)
+        self.scenario = save_scenario(replace(shipped, permissions=permitted), folder / "first.yaml")
+        self.other = save_scenario(replace(self.scenario, title="Second tour"), folder / "second.yaml")
+        parts = composition.parts(self.scenario, study=composition.open_study(folder / "study"), camera=None)
+        slow = self.disk.slow
+        self.console = Console(
+            replace(
+                parts,
+                people=replace(parts.people, inference=None),
+                speech=ProcessBody("speech", bodies.silent_link),
+                session=replace(parts.session, new_session=slow(parts.session.new_session)),
+                scenario=replace(
+                    parts.scenario, load=slow(parts.scenario.load), save_places=slow(parts.scenario.save_places)
+                ),
+                robots=replace(parts.robots, connect_to=slow(_silent_robot)),
+            ),
+            self.scenario,
+        )
+        self.state = self.console.state
+        self.state.event_happened.connect(self.happened.append)
+
+    def connect(self) -> None:
+        """As if a robot were there."""
+        self.console._robot.send = lambda command: not self.sent.append(command)  # type: ignore[method-assign]
+        self.state.link.set(replace(self.state.link.value, state="connected"))
+
+    def goes_on(self, qtbot: QtBot) -> None:
+        """The event loop turns, and a key drives as long as it is held."""
+        ticks: list[int] = []
+        timer = QTimer(interval=1)
+        timer.timeout.connect(lambda: ticks.append(1))
+        timer.start()
+        self.connect()
+        self.sent.clear()
+
+        def driven() -> bool:
+            if not self.state.drive.value.target_forward_mps:  # pressed anew where the machine was too busy
+                assert self.console.do(intents.Drive(1.0, 0.0, 0.0, "keyboard")) == ""
+            return len(self.all_sent(RenewLease)) >= 3
+
+        qtbot.waitUntil(driven, timeout=20_000)
+        self.console.do(intents.ReleaseDrive(""))
+        timer.stop()
+        assert self.all_sent(Drive) and self.all_sent(Release)
+        assert len(ticks) >= 3
+
+    def all_sent(self, kind: type[Any]) -> list[Any]:
+        return [command for command in self.sent if isinstance(command, kind)]
+
+    def all_of(self, kind: type[Any]) -> list[Any]:
+        return [event for event in self.happened if isinstance(event, kind)]
+
+    def told(self) -> list[str]:
+        return [problem.what for problem in self.all_of(Problem)]
+
+    def place_names(self) -> list[str]:
+        return [place.name for place in self.state.places.value]
+
+    def close(self, during: Callable[[str, Callable[[], None]], None] = lambda _what, work: work()) -> None:
+        self.state.link.set(replace(self.state.link.value, state="closed"))
+        self.console.shutdown(during)
+
+
+def _silent_robot(name: str) -> RobotConnection:
+    body = ProcessBody("control", bodies.silent_link)
+    return RobotConnection(name, "ws://127.0.0.1:9", RobotProfile(name, name), body, None)
+
+
+def _marks(session: Session) -> list[str]:
+    return [event.label for _, event in session.values("event/marked")]
+
+
+@pytest.fixture
+def bench(qapp: QApplication, tmp_path: Path) -> Iterator[Bench]:
+    """Without its children: what records starts them."""
+    bench = Bench(tmp_path)
+    bench.disk.hold()
+    yield bench
+    bench.disk.answer()
+    bench.close()
+
+
+def _close_as_the_disk_answers(bench: Bench) -> list[str]:
+    named: list[str] = []
+
+    def during(what: str, work: Callable[[], None]) -> None:
+        named.append(what)
+        bench.disk.answer()
+        work()
+
+    bench.close(during)
+    return named
+
+
+def test_what_happens_while_the_session_folder_is_made_is_in_the_recording(bench: Bench, qtbot: QtBot) -> None:
+    console, state = bench.console, bench.state
+    console.start()
+    console.do(intents.StartRecording(TrialDetails(participant="P1")))
+    assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
+    qtbot.waitUntil(bench.disk.asked.is_set)
+    before_ns = clock.now_ns()
+    console.do(intents.Mark("meanwhile"))
+    console.do(intents.StartRecording(TrialDetails(participant="P2")))
+    bench.goes_on(qtbot)
+    assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
+    console.do(intents.Mark("afterwards"))
+    console.do(intents.StopRecording())
+    qtbot.waitUntil(lambda: state.recording.value.state == "idle", timeout=60_000)
+    session = open_session(Path(state.recording.value.folder))
+    assert session.trial["participant"] == "P1", "the second wish was none: a recording was starting"
+    assert session.started_ns < before_ns, "it began when it was asked for"
+    assert _marks(session) == ["meanwhile", "afterwards"]
+    assert [event.title for _, event in session.values("event/scenario_opened")] == [bench.scenario.title]
+    assert len(list(Path(state.recording.value.folder).parent.iterdir())) == 1
+    assert bench.told() == []
+
+
+def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until_then(
+    bench: Bench, qtbot: QtBot
+) -> None:
+    console, state = bench.console, bench.state
+    console.start()
+    console.do(intents.StartRecording(TrialDetails(participant="P3")))
+    console.do(intents.Mark("inside"))
+    console.do(intents.StopRecording())
+    console._bus.publish(Marked(clock.now_ns(), "outside"))
+    assert state.recording.value.state == "stopping"
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: state.recording.value.state == "idle", timeout=60_000)
+    assert console.session_folder is not None
+    session = open_session(console.session_folder)
+    assert (session.reason, _marks(session)) == ("wizard", ["inside"])
+
+
+@pytest.mark.logs(r"live\.bus: The disk is full\.")
+def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
+    console, state = bench.console, bench.state
+    bench.disk.refuse = FULL
+    console.do(intents.StartRecording(TrialDetails()))
+    assert state.recording.value.state == "starting"
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: state.recording.value.state == "failed")
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    assert state.recording.value.detail == "The disk is full."
+    assert console.session_folder is None
+
+
+def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_word(bench: Bench, qtbot: QtBot) -> None:
+    console, before = bench.console, bench.place_names()
+    assert bench.scenario.path is not None and bench.other.path is not None
+    console.do(intents.SavePlace("Lift", HERE))
+    console.do(intents.SavePlace("Stairs", HERE))
+    console.do(intents.RemovePlace(before[0]))
+    console.do(intents.OpenScenario(bench.other.path))
+    qtbot.waitUntil(bench.disk.asked.is_set)
+    bench.goes_on(qtbot)
+    assert bench.place_names() == before
+    assert bench.all_of(PlacesChanged) == []
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: console.scenario.title == "Second tour")
+    assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before[1:], "Lift", "Stairs"]
+    assert bench.place_names() == before
+    qtbot.waitUntil(lambda: bench.all_of(ScenarioOpened)[-1].title == "Second tour")
+    assert [(event.name, event.pose_in_map) for event in bench.all_of(PlacesChanged)] == [
+        ("Lift", HERE),
+        ("Stairs", HERE),
+        (before[0], None),
+    ]
+    assert console.state.scenario.value == console.scenario
+    assert bench.told() == []
+
+
+@pytest.mark.logs(r"live\.bus: The disk is full\.")
+def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(bench: Bench, qtbot: QtBot) -> None:
+    console, before = bench.console, bench.place_names()
+    bench.disk.refuse = FULL
+    console.do(intents.SavePlace("Lift", HERE))
+    console.do(intents.SavePlace("Stairs", HERE))
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: bench.place_names() == [*before, "Stairs"])
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    assert bench.scenario.path is not None
+    assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before, "Stairs"]
+
+
+def test_the_present_robot_is_driven_until_the_last_one_asked_for_is_found(bench: Bench, qtbot: QtBot) -> None:
+    bench.console.do(intents.UseRobot("first"))
+    bench.console.do(intents.UseRobot("last"))
+    qtbot.waitUntil(bench.disk.asked.is_set)
+    bench.goes_on(qtbot)
+    robots: list[str] = []
+    bench.state.link.changed.connect(lambda link: robots.append(link.robot))
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: bench.state.robot.value is not None and bench.state.robot.value.name == "last")
+    assert "control" in bench.console._robot.links
+    assert "first" not in robots
+
+
+@pytest.mark.logs(r"live\.bus: The disk is full\.")
+def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot: QtBot) -> None:
+    bench.connect()
+    bench.disk.refuse = FULL
+    bench.console.do(intents.UseRobot("unreadable"))
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    assert bench.state.link.value.state == "connected"
+
+
+def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:
+    bench.console.start()
+    bench.console.do(intents.StartRecording(TrialDetails(participant="P4")))
+    bench.console.do(intents.Mark("last"))
+    named = _close_as_the_disk_answers(bench)
+    assert "What was asked last is being written to disk." in named
+    assert bench.console.session_folder is not None
+    session = open_session(bench.console.session_folder)
+    assert (session.reason, _marks(session)) == ("console_closed", ["last"])
+
+
+def test_a_place_that_is_saved_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:
+    assert bench.scenario.path is not None
+    bench.console.do(intents.SavePlace("Lift", HERE))
+    bench.console.do(intents.UseRobot("late"))
+    _close_as_the_disk_answers(bench)
+    assert load_scenario(bench.scenario.path).places[-1].name == "Lift"
+    assert bench.state.robot.value is None, "no robot is connected any more"
