@@ -1,4 +1,5 @@
-"""The house stays readable: no class of too many methods, no file too long without a reason.
+"""The house stays readable: no class of too many methods, no file too long without a reason. And it stays quick: what
+the GUI thread runs leaves files to others.
 
 That nothing imports in a circle is a contract in pyproject.toml, tested beside.
 """
@@ -14,6 +15,16 @@ ROOT = Path(__file__).parents[1]
 METHODS, LINES = 45, 600
 LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
 """What has to be taken in at one look, whatever reason there may be."""
+IN_GUI_THREAD = ("ui/", "live/services/")
+WRITING_MODULES = {
+    "caris_desktop.domain.file_replacement",
+    "caris_desktop.study.folder",
+    "shutil",
+    "sqlite3",
+    "tempfile",
+}
+WRITING_NAMES = {"open", "save_layout", "save_places", "save_profile", "save_scenario"}
+WRITING_METHODS = {"fsync", "mkdir", "rmdir", "touch", "unlink", "write_bytes", "write_text"}
 
 
 @cache
@@ -43,6 +54,23 @@ def with_many_methods() -> dict[str, int]:
     return counted
 
 
+def files_written(text: str) -> list[str]:
+    """What in this source writes to a disk, or is made for that."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Import(names=names):
+                found += [each.name for each in names if each.name in WRITING_MODULES]
+            case ast.ImportFrom(module=str(module), names=names):
+                found += [module] if module in WRITING_MODULES else []
+                found += [each.name for each in names if each.name in WRITING_NAMES]
+            case ast.Call(func=ast.Name(id=name)) if name in WRITING_NAMES:
+                found.append(name)
+            case ast.Call(func=ast.Attribute(attr=name)) if name in WRITING_METHODS:
+                found.append(name)
+    return found
+
+
 def test_no_file_is_long_without_a_reason() -> None:
     assert too_long() == set(), f"over {LINES} lines: cut it, or say why in its docstring"
 
@@ -61,3 +89,21 @@ def test_a_reason_is_a_sentence_of_the_docstring() -> None:
     assert gives_a_reason('"""Reads bags.\n\nLong because each version is read in its own way.\n"""\n')
     assert not gives_a_reason('"""Reads bags."""\n# Long because nobody cut it.\n')
     assert not gives_a_reason('"""Not long. It is so Long because."""\n')
+
+
+def test_what_the_gui_thread_runs_writes_no_file_itself() -> None:
+    """It is handed to ``live/slow_work.py``, or to a process: a disk may take longer than driving can wait."""
+    written = {name: files_written(text) for name, text in files().items() if name.startswith(IN_GUI_THREAD)}
+    assert len(written) > 20
+    assert {name: found for name, found in written.items() if found} == {}
+
+
+def test_writing_is_seen_however_it_is_done() -> None:
+    assert files_written("import sqlite3, json\n") == ["sqlite3"]
+    assert files_written("from caris_desktop.scenario.file import load_scenario, save_places\n") == ["save_places"]
+    assert files_written("from caris_desktop.domain.file_replacement import replace_file\n")
+    assert files_written("open(path)\npath.parent.mkdir()\npath.read_text()\nos.fsync(3)\n") == [
+        "open",
+        "mkdir",
+        "fsync",
+    ]
