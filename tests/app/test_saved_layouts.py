@@ -32,7 +32,7 @@ def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRu
 
 def _save(qtbot: QtBot, run: ConsoleRun, layout: LayoutNode) -> None:
     run.window.layout_save_requested.emit(layout)
-    qtbot.waitUntil(lambda: run.console.scenario.layout == layout)
+    qtbot.waitUntil(lambda: run.console.scenario.layout == layout, timeout=20_000)
 
 
 def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: ConsoleRun, qtbot: QtBot) -> None:
@@ -42,7 +42,7 @@ def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: Consol
     assert load_scenario(own).layout == ARRANGED
     _save(qtbot, run, PanelLeaf("map"))
     run.window.layout_keeper.put_back()
-    qtbot.waitUntil(lambda: run.console.scenario.layout == shipped)
+    qtbot.waitUntil(lambda: run.console.scenario.layout == shipped, timeout=20_000)
     assert load_scenario(own).layout == shipped
     assert set(run.window.panels) == set(panels_in(shipped))
     run.window.layout_keeper.put_back()
@@ -65,7 +65,7 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, q
     own = user_scenarios_dir() / "tour-guide.yaml"
     own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
     run.console.do(intents.OpenScenario(own))
-    qtbot.waitUntil(lambda: panels_in(run.console.scenario.layout) == ("video", "session"))
+    qtbot.waitUntil(lambda: panels_in(run.console.scenario.layout) == ("video", "session"), timeout=20_000)
     run.window.layout_keeper.put_back()
     run.close()
     assert panels_in(load_scenario(own).layout) == ("video", "session")

@@ -41,7 +41,7 @@ class Bench:
         permitted = replace(shipped.permissions, audio_recording=False, assistant=False)
         self.scenario = save_scenario(replace(shipped, permissions=permitted), folder / "first.yaml")
         self.other = save_scenario(replace(self.scenario, title="Second tour"), folder / "second.yaml")
-        parts = composition.parts(self.scenario, study=composition.open_study(folder / "study"), camera=None)
+        parts = composition.parts(study=composition.open_study(folder / "study"), camera=None)
         slow = self.disk.slow
         self.console = Console(
             replace(
@@ -137,7 +137,7 @@ def test_what_happens_while_the_session_folder_is_made_is_in_the_recording(bench
     console.start()
     console.do(intents.StartRecording(TrialDetails(participant="P1")))
     assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
-    qtbot.waitUntil(bench.disk.asked.is_set)
+    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     before_ns = clock.now_ns()
     console.do(intents.Mark("meanwhile"))
     console.do(intents.StartRecording(TrialDetails(participant="P2")))
@@ -181,8 +181,8 @@ def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, q
     console.do(intents.StartRecording(TrialDetails()))
     assert state.recording.value.state == "starting"
     bench.disk.answer()
-    qtbot.waitUntil(lambda: state.recording.value.state == "failed")
-    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    qtbot.waitUntil(lambda: state.recording.value.state == "failed", timeout=20_000)
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert state.recording.value.detail == "The disk is full."
     assert console.session_folder is None
 
@@ -194,15 +194,15 @@ def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_wo
     console.do(intents.SavePlace("Stairs", HERE))
     console.do(intents.RemovePlace(before[0]))
     console.do(intents.OpenScenario(bench.other.path))
-    qtbot.waitUntil(bench.disk.asked.is_set)
+    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert bench.place_names() == before
     assert bench.all_of(PlacesChanged) == []
     bench.disk.answer()
-    qtbot.waitUntil(lambda: console.scenario.title == "Second tour")
+    qtbot.waitUntil(lambda: console.scenario.title == "Second tour", timeout=20_000)
     assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before[1:], "Lift", "Stairs"]
     assert bench.place_names() == before
-    qtbot.waitUntil(lambda: bench.all_of(ScenarioOpened)[-1].title == "Second tour")
+    qtbot.waitUntil(lambda: bench.all_of(ScenarioOpened)[-1].title == "Second tour", timeout=20_000)
     assert [(event.name, event.pose_in_map) for event in bench.all_of(PlacesChanged)] == [
         ("Lift", HERE),
         ("Stairs", HERE),
@@ -219,8 +219,8 @@ def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(be
     console.do(intents.SavePlace("Lift", HERE))
     console.do(intents.SavePlace("Stairs", HERE))
     bench.disk.answer()
-    qtbot.waitUntil(lambda: bench.place_names() == [*before, "Stairs"])
-    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    qtbot.waitUntil(lambda: bench.place_names() == [*before, "Stairs"], timeout=20_000)
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert bench.scenario.path is not None
     assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before, "Stairs"]
 
@@ -228,12 +228,14 @@ def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(be
 def test_the_present_robot_is_driven_until_the_last_one_asked_for_is_found(bench: Bench, qtbot: QtBot) -> None:
     bench.console.do(intents.UseRobot("first"))
     bench.console.do(intents.UseRobot("last"))
-    qtbot.waitUntil(bench.disk.asked.is_set)
+    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     robots: list[str] = []
     bench.state.link.changed.connect(lambda link: robots.append(link.robot))
     bench.disk.answer()
-    qtbot.waitUntil(lambda: bench.state.robot.value is not None and bench.state.robot.value.name == "last")
+    qtbot.waitUntil(
+        lambda: bench.state.robot.value is not None and bench.state.robot.value.name == "last", timeout=20_000
+    )
     assert "control" in bench.console._robot.links
     assert "first" not in robots
 
@@ -244,7 +246,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
     bench.disk.refuse = FULL
     bench.console.do(intents.UseRobot("unreadable"))
     bench.disk.answer()
-    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."])
+    qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert bench.state.link.value.state == "connected"
 
 

@@ -53,11 +53,11 @@ def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: Q
     timer = QTimer(bench.owner, interval=1)
     timer.timeout.connect(lambda: ticks.append(1))
     timer.start()
-    qtbot.waitUntil(lambda: len(ticks) >= 5)
+    qtbot.waitUntil(lambda: len(ticks) >= 5, timeout=20_000)
     timer.stop()
     assert bench.told == []
     bench.disk.answer()
-    qtbot.waitUntil(lambda: bench.told == [1, "The disk is full.", False])
+    qtbot.waitUntil(lambda: bench.told == [1, "The disk is full.", False], timeout=20_000)
     assert bench.threads == {threading.main_thread()}
 
 
@@ -65,7 +65,7 @@ def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: Q
 def test_what_nobody_thought_of_is_told_in_words_and_does_not_end_the_work(bench: Bench, qtbot: QtBot) -> None:
     bench.ask(lambda: _raise(KeyError("x")))
     bench.ask(lambda: "next")
-    qtbot.waitUntil(lambda: bench.told == ["Something that was asked for could not be done.", "next"])
+    qtbot.waitUntil(lambda: bench.told == ["Something that was asked for could not be done.", "next"], timeout=20_000)
 
 
 def test_at_the_end_what_was_asked_is_done_and_what_follows_from_it(bench: Bench) -> None:
