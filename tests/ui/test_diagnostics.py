@@ -30,6 +30,12 @@ def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link:
     console.state.traffic.set({**console.state.traffic.value, link: measured})
 
 
+def tell(panel: DiagnosticsPanel, console: FakeConsole, *topics: TopicTraffic, refused: int = 0) -> None:
+    """What the panel looks at only after a while, as both links tell at about the same time."""
+    measure(console, *topics, refused=refused)
+    panel.refresh()
+
+
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
     console.state.link.set(
@@ -59,11 +65,17 @@ def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_figure(
 
 def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPanel, console: FakeConsole) -> None:
     latched = topic("/map", 0.0, last_s=40.0)
-    measure(console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))
+    tell(panel, console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))
     for _second in range(3):
-        measure(console, topic("/scan", 10.0), latched, topic("/path", 0.0, last_s=None))
+        tell(panel, console, topic("/scan", 10.0), latched, topic("/path", 0.0, last_s=None))
     assert shown(panel, 1) == ["rare", "nothing", "flowing"]
-    measure(console, topic("/scan", 0.0, last_s=2.0), topic("/map", 0.0, last_s=41.0), topic("/path", 0.0, last_s=None))
+    tell(
+        panel,
+        console,
+        topic("/scan", 0.0, last_s=2.0),
+        topic("/map", 0.0, last_s=41.0),
+        topic("/path", 0.0, last_s=None),
+    )
     assert shown(panel, 1) == ["rare", "nothing", "stale"]
     assert panel.fact == ("1 stale", "amber")
 
@@ -77,6 +89,21 @@ def test_pictures_that_are_not_compressed_come_with_what_to_do(
     [advice] = [line for line in QGuiApplication.clipboard().text().split("\n") if "republish" in line]
     assert advice.startswith("/camera/image_raw is not compressed, 13.8 MB/s")
     assert advice in panel._summary.toolTip()
+
+
+def test_what_both_links_tell_is_one_look_at_the_table(
+    qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole
+) -> None:
+    measure(console, topic("/scan", 10.0))
+    looks: list[object] = []
+    panel.model.dataChanged.connect(lambda *_: looks.append(None))
+    panel.model.modelReset.connect(lambda: looks.append(None))
+    for rate_hz in (9.0, 8.0, 7.0):
+        measure(console, topic("/scan", rate_hz))
+    measure(console, topic("/map", 1.0), link="media")
+    assert looks == []
+    qtbot.waitUntil(lambda: shown(panel) == ["/map", "/scan"])
+    assert len(looks) == 1
 
 
 def test_a_link_that_measures_nothing_any_more_says_so() -> None:

@@ -5,7 +5,15 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, QSize, QSortFilterProxyModel, Qt
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QSize,
+    QSortFilterProxyModel,
+    Qt,
+    QTimer,
+)
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QVBoxLayout, QWidget
 
@@ -37,6 +45,7 @@ _ROOM_FOR_TOTALS_PX = 230
 _SECONDS_TO_BE_USUAL = 3
 _OLD_MEASUREMENT_S = 3.0
 _HEAVY_BYTES_PER_S = 1e6
+_TAKEN_TOGETHER_MS, _NOTHING_TOLD_MS = 200, 1500
 _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
 
@@ -303,8 +312,12 @@ class DiagnosticsPanel(Panel):
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
-        self.every(1000, self.refresh)
-        self.state.traffic.changed.connect(self.refresh)
+        # Both links tell once a second, and ages grow by themselves: all of it is one look at a table that is dear to
+        # paint, soon after the first of them.
+        self._soon = QTimer(self, singleShot=True, interval=_TAKEN_TOGETHER_MS)
+        self._soon.timeout.connect(self.refresh)
+        self._overdue = self.every(_NOTHING_TOLD_MS, self.refresh)
+        self.state.traffic.changed.connect(self._on_traffic_changed)
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.theme.changed.connect(self._style)
@@ -341,6 +354,12 @@ class DiagnosticsPanel(Panel):
         self.model.forget()
         self.refresh()
 
+    def _on_traffic_changed(self, _traffic: object) -> None:
+        if not self.model.rows:
+            self.refresh()
+        elif not self._soon.isActive():
+            self._soon.start()
+
     def _on_link_changed(self, link: LinkStatus) -> None:
         """The figures are for the next second's look; whether there is a robot is told at once."""
         if link.state != self._link_state:
@@ -350,6 +369,8 @@ class DiagnosticsPanel(Panel):
         """Ages grow by themselves."""
         if not self.in_view:
             return
+        self._soon.stop()
+        self._overdue.start()
         link: LinkStatus = self.state.link.value
         self._link_state = link.state
         traffic: dict[str, TrafficMeasured] = self.state.traffic.value
