@@ -22,13 +22,9 @@ def console_takes_a_key() -> None:
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QLineEdit
 
-    from caris_desktop.app.console_command import ConsoleRun, default_arguments
-
     with tempfile.TemporaryDirectory() as folder:
         settings = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
-        run = console.ConsoleRun(
-            console.default_arguments(scenario="tour-guide", study=Path(folder) / "study"), settings=settings
-        )
+        run = ConsoleRun(default_arguments(scenario="tour-guide", study=Path(folder) / "study"), settings=settings)
         run.show()
         field = run.window.findChild(QLineEdit, "speak_field")
 
