@@ -22,6 +22,8 @@ def console_takes_a_key() -> None:
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QLineEdit
 
+    from caris_desktop.app.console_command import ConsoleRun, default_arguments
+
     with tempfile.TemporaryDirectory() as folder:
         settings = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
         run = ConsoleRun(default_arguments(scenario="tour-guide", study=Path(folder) / "study"), settings=settings)
