@@ -18,7 +18,6 @@ from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import SavedLayouts
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.priority import take_short_turns
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
@@ -116,7 +115,6 @@ class ConsoleRun:
         # What exists now stays for the whole run: no full collection need walk it, which stalls the GUI.
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
-        take_short_turns()  # a key is heard at once also while other programs burn
         self.console.start()
         self.host.start()
         if self._refused_scenario:

@@ -15,7 +15,6 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
-from caris_desktop.domain.priority import take_short_turns
 from caris_desktop.robot.outbox import Outbox, ProblemReporter
 
 logger = logging.getLogger(__name__)
@@ -40,11 +39,10 @@ class Link(Protocol):
 
 
 def go_first() -> None:
-    """Run before everything else of ours, as far as the system lets us (an ordinary user may not have all of it)."""
+    """Run before everything else of ours, where the system lets us (an ordinary user may not)."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             os.nice(-10)
-    take_short_turns()
 
 
 def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:

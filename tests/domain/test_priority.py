@@ -34,33 +34,3 @@ def test_a_process_that_steps_back_takes_its_own_session_along(own_session: bool
     if not Path("/proc/self/autogroup").exists():
         pytest.skip("this system does not share the processor among sessions")
     assert (session == "3") == own_session, "what others share is not changed"
-
-
-_SHORT_TURNS = """
-import ctypes, struct, threading
-from caris_desktop.domain import priority
-
-def turn_ns():
-    told = ctypes.create_string_buffer(48)
-    number = priority._SCHED_SETATTR[__import__("os").uname().machine] + 1  # sched_getattr
-    ctypes.CDLL(None).syscall(number, 0, told, 48, 0)
-    return struct.unpack("=IIQiIQQQ", told.raw)[5]
-
-usual = turn_ns()
-priority.take_short_turns()
-of_thread = []
-thread = threading.Thread(target=lambda: of_thread.append(turn_ns()))
-thread.start()
-thread.join()
-print(usual, turn_ns(), of_thread[0])
-"""
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a matter of Linux")
-def test_a_thread_that_takes_short_turns_leaves_those_that_it_starts_as_usual() -> None:
-    done = subprocess.run([sys.executable, "-c", _SHORT_TURNS], capture_output=True, text=True, check=True)
-    usual_ns, own_ns, of_thread_ns = map(int, done.stdout.split())
-    if own_ns in (0, usual_ns):
-        pytest.skip("this system knows no turns of one's own length")
-    assert own_ns == 100_000
-    assert of_thread_ns == usual_ns
