@@ -276,6 +276,8 @@ def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
                 console.wait_until_shown(drive_allowed=False)
                 console.say("clear")
                 console.wait_until_shown(drive_allowed=True)
+                # Until it has heard of that, the robot refuses the next goal.
+                wait_for(lambda: not robot.state()["emergency_stopped"], "released at the robot")
             replay.wait_until_shown(red_button=stop)
         assert replay.close() == 0
     finally:

@@ -459,8 +459,8 @@ def test_the_terminal_gets_sentences_and_the_log_the_details(study: Path, tmp_pa
     assert told.returncode == 1
     assert "session.json was damaged" in told.stderr
     assert "Ann.json is damaged" in told.stderr
-    for raw in ("Traceback", "Error", "Failed validating", "On instance", "line 1 column"):
+    for raw in ("Traceback", "Error", "are missing", "line 1 column"):
         assert raw not in told.stderr, told.stderr
     log = next((tmp_path / "state").rglob("console.log")).read_text()
     assert "line 1 column" in log
-    assert "Failed validating" in log
+    assert "'coder' and 'vocabularies' and 'tiers' are missing" in log
