@@ -92,6 +92,7 @@ class SessionRecorder:
         self._video_permitted, self._photos_permitted = start.video, start.photos
         self._audio_permitted = start.audio
         self._sound_from_ns = self.started_ns
+        self._goes_on_ns = 0
         self._video_ended = self._audio_ended = False
         self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
         self._behind_ns = 0
@@ -157,6 +158,8 @@ class SessionRecorder:
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, "this kind is not in the stream table")
+        elif spec.expected_period_s is not None and value.stamp_ns < self._goes_on_ns:
+            pass  # of the pause, and only late
         elif isinstance(value, FrameRef):
             self._write_frame(spec, value, arrived_ns)
         elif isinstance(value, AudioChunk):
@@ -227,7 +230,7 @@ class SessionRecorder:
             self._guarded(self._log.flush)
             self._log_sync.ask()
         else:
-            self._pauses[-1][1] = self._sound_from_ns = at_ns
+            self._pauses[-1][1] = self._sound_from_ns = self._goes_on_ns = at_ns
             # Latched values that the console sends again are new in the record, however recently they were put.
             self._latched.clear()
             self._record(RecordingPaused(at_ns, False, actor))

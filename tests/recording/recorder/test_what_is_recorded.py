@@ -33,7 +33,7 @@ from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording import driving
-from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose
+from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose, scan
 from tests.recording.recorder.test_recorder_process import video_times_s
 from tests.support.polling import wait_for
 
@@ -242,6 +242,24 @@ def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(t
     assert gap["reason"] == "front: left out, as the disk is nearly full"
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 5
     assert len(messages(tmp_path / "s", "/event/marked")) == 1
+
+
+def test_values_of_a_pause_that_come_after_it_are_left_out_but_what_stands_is_not(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    recorder = RecorderUnderTest(in_thread=True)
+    recorder.send(StartRecording(folder, header()))
+    recorder.wait_for(RecorderReport, state="recording")
+    recorder.send(PauseRecording(True))
+    recorder.wait_for(RecorderReport, state="paused")
+    private_ns = clock.now_ns()
+    recorder.send(PauseRecording(False))
+    resumed: RecordingPaused = recorder.wait_for(RecordingPaused, paused=False)
+    recorder.send(scan(stamp_ns=private_ns), scan(stamp_ns=resumed.stamp_ns), BatteryState(private_ns, 0.5))
+    recorder.stop_session()
+    recorder.close()
+    session = open_session(folder)
+    assert [value.stamp_ns for _, value in session.values("scan")] == [resumed.stamp_ns]
+    assert [value.charge_fraction for _, value in session.values("battery")] == [0.5]
 
 
 def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None:
