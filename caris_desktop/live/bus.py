@@ -79,6 +79,10 @@ class Bus(QObject):
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until))
 
+    def end(self) -> None:
+        """What panels show comes no more; events still do."""
+        self._pace.end()
+
     def take_in(self) -> None:
         """Take in everything that waits, now."""
         events, latest = self._mailbox.drain()

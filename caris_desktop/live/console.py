@@ -289,6 +289,7 @@ class Console(QObject):
             self._recording.end,
         )
         self._frames.close()
+        self._bus.end()
         self._state.close()
 
     def _end_helpers(self) -> None:  # any thread

@@ -50,6 +50,12 @@ class PassPace(QObject):
         self._painted.start()
         return True
 
+    def end(self) -> None:
+        """No pass may begin from now on."""
+        self._free = self._waiting = False
+        self._painted.stop()
+        self._rest.stop()
+
     def _on_painted(self) -> None:
         took_s = time.monotonic() - self._began_s
         rest_s = max(rest_after(took_s), self._every_s - took_s)

@@ -37,3 +37,15 @@ def test_passes_can_be_held_to_a_rate_and_let_go_again(qtbot: QtBot) -> None:
     assert due[0] - begun_s >= 0.14, "a timer may be late, never as early as without"
     pace.at_most_every(0.0)
     assert pace.may_begin()
+
+
+def test_no_pass_begins_once_it_has_ended(qtbot: QtBot) -> None:
+    pace, due = PassPace(), []
+    pace.due.connect(lambda: due.append("due"))
+    pace.at_most_every(0.01)
+    assert pace.may_begin()
+    assert not pace.may_begin()
+    pace.end()
+    qtbot.wait(30)
+    assert not due
+    assert not pace.may_begin()

@@ -1,6 +1,7 @@
 """Runs the real recorder process for tests, and makes values for it."""
 
 import multiprocessing
+import pickle
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +20,13 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import RecorderReport, SessionHeader, StartRecording, StopRecording
+from caris_desktop.recording.recorder.messages import (
+    ARRIVED,
+    RecorderReport,
+    SessionHeader,
+    StartRecording,
+    StopRecording,
+)
 from caris_desktop.recording.recorder.recorder_process import run_recorder
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -62,8 +69,10 @@ class RecorderUnderTest:
         theirs.close()
 
     def send(self, *messages: Any) -> None:
+        """As the console does: with when each came to it."""
         for message in messages:
-            self.connection.send(message)
+            raw = pickle.dumps(message)
+            self.connection.send_bytes(ARRIVED + clock.now_ns().to_bytes(8, "little", signed=True) + raw)
 
     def wait_for(self, kind: type[Any], *, timeout_s: float = 20.0, **fields: Any) -> Any:
         """The first message of ``kind`` with these fields, heard already or to come."""

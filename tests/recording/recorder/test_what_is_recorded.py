@@ -5,6 +5,7 @@ import json
 import pickle
 import shutil
 import subprocess
+import time
 import wave
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -270,6 +271,7 @@ def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None
     recorder.send(PauseRecording(True))
     recorder.wait_for(RecorderReport, state="paused")
     private_ns = clock.now_ns()
+    time.sleep(0.01)
     recorder.send(PauseRecording(False))
     resumed: RecordingPaused = recorder.wait_for(RecordingPaused, paused=False)
     # One block that began in the pause and ends well after it.
