@@ -154,7 +154,7 @@ class LiveState(QObject):
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
     ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
-    and ``persons`` of all of them.
+    and ``persons`` of all of them. ``selected_person`` is the id of whom the wizard means, empty for nobody.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -188,6 +188,7 @@ class LiveState(QObject):
         self.perception = LiveValue(PerceptionStatus(), self)
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)
+        self.selected_person = LiveValue("", self)
         self.robot = LiveValue(None, self)
         self.scenario = LiveValue(None, self)
         self.places = LiveValue((), self)

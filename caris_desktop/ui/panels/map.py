@@ -72,6 +72,7 @@ class MapPanel(Panel):
         state.places.changed.connect(self._on_places_changed)
         state.people_in_map.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_people_changed)
+        state.selected_person.changed.connect(self._on_people_changed)
         state.robot.changed.connect(self._on_robot_changed)
         state.mapping.changed.connect(self._refresh)
         state.drive.changed.connect(self._on_drive_changed)
@@ -287,7 +288,8 @@ class MapPanel(Panel):
             row = rows.get(person.person_id)
             name = words.person_name(row) if row is not None else "Person"
             shown.append((person, name, row is not None and words.has_given_name(row)))
-        self.view.show_people(tuple(shown), self.state.people_in_map.freshness)
+        meant = self.state.selected_person.value
+        self.view.show_people(tuple(shown), self.state.people_in_map.freshness, meant=meant)
 
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
         going = goal is not None and goal.state in words.UNDER_WAY

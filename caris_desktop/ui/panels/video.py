@@ -84,6 +84,7 @@ class VideoPanel(Panel):
         state.frame.freshness_changed.connect(self._on_freshness_changed)
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
+        state.selected_person.changed.connect(self.view.show_selected)
         state.drive.changed.connect(self._refresh)
         state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
@@ -98,6 +99,7 @@ class VideoPanel(Panel):
         state = self.state
         self._on_cameras_changed(None)
         self._on_persons_changed(state.persons.value)
+        self.view.show_selected(state.selected_person.value)
         if state.people.value is not None:
             self._on_people_changed(state.people.value)
         # Frames were not read while nobody saw the panel; the last one that was must not pass for the present.

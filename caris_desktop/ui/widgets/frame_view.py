@@ -93,6 +93,7 @@ class FrameView(QWidget):
         self._people: People | None = None
         self._people_before: People | None = None
         self._names: dict[str, tuple[str, bool]] = {}
+        self._selected = ""
         self._freshness = "none"
         self._age_s: float | None = None
         self._lost_reason = ""
@@ -179,6 +180,12 @@ class FrameView(QWidget):
         """Words for each person id, and whether they are a given name."""
         self._names = names
         self.update()
+
+    def show_selected(self, person_id: str) -> None:
+        """Mark the box of whom the wizard means; an empty id marks nobody."""
+        if person_id != self._selected:
+            self._selected = person_id
+            self.update()
 
     def show_freshness(self, freshness: str) -> None:
         self._freshness = freshness
@@ -318,10 +325,25 @@ class FrameView(QWidget):
                 picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
                 box.width_px * scale_x, box.height_px * scale_y,
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
+            if self._selected and box.person_id == self._selected:
+                self._paint_selected(painter, rect)
             self._paint_box_edge(painter, rect, named=named)
             top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
             self._paint_tag(painter, QPointF(rect.left() - 1, top), label, named=named)
         painter.setOpacity(1.0)
+
+    def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
+        """A second line outside the first, light inside dark, so that it stands out on every picture."""
+        edge = rect.toRect().adjusted(-4, -4, 4, 4)
+        for role, outer in (("on_box", edge.adjusted(-1, -1, 1, 1)), ("video_text", edge)):
+            color = self._theme.color(role)
+            for bar in (
+                QRect(outer.left(), outer.top(), outer.width(), 3),
+                QRect(outer.left(), outer.bottom() - 2, outer.width(), 3),
+                QRect(outer.left(), outer.top() + 3, 3, outer.height() - 6),
+                QRect(outer.right() - 2, outer.top() + 3, 3, outer.height() - 6),
+            ):
+                painter.fillRect(bar, color)
 
     def _paint_box_edge(self, painter: QPainter, rect: QRectF, *, named: bool) -> None:
         """A line around somebody, dashed where the wizard gave no name.

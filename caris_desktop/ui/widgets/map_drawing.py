@@ -50,9 +50,9 @@ class Aim:
 class MapShown:
     """Everything that is on show besides the grid.
 
-    ``people`` says where they are, what they are called, and whether that is a name that the wizard gave. ``chips`` are
-    lines of (words, role) at the upper edge; a role is warning, good, bad or hint. ``mark`` is the point that a card
-    asks about.
+    ``people`` says where they are, what they are called, and whether that is a name that the wizard gave; ``meant`` is
+    the id of whom the wizard selected. ``chips`` are lines of (words, role) at the upper edge; a role is warning, good,
+    bad or hint. ``mark`` is the point that a card asks about.
     """
 
     places: tuple[Place, ...] = ()
@@ -63,6 +63,7 @@ class MapShown:
     path_m: NDArray[np.float64] | None = None
     people: tuple[tuple[PersonPlace, str, bool], ...] = ()
     people_freshness: str = "none"
+    meant: str = ""
     outline_m: tuple[tuple[float, float], ...] = ()
     guard: tuple[str, float | None] = ("absent", None)
     goal: GoalChanged | None = None
@@ -240,6 +241,9 @@ class MapDrawing:
             painter.setPen(pen)
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(at, ring, ring)
+            if self.shown.meant and person.person_id == self.shown.meant:
+                painter.setPen(QPen(self._theme.color("text"), 2.5))
+                painter.drawEllipse(at, 10, 10)
             # As in the list of people: filled with a name, an outline without.
             painter.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
             painter.setBrush(color if named else self._theme.color("panel"))

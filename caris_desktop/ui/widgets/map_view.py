@@ -105,9 +105,14 @@ class MapView(QWidget):
         self.shown.path_m = None if points_in_map is None or len(points_in_map) < 2 else thinned(points_in_map)
         self._update_soon()
 
-    def show_people(self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str) -> None:
-        """Where people are, what they are called, and whether that is a name that the wizard gave."""
-        self.shown.people, self.shown.people_freshness = people, freshness
+    def show_people(
+        self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str, *, meant: str = ""
+    ) -> None:
+        """Where people are, what they are called, and whether that is a name that the wizard gave.
+
+        ``meant`` is the id of whom the wizard selected.
+        """
+        self.shown.people, self.shown.people_freshness, self.shown.meant = people, freshness, meant
         self._update_soon()
 
     def show_robot(self, outline_m: tuple[tuple[float, float], ...]) -> None:

@@ -1,0 +1,56 @@
+"""Whom the wizard selected is marked wherever that person is to be seen."""
+
+import numpy as np
+from PySide6.QtCore import QRect
+from PySide6.QtGui import QImage
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.sensing import PeopleInMap, PersonPlace
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.video import VideoPanel
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+
+def changed(before: QImage, after: QImage, area: QRect) -> int:
+    return sum(
+        before.pixel(x, y) != after.pixel(x, y)
+        for x in range(area.left(), area.right())
+        for y in range(area.top(), area.bottom())
+    )
+
+
+def test_the_box_of_who_is_selected_is_marked_and_no_other(window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    frame = console.frames.add(np.zeros((480, 640, 3), np.uint8))
+    console.state.take(frame)
+    boxes = [(60.0, 100.0, 120.0, 300.0), (400.0, 100.0, 120.0, 300.0)]
+    console.state.take(samples.people_for(frame.sequence, 640, 480, boxes))
+    before = panel.view.grab().toImage()
+    console.state.selected_person.set("p2")
+    after = panel.view.grab().toImage()
+    middle = round(panel.view.picture_rect().center().x())
+    left, right = QRect(0, 0, middle, before.height()), QRect(middle, 0, before.width() - middle, before.height())
+    assert changed(before, after, right) > 1000
+    assert changed(before, after, left) == 0
+    console.state.selected_person.set("")
+    assert panel.view.grab().toImage() == before
+
+
+def test_the_dot_of_who_is_selected_is_ringed_on_the_map(window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    places = (PersonPlace("p1", 3.0, 2.0, 0.1, "lidar"), PersonPlace("p2", 6.0, 2.0, 0.1, "lidar"))
+    console.state.take(PeopleInMap(clock.now_ns(), places))
+    before = panel.view.grab().toImage()
+    console.state.selected_person.set("p2")
+    after = panel.view.grab().toImage()
+
+    def around(x_m: float) -> QRect:
+        spot = panel.view.to_view(x_m, 2.0).toPoint()
+        return QRect(spot.x() - 14, spot.y() - 14, 28, 28)
+
+    assert changed(before, after, around(6.0)) > 30
+    assert changed(before, after, around(3.0)) == 0
