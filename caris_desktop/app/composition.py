@@ -111,7 +111,7 @@ def parts(
 ) -> Parts:
     """The parts of a console run. ``address_of`` tells where a robot of the list is, if not where its profile says."""
     # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
-    inference = InferenceSettings(tracker="bytetrack" if camera is not None else "botsort")
+    inference = InferenceSettings()
     return Parts(
         recorder=ProcessBody("recorder", bodies.recorder),
         speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),

@@ -18,13 +18,15 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, People, RobotPose
+from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, Presence
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
+from caris_desktop.perception.tracker import Look
+from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.turns import CameraTurns
 
 _log = logging.getLogger(__name__)
@@ -55,6 +57,7 @@ class PerceptionWorker(QObject):
         self._look_every_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
+        self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
 
     @property
@@ -84,9 +87,12 @@ class PerceptionWorker(QObject):
             self._turns.forget()
         self._inputs.put(_FORGET)
 
-    def offer_evidence(self, value: LaserScan | RobotPose | HeadState) -> None:
-        """What tells where the people of a picture stand."""
-        self._locator.take(value)
+    def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry) -> None:
+        """What tells where the people of a picture stand, and which way its camera looked."""
+        if isinstance(value, HeadState | Odometry):
+            self._turning.take(value)
+        if not isinstance(value, Odometry):
+            self._locator.take(value)
 
     def use_cameras(self, models: dict[str, CameraModel]) -> None:
         """Where the robot's cameras look, by name; people before others get no place in the map."""
@@ -131,6 +137,7 @@ class PerceptionWorker(QObject):
                 break
             if item is _FORGET:
                 asked = None
+                self._turning.forget()
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Rename):
                 self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns(), actor=item.actor))
@@ -176,11 +183,19 @@ class PerceptionWorker(QObject):
                 asked_ns = clock.now_ns()
                 with self._turns_lock:
                     asked = self._turns.take(now_ns=asked_ns)
-                busy = asked is not None and child.send(asked)
+                busy = asked is not None and child.send(self._look(asked))
             self._show_persons(presence)
         if child is not None:
             child.stop(grace_s=2.0)
         presence.close()
+
+    def _look(self, frame: FrameRef) -> Look:
+        """A camera that the robot does not carry does not turn with it."""
+        camera = self._cameras.get(frame.camera)
+        if camera is None:
+            return Look(frame)
+        looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
+        return Look(frame, looked, camera.fx_px / camera.width_px)
 
     def _start_child(self) -> ChildProcess:
         self._set_status(PerceptionStatus(state="loading"))

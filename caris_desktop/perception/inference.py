@@ -13,8 +13,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
-from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.tracker import PersonTracker, TrackerName
+from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.perception.detector import Detector, open_detector, person_classes
+from caris_desktop.perception.tracker import Look, PersonTracker, TrackerName
 from caris_desktop.perception.weights import WeightsError, find_weights
 
 log = logging.getLogger(__name__)
@@ -35,15 +36,14 @@ class InferenceSettings:
     """What a run of inference needs; picklable.
 
     ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
-    BoT-SORT compensates for a camera that turns with its robot: on a street video panned by up to 375 px/s and sampled
-    at 8 Hz its HOTA was 41 against ByteTrack's 26. For a camera that stands still ByteTrack is cheaper and no worse.
+    ``own`` is :mod:`caris_desktop.perception.following`; the others are ultralytics'.
     ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
     room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
     """
 
     weights_path: Path | None = None
     allow_download: bool = True
-    tracker: TrackerName = "botsort"
+    tracker: TrackerName = "own"
     confidence: float = 0.1
     max_hz: float = 30.0
     max_load: float = 0.8
@@ -78,7 +78,7 @@ class FrameSkipped:
 
 
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
-    """Process body: receives ``FrameRef``s and answers with ``People`` for the newest of them.
+    """Process body: receives ``Look``s and answers with ``People`` for the newest of them.
 
     Sends ``InferenceReady`` or ``InferenceFailed`` first. Of the frames that wait, only the newest is processed; each
     processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. Returns when the
@@ -93,9 +93,8 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     started_ns = clock.now_ns()
     try:
         weights = find_weights(settings.weights_path, allow_download=settings.allow_download)
-        tracker = PersonTracker(
-            weights, tracker=settings.tracker, confidence=settings.confidence, threads=settings.threads
-        )
+        detector = open_detector(weights, confidence=settings.confidence, threads=settings.threads)
+        tracker = PersonTracker(person_classes(detector, weights), tracker=settings.tracker)
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
         _fail(connection, _weights_problem(error))
@@ -104,21 +103,28 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info("detector %s ready after %.1f s", weights.path, load_s)
-    connection.send(InferenceReady(clock.now_ns(), weights.label, load_s))
-    _follow(connection, frames, tracker, settings)
+    connection.send(InferenceReady(clock.now_ns(), detector.label, load_s))
+    _follow(connection, frames, detector, tracker, settings)
 
 
-def _follow(connection: Connection, frames: FrameReader, tracker: PersonTracker, settings: InferenceSettings) -> None:
+def _follow(
+    connection: Connection,
+    frames: FrameReader,
+    detector: Detector,
+    tracker: PersonTracker,
+    settings: InferenceSettings,
+) -> None:
     failures = 0
     while True:
-        ref = newest(connection)
+        look = newest(connection)
+        ref = look.frame
         began_ns = clock.now_ns()
         image_bgr = frames.read(ref)
         if image_bgr is None:
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         try:
-            tracked = tracker.track(image_bgr, ref.camera)
+            tracked = tracker.track(detector.detect(image_bgr), image_bgr, look)
         except Exception:
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
@@ -160,12 +166,12 @@ def _fail(connection: Connection, problem: Problem) -> NoReturn:
         newest(connection)
 
 
-def newest(connection: Connection) -> FrameRef:
+def newest(connection: Connection) -> Look:
     """Wait for a frame, drop all that wait but the last. Raises EOFError when the connection ends."""
-    ref: FrameRef = connection.recv()
+    look: Look = connection.recv()
     while connection.poll():
-        ref = connection.recv()
-    return ref
+        look = connection.recv()
+    return look
 
 
 def rest_s(work_s: float, settings: InferenceSettings) -> float:

@@ -1,23 +1,41 @@
-"""Finds people in camera frames and follows them, with ultralytics' detectors and trackers."""
+"""Follows the people of several cameras, with our tracker or one of the library, in the boxes of any detector."""
 
-import logging
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.perception.weights import Weights, WeightsError
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.perception.detector import Detections
+from caris_desktop.perception.following import Follower, overlaps
+from caris_desktop.perception.library_trackers import LibraryTracker
 
-log = logging.getLogger(__name__)
+TrackerName = Literal["own", "bytetrack", "botsort"]
+USUAL_FOCAL_PER_WIDTH = 0.87
+"""Of a camera that sees 60 degrees."""
+_SAME_PERSON = 0.7
 
-TrackerName = Literal["bytetrack", "botsort"]
-_COCO_CLASS_COUNT = 80
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A picture to find people in. ``looked`` is where its camera pointed when it was taken: heading (left positive,
+    not wrapped) and tilt (down positive) in radians; None where nobody told. ``focal_per_width`` is its lens.
+    """
+
+    frame: FrameRef
+    looked: tuple[float, float] | None = None
+    focal_per_width: float = USUAL_FOCAL_PER_WIDTH
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedBox:
-    """One person in one frame; ``track`` stays the same as long as the tracker follows that person."""
+    """One person in one frame; ``track`` stays the same as long as the tracker follows that person.
+
+    ``detection`` is the row of what the detector found.
+    """
 
     track: int
     left_px: float
@@ -25,87 +43,87 @@ class TrackedBox:
     width_px: float
     height_px: float
     confidence: float
+    detection: int
 
 
 class PersonTracker:
-    """A detector with one tracker for each camera behind it. For one thread; load time is seconds.
+    """One tracker for each camera. For one thread.
 
-    Track numbers start at 1 and never mean two people, of whichever cameras.
-
-    Raises
-    ------
-    WeightsError
-        When the file cannot be loaded or knows no class that means a person.
+    Track numbers start at 1 and never mean two people, of whichever cameras. ``person_classes`` are the rows of the
+    detector's class names that mean a person.
     """
 
-    def __init__(self, weights: Weights, *, tracker: TrackerName, confidence: float, threads: int) -> None:
-        from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
-
-        prepare_ultralytics(threads=threads)
-        from ultralytics import YOLO
-
-        self.weights = weights
-        self._arguments: dict[str, Any] = {
-            "persist": True,
-            "tracker": f"{tracker}.yaml",
-            "conf": confidence,
-            "imgsz": weights.input_px,
-            # A model may have several classes that mean a person; one person must not get a box from each.
-            "agnostic_nms": True,
-            "device": None,
-            "verbose": False,
-        }
-        self._trackers: dict[str, Any] = {}
+    def __init__(self, person_classes: Sequence[int], *, tracker: TrackerName) -> None:
+        self._person_classes = tuple(person_classes)
+        self._tracker = tracker
+        self._theirs: dict[str, LibraryTracker] = {}
+        self._ours: dict[str, _Followed] = {}
         self._numbers: dict[tuple[str, int], int] = {}
-        try:
-            self._model = YOLO(str(weights.path), task="detect")
-            self._warm_up()
-            self._arguments["classes"] = self._person_classes()
-        except WeightsError:
-            raise
-        except Exception as error:  # torch, onnxruntime and tflite each raise types of their own for a bad file
-            log.exception("could not load %s", weights.path)
-            raise WeightsError(
-                f"The detector {weights.path.name} could not be loaded",
-                searched=(str(weights.path),),
-                advice="Replace the file by an intact YOLO detector; the log has the details",
-            ) from error
+        self._new_number = itertools.count(1).__next__
 
-    def track(self, image_bgr: NDArray[np.uint8], camera: str) -> list[TrackedBox]:
-        """People in this camera's next frame: uint8 BGR, shape (height, width, 3). Boxes lie inside the image."""
-        known = self._trackers.get(camera)
-        # Where there is none, ultralytics makes a new one.
-        self._model.predictor.trackers = [] if known is None else [known]
-        boxes = self._model.track(image_bgr, **self._arguments)[0].boxes
-        self._trackers[camera] = self._model.predictor.trackers[0]
-        if boxes is None or boxes.id is None:
-            return []
-        height_px, width_px = image_bgr.shape[:2]
-        corners = boxes.xyxy.numpy(force=True).clip(0, [width_px, height_px, width_px, height_px]).tolist()
-        numbers = boxes.id.numpy(force=True).astype(int).tolist()
-        confidences = boxes.conf.numpy(force=True).tolist()
+    def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: Look) -> list[TrackedBox]:
+        """The people among what was found in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
+        rows = _people(detections, self._person_classes)
+        corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
+        if self._tracker == "own":
+            followed = self._ours.setdefault(look.frame.camera, _Followed(Follower(self._new_number)))
+            found = followed.follow(corners_px, confidences, look)
+        else:
+            found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, look.frame.camera)
         tracked = []
-        for (left, top, right, bottom), number, confidence in zip(corners, numbers, confidences, strict=True):
-            track = self._numbers.setdefault((camera, number), len(self._numbers) + 1)
-            if right > left and bottom > top:
-                tracked.append(TrackedBox(track, left, top, right - left, bottom - top, confidence))
+        for number, row in found:
+            left, top, right, bottom = corners_px[row].tolist()
+            tracked.append(
+                TrackedBox(number, left, top, right - left, bottom - top, float(confidences[row]), int(rows[row]))
+            )
         return tracked
 
-    def _warm_up(self) -> None:
-        """The first frame is many times slower than the rest, and loading happens in it."""
-        self._model.track(np.full((480, 640, 3), 114, np.uint8), **self._arguments)
+    def _follow_with(
+        self,
+        name: Literal["bytetrack", "botsort"],
+        corners_px: NDArray[np.float64],
+        confidences: NDArray[np.float64],
+        image_bgr: NDArray[np.uint8],
+        camera: str,
+    ) -> list[tuple[int, int]]:
+        if camera not in self._theirs:
+            self._theirs[camera] = LibraryTracker(name)
+        found = self._theirs[camera].follow(corners_px, confidences, image_bgr)
+        return [(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found]
 
-    def _person_classes(self) -> list[int]:
-        names: dict[int, str] = self._model.predictor.model.names
-        wanted = {name.lower() for name in self.weights.person_class_names}
-        classes = [number for number, name in names.items() if name.lower() in wanted]
-        if classes:
-            return classes
-        unnamed = all(name == f"class{number}" for number, name in names.items())
-        if unnamed and len(names) >= _COCO_CLASS_COUNT:
-            return [0]
-        raise WeightsError(
-            f"The detector {self.weights.path.name} does not detect people",
-            searched=(str(self.weights.path),),
-            advice="Choose a detector with a class named person",
-        )
+
+@dataclass(slots=True)
+class _Followed:
+    """Our tracker of one camera, and where the camera pointed last."""
+
+    follower: Follower
+    looked: tuple[float, float] | None = None
+
+    def follow(
+        self, corners_px: NDArray[np.float64], confidences: NDArray[np.float64], look: Look
+    ) -> list[tuple[int, int]]:
+        found = self.follower.follow(corners_px, confidences, look.frame.shown_ns / 1e9, shift_px=self._shift_px(look))
+        return [(each.number, each.box) for each in found]
+
+    def _shift_px(self, look: Look) -> tuple[float, float]:
+        """By how much everything has moved in the picture because the camera turned; a small turn, as pixels."""
+        before, self.looked = self.looked, look.looked
+        if before is None or look.looked is None:
+            return 0.0, 0.0
+        focal_px = look.focal_per_width * look.frame.width_px
+        return focal_px * (look.looked[0] - before[0]), focal_px * (before[1] - look.looked[1])
+
+
+def _people(detections: Detections, classes: Sequence[int]) -> NDArray[np.int64]:
+    """Rows of the people. A model may have several classes that mean one; nobody gets a box from each."""
+    has_size = (detections.corners_px[:, 2:] > detections.corners_px[:, :2]).all(axis=1)
+    rows = np.flatnonzero(np.isin(detections.classes, classes) & has_size)
+    if len(classes) < 2 or len(rows) < 2:
+        return rows
+    surest_first = rows[np.argsort(-detections.confidences[rows], kind="stable")]
+    together = overlaps(detections.corners_px[surest_first], detections.corners_px[surest_first])
+    kept: list[int] = []
+    for each in range(len(surest_first)):
+        if not kept or together[each, kept].max() <= _SAME_PERSON:
+            kept.append(each)
+    return surest_first[kept]

@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, help="default: as the console finds them")
     parser.add_argument("--threads", type=int, default=defaults.threads)
     parser.add_argument("--max-load", type=float, default=defaults.max_load)
-    parser.add_argument("--tracker", choices=("bytetrack", "botsort"), default=defaults.tracker)
+    parser.add_argument("--tracker", choices=("own", "bytetrack", "botsort"), default=defaults.tracker)
     arguments = parser.parse_args()
     settings = InferenceSettings(
         weights_path=arguments.weights,

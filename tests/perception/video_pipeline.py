@@ -24,6 +24,7 @@ from caris_desktop.perception.inference import (
     InferenceSettings,
     run_inference,
 )
+from caris_desktop.perception.tracker import Look
 
 _PATIENCE_S = 60.0
 
@@ -89,7 +90,7 @@ def _collect(inbox: "queue.SimpleQueue[Any]", inference: ChildProcess, camera: C
                 latency_ms.append((clock.now_ns() - item.stamp_ns) / 1e6)
         elif isinstance(item, CameraEnded):
             ended = True
-        if ready is not None and newest is not None and not busy and inference.send(newest):
+        if ready is not None and newest is not None and not busy and inference.send(Look(newest)):
             newest, busy = None, True
     assert ready is not None, "the video ended before the detector was ready"
     return Playback(

@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, Qt, QThread
 from caris_desktop.domain import intents
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event
-from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, RobotPose
+from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.children import Children
@@ -64,7 +64,7 @@ class PeopleService(Service):
         self._worker: PerceptionWorker | None = None
         state.robot.changed.connect(self._on_robot_changed)
         state.camera.changed.connect(self._on_camera_changed)
-        bus.tap(self._offer, (FrameRef, LaserScan, RobotPose, HeadState, CameraLens))
+        bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens))
 
     def handlers(self) -> Handlers:
         return {intents.NamePerson: self._name}

@@ -1,0 +1,383 @@
+"""Follows people from picture to picture: which of the boxes of this picture is whom of the last.
+
+Built for the camera of a robot: pictures come at 7 to 30 a second, some are missing, and the camera turns. All of it is
+counted in seconds of capture time, never in pictures: how far somebody may have got, how sure that is, and how long
+nobody is given up. No Qt, no detector: boxes in, numbers out.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Confidences: who is surely somebody, who may be somebody followed already, and who may be somebody new.
+SURE, PERHAPS, NEW = 0.5, 0.1, 0.3
+# Boxes are blown up by these parts of their size before they are compared, in two passes: between two pictures people
+# move by more than their boxes overlap (C-BIoU, Yang et al., WACV 2023).
+BUFFERS = (0.3, 0.5)
+_LEAST_OVERLAP = 0.1
+_LEAST_OVERLAP_PERHAPS = 0.4
+_SAME_BOX = 0.7
+# Of somebody new, the confidences of all pictures together: with two good ones they count, with poor ones later.
+_CONFIRM_AFTER = 1.0
+# Where no box is a sure one, many poor ones count too, unless another box covers more than this part of them: then
+# they are mostly somebody's legs, or two people as one.
+_POOR_COUNTS = 0.25
+_ALONE = 0.1
+_TENTATIVE_S = 0.4
+LOST_S = 2.0
+"""How long somebody out of sight is looked for where their way would have led them."""
+REMEMBERED_S = 30.0
+"""How long they can be known again by how they look."""
+
+# Of a box's height: how precisely a detector puts it; how fast people change their way; how slowly boxes change size.
+_SEEN_WITHIN = 0.05
+_ACCELERATION_PER_S2 = 2.0
+_SPEED_AT_FIRST_PER_S = 0.7
+_RESIZE_PER_S = 0.25
+_WAY_FADES_S = 0.6
+
+# Cosine distance of two views: how far those of one person lie apart as a rule, up to where one is known again by looks
+# alone, and by how much whoever comes second must be worse.
+_LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN = 0.3, 0.3, 0.1
+_LOOKS_KEPT = 0.9
+_LOOK_AGAIN_S = 0.5
+_GOOD_VIEW, _HIDDEN = 0.6, 0.1
+_CONTESTED = 0.15
+_DOUBTED_AFTER_S = 0.25
+
+AppearanceOf = Callable[[Sequence[int]], Floats]
+"""How the people in these boxes look, one row of unit length for each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """One person in one picture. ``box`` is the row of the detection, ``number`` never means two people."""
+
+    number: int
+    box: int
+
+
+@dataclass(slots=True, eq=False)
+class _Track:
+    """Centre, width and height with their speeds in pixels and seconds; each axis is estimated by itself.
+
+    ``mean`` (4, 2): value and speed. ``covariance`` (4, 2, 2).
+    """
+
+    mean: Floats
+    covariance: Floats
+    stamp_s: float
+    seen_s: float
+    first_s: float
+    number: int = 0
+    evidence: float = 0.0
+    looks_like: Floats | None = None
+    looked_s: float = -math.inf
+
+    @property
+    def confirmed(self) -> bool:
+        return self.number > 0
+
+    @property
+    def height_px(self) -> float:
+        return max(4.0, float(self.mean[3, 0]))
+
+    def corners(self) -> Floats:
+        x, y, width, height = self.mean[:, 0]
+        return np.array([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
+
+
+class Follower:
+    """Follows the people of one camera. ``new_number`` gives the number of each new one."""
+
+    def __init__(self, new_number: Callable[[], int] | None = None) -> None:
+        self._new_number = new_number or itertools.count(1).__next__
+        self._tracks: list[_Track] = []
+        self._began = False
+
+    def follow(
+        self,
+        corners_px: Floats,
+        confidences: Floats,
+        stamp_s: float,
+        *,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        appearance_of: AppearanceOf | None = None,
+    ) -> list[Followed]:
+        """Take in the next picture.
+
+        Parameters
+        ----------
+        corners_px
+            Left, top, right, bottom of each box, shape (boxes, 4).
+        confidences
+            0..1, shape (boxes,).
+        stamp_s
+            When the picture was taken.
+        shift_px
+            By how much everything has moved in the picture since the last one because the camera turned.
+        appearance_of
+            Asked for new and doubtful ones, and now and then for a good view of somebody; None without such a model.
+        """
+        for track in self._tracks:
+            _advance(track, stamp_s, shift_px)
+        sure = np.flatnonzero(confidences >= SURE).tolist()
+        perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
+        waiting = [track for track in self._tracks if stamp_s - track.seen_s <= LOST_S]
+        views = _Views(appearance_of)
+        views.look_at(_doubtful(waiting, sure, corners_px, stamp_s))
+        pairs: list[tuple[_Track, int]] = []
+        for buffer in BUFFERS:
+            found = _pairs(waiting, sure, corners_px, confidences, buffer=buffer, least=_LEAST_OVERLAP, views=views)
+            pairs += found
+            waiting, sure = _left(waiting, sure, found)
+        # A box that is hardly one continues whom we know, and begins nobody.
+        known = [track for track in waiting if track.confirmed]
+        found = _pairs(known, perhaps, corners_px, confidences, buffer=0.0, least=_LEAST_OVERLAP_PERHAPS)
+        pairs += found
+        waiting, perhaps = _left(waiting, perhaps, found)
+        new = [box for box in perhaps if confidences[box] >= NEW]
+        pairs += _pairs(waiting, new, corners_px, confidences, buffer=BUFFERS[0], least=_LEAST_OVERLAP_PERHAPS)
+        found = self._known_again(sure, confidences, views, {id(track) for track, _ in pairs})
+        pairs += found
+        _, sure = _left([], sure, found)
+        for track, box in pairs:
+            _see(track, corners_px[box], stamp_s)
+            track.evidence += _evidence(float(confidences[box]))
+        taken = {box for _, box in pairs}
+        sure = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
+        pairs += self._begin(sure, corners_px, confidences, stamp_s, [box for _, box in pairs])
+        _remember_looks(pairs, corners_px, confidences, stamp_s, views)
+        self._forget(stamp_s)
+        followed = [Followed(track.number, box) for track, box in pairs if self._counts(track)]
+        self._began = True
+        return followed
+
+    def _known_again(
+        self, boxes: list[int], confidences: Floats, views: "_Views", here: set[int]
+    ) -> list[tuple[_Track, int]]:
+        """Those who come back and are nowhere near where they would be: by their looks, if nobody else looks so."""
+        away = [track for track in self._tracks if id(track) not in here and track.looks_like is not None]
+        found: list[tuple[_Track, int]] = []
+        for box in sorted(boxes, key=lambda box: -confidences[box]):
+            looks = views.of(box)
+            if looks is None or confidences[box] < NEW:
+                continue
+            everybody = sorted(
+                (_apart(track.looks_like, looks), number)
+                for number, track in enumerate(self._tracks)
+                if track.looks_like is not None
+            )
+            if not everybody or everybody[0][0] > _LOOKS_SAME:
+                continue
+            if len(everybody) > 1 and everybody[1][0] - everybody[0][0] < _LOOKS_MARGIN:
+                continue
+            track = self._tracks[everybody[0][1]]
+            if track in away:
+                away.remove(track)
+                found.append((track, box))
+        return found
+
+    def _begin(
+        self, boxes: list[int], corners_px: Floats, confidences: Floats, stamp_s: float, taken: list[int]
+    ) -> list[tuple[_Track, int]]:
+        begun = []
+        for box in boxes:
+            if confidences[box] < NEW:
+                continue
+            if taken and overlaps(corners_px[[box]], corners_px[taken]).max() > _SAME_BOX:
+                continue
+            if confidences[box] < SURE and _covered(corners_px[box], np.delete(corners_px, box, axis=0)) > _ALONE:
+                continue
+            track = _new_track(corners_px[box], stamp_s)
+            track.evidence = _evidence(float(confidences[box]))
+            self._tracks.append(track)
+            begun.append((track, box))
+        return begun
+
+    def _counts(self, track: _Track) -> bool:
+        if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):
+            track.number = self._new_number()
+        return track.confirmed
+
+    def _forget(self, stamp_s: float) -> None:
+        self._tracks = [
+            track
+            for track in self._tracks
+            if stamp_s - track.seen_s
+            <= (_TENTATIVE_S if not track.confirmed else LOST_S if track.looks_like is None else REMEMBERED_S)
+        ]
+
+
+def overlaps(first: Floats, second: Floats, buffer: float = 0.0) -> Floats:
+    """Intersection over union of each box with each, shape (first, second), after both grew by ``buffer``."""
+    a, b = _blown_up(first, buffer), _blown_up(second, buffer)
+    wide = np.minimum(a[:, None, 2], b[None, :, 2]) - np.maximum(a[:, None, 0], b[None, :, 0])
+    high = np.minimum(a[:, None, 3], b[None, :, 3]) - np.maximum(a[:, None, 1], b[None, :, 1])
+    both = np.clip(wide, 0.0, None) * np.clip(high, 0.0, None)
+    area_a = (a[:, 2] - a[:, 0]) * (a[:, 3] - a[:, 1])
+    area_b = (b[:, 2] - b[:, 0]) * (b[:, 3] - b[:, 1])
+    return np.asarray(both / np.maximum(1e-9, area_a[:, None] + area_b[None, :] - both))
+
+
+def _covered(corners: Floats, others: Floats) -> float:
+    """The part of a box that the one of the others covers which covers most."""
+    wide = np.minimum(corners[2], others[:, 2]) - np.maximum(corners[0], others[:, 0])
+    high = np.minimum(corners[3], others[:, 3]) - np.maximum(corners[1], others[:, 1])
+    area = (corners[2] - corners[0]) * (corners[3] - corners[1])
+    return float((np.clip(wide, 0.0, None) * np.clip(high, 0.0, None)).max(initial=0.0) / max(1e-9, area))
+
+
+def _blown_up(corners: Floats, buffer: float) -> Floats:
+    width, height = (corners[:, 2] - corners[:, 0]) * buffer, (corners[:, 3] - corners[:, 1]) * buffer
+    return np.asarray(corners + np.stack([-width, -height, width, height], axis=1))
+
+
+class _Views:
+    """How the people in the boxes of one picture look, as far as somebody has looked."""
+
+    def __init__(self, appearance_of: AppearanceOf | None) -> None:
+        self._appearance_of = appearance_of
+        self._known: dict[int, Floats] = {}
+
+    def look_at(self, boxes: Sequence[int]) -> None:
+        unknown = [box for box in boxes if box not in self._known]
+        if self._appearance_of is not None and unknown:
+            self._known.update(zip(unknown, self._appearance_of(unknown), strict=True))
+
+    def of(self, box: int) -> Floats | None:
+        return self._known.get(box)
+
+
+def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_s: float) -> list[int]:
+    """Boxes that nobody, several people, or only somebody lost would have."""
+    if not boxes:
+        return []
+    if not tracks:
+        return boxes
+    overlap = overlaps(np.stack([track.corners() for track in tracks]), corners_px[boxes], BUFFERS[0])
+    lost = np.array([stamp_s - track.seen_s > _DOUBTED_AFTER_S for track in tracks])
+    near = overlap > _CONTESTED
+    clear = (near.sum(axis=0) == 1) & ~near[lost].any(axis=0)
+    return [box for box, is_clear in zip(boxes, clear.tolist(), strict=True) if not is_clear]
+
+
+def _remember_looks(
+    pairs: list[tuple[_Track, int]], corners_px: Floats, confidences: Floats, stamp_s: float, views: _Views
+) -> None:
+    """Learn how they look from good views: a confident box that no other covers."""
+    if not pairs:
+        return
+    together = overlaps(corners_px, corners_px)
+    np.fill_diagonal(together, 0.0)
+    good = [
+        (track, box)
+        for track, box in pairs
+        if confidences[box] >= _GOOD_VIEW
+        and together[box].max(initial=0.0) <= _HIDDEN
+        and stamp_s - track.looked_s >= _LOOK_AGAIN_S
+    ]
+    views.look_at([box for _, box in good])
+    for track, box in good:
+        looks = views.of(box)
+        if looks is not None:
+            kept = looks if track.looks_like is None else _LOOKS_KEPT * track.looks_like + (1 - _LOOKS_KEPT) * looks
+            track.looks_like, track.looked_s = kept / np.linalg.norm(kept), stamp_s
+
+
+def _apart(first: Floats | None, second: Floats | None) -> float:
+    """Cosine distance of two looks, the usual one where one is not known."""
+    return _LOOKS_USUAL if first is None or second is None else 1.0 - float(first @ second)
+
+
+def _pairs(
+    tracks: list[_Track],
+    boxes: list[int],
+    corners_px: Floats,
+    confidences: Floats,
+    *,
+    buffer: float,
+    least: float,
+    views: _Views | None = None,
+) -> list[tuple[_Track, int]]:
+    """The best assignment of boxes to tracks by overlap; a confident box goes before one that is hardly one."""
+    if not tracks or not boxes:
+        return []
+    import lap  # the console, which imports this module for its types, does without
+
+    expected = np.stack([track.corners() for track in tracks])
+    overlap = overlaps(expected, corners_px[boxes], buffer)
+    cost = 1.0 - overlap * (0.5 + 0.5 * confidences[boxes][None, :])
+    if views is not None:
+        looks = [views.of(box) for box in boxes]
+        cost += [[_apart(track.looks_like, each) - _LOOKS_USUAL for each in looks] for track in tracks]
+    _, columns, _ = lap.lapjv(np.ascontiguousarray(cost), extend_cost=True, cost_limit=1.0)
+    return [
+        (tracks[row], boxes[column])
+        for row, column in enumerate(columns.tolist())
+        if column >= 0 and overlap[row, column] >= least
+    ]
+
+
+def _left(tracks: list[_Track], boxes: list[int], found: list[tuple[_Track, int]]) -> tuple[list[_Track], list[int]]:
+    used = {id(track) for track, _ in found}
+    taken = {box for _, box in found}
+    return [track for track in tracks if id(track) not in used], [box for box in boxes if box not in taken]
+
+
+def _evidence(confidence: float) -> float:
+    return confidence if confidence >= SURE else _POOR_COUNTS * confidence
+
+
+def _measured(corners: Floats) -> Floats:
+    left, top, right, bottom = corners
+    return np.array([(left + right) / 2, (top + bottom) / 2, right - left, bottom - top])
+
+
+def _new_track(corners: Floats, stamp_s: float) -> _Track:
+    measured = _measured(corners)
+    height = max(4.0, float(measured[3]))
+    mean = np.stack([measured, np.zeros(4)], axis=1)
+    covariance = np.zeros((4, 2, 2))
+    covariance[:, 0, 0] = (_SEEN_WITHIN * height) ** 2
+    covariance[:2, 1, 1] = (_SPEED_AT_FIRST_PER_S * height) ** 2
+    covariance[2:, 1, 1] = (_RESIZE_PER_S * height) ** 2
+    return _Track(mean, covariance, stamp_s, stamp_s, stamp_s)
+
+
+def _advance(track: _Track, stamp_s: float, shift_px: tuple[float, float]) -> None:
+    """Where they would be now: on in the same way, which counts for less the longer nobody has seen them."""
+    dt = stamp_s - track.stamp_s
+    track.stamp_s = stamp_s
+    track.mean[:2, 0] += shift_px
+    if dt <= 0.0:
+        return
+    unseen_s = stamp_s - track.seen_s - dt
+    fading = np.exp(-dt / _WAY_FADES_S) if unseen_s > 0.0 else 1.0
+    track.mean[:, 0] += track.mean[:, 1] * dt
+    track.mean[:, 1] *= fading
+    # Sizes have no way of their own: somebody who came nearer does not go on growing.
+    track.mean[2:, 1] = 0.0
+    step = np.array([[1.0, dt], [0.0, 1.0]])
+    track.covariance = step @ track.covariance @ step.T
+    height = track.height_px
+    q = (_ACCELERATION_PER_S2 * height) ** 2
+    noise = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    track.covariance[:2] += noise
+    track.covariance[2:, 0, 0] += (_RESIZE_PER_S * height) ** 2 * dt
+
+
+def _see(track: _Track, corners: Floats, stamp_s: float) -> None:
+    measured = _measured(corners)
+    variance = (_SEEN_WITHIN * max(4.0, float(measured[3]))) ** 2
+    total = track.covariance[:, 0, 0] + variance
+    gain = track.covariance[:, :, 0] / total[:, None]
+    track.mean = track.mean + gain * (measured - track.mean[:, 0])[:, None]
+    track.covariance = track.covariance - gain[:, :, None] * track.covariance[:, None, 0, :]
+    track.seen_s = stamp_s

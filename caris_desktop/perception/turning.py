@@ -1,0 +1,60 @@
+"""Which way a robot's camera looked when: from odometry and head, so that a turn is not taken for people who move."""
+
+import bisect
+import math
+from collections import deque
+
+from caris_desktop.domain.sensing import HeadState, Odometry
+
+_KEPT = 100
+_NOT_OLDER_NS = 500_000_000
+
+
+class CameraTurning:
+    """Keeps the last seconds. ``take`` from any thread, the rest from one."""
+
+    def __init__(self) -> None:
+        self._headings: deque[tuple[int, float]] = deque(maxlen=_KEPT)
+        self._pans: deque[tuple[int, float]] = deque(maxlen=_KEPT)
+        self._tilts: deque[tuple[int, float]] = deque(maxlen=_KEPT)
+
+    def take(self, value: Odometry | HeadState) -> None:
+        if isinstance(value, HeadState):
+            self._pans.append((value.stamp_ns, value.pan_rad))
+            self._tilts.append((value.stamp_ns, value.tilt_rad))
+            return
+        heading = value.pose_in_odom.heading_rad
+        if self._headings:
+            # Without a jump where it passes the full turn.
+            before = self._headings[-1][1]
+            heading = before + math.remainder(heading - before, math.tau)
+        self._headings.append((value.stamp_ns, heading))
+
+    def forget(self) -> None:
+        """Another robot."""
+        for kept in (self._headings, self._pans, self._tilts):
+            kept.clear()
+
+    def looked(self, stamp_ns: int, *, on_head: bool) -> tuple[float, float] | None:
+        """Heading in the odometry's frame (left positive, not wrapped) and tilt (down positive) at that moment, in
+        radians; None where nobody has told it.
+        """
+        heading = _at(tuple(self._headings), stamp_ns)
+        if heading is None:
+            return None
+        if not on_head:
+            return heading, 0.0
+        pan, tilt = _at(tuple(self._pans), stamp_ns), _at(tuple(self._tilts), stamp_ns)
+        return heading + (pan or 0.0), tilt or 0.0
+
+
+def _at(told: tuple[tuple[int, float], ...], stamp_ns: int) -> float | None:
+    """Between the two values around the moment; the nearest where there is none after it yet."""
+    place = bisect.bisect_left(told, (stamp_ns, -math.inf))
+    if place == 0 or place == len(told):
+        if not told:
+            return None
+        nearest_ns, value = told[0] if place == 0 else told[-1]
+        return value if abs(nearest_ns - stamp_ns) <= _NOT_OLDER_NS else None
+    (before_ns, before), (after_ns, after) = told[place - 1], told[place]
+    return before + (after - before) * (stamp_ns - before_ns) / (after_ns - before_ns)

@@ -1,0 +1,141 @@
+"""Who is followed under one number: pictures that are missing, a camera that turns, people who hide and come back."""
+
+from collections.abc import Callable
+from statistics import mean
+
+import numpy as np
+import pytest
+
+from caris_desktop.perception.following import LOST_S, SURE, Floats, Follower, overlaps
+from tests.perception.crowd import Picture, filmed, idf1
+
+
+def box(x: float, *, y: float = 200.0, height: float = 200.0) -> Floats:
+    return np.array([x, y, x + 0.4 * height, y + height])
+
+
+def numbers(
+    follower: Follower, boxes: list[Floats], stamp_s: float, *, confidence: float = 0.9, shift: float = 0.0
+) -> dict[int, int]:
+    corners = np.array(boxes).reshape(-1, 4)
+    followed = follower.follow(corners, np.full(len(boxes), confidence), stamp_s, shift_px=(shift, 0.0))
+    return {each.box: each.number for each in followed}
+
+
+def follow_all(pictures: list[Picture], *, turns_known: bool = True, looks: bool = False) -> list[dict[int, int]]:
+    follower = Follower()
+    answers = []
+    for picture in pictures:
+        followed = follower.follow(
+            picture.boxes,
+            picture.confidences,
+            picture.stamp_s,
+            shift_px=(picture.shift_px if turns_known else 0.0, 0.0),
+            appearance_of=(lambda rows, picture=picture: picture.looks[list(rows)]) if looks else None,
+        )
+        answers.append({each.box: each.number for each in followed})
+    return answers
+
+
+def score(film: Callable[[int], list[Picture]], *, turns_known: bool = True, looks: bool = False) -> float:
+    films = [film(seed) for seed in range(3)]
+    return mean(idf1(one, follow_all(one, turns_known=turns_known, looks=looks)) for one in films)
+
+
+def test_somebody_who_walks_keeps_their_number_and_two_have_two() -> None:
+    follower = Follower()
+    seen = [numbers(follower, [box(10.0 + 8 * step), box(400.0 - 8 * step)], 0.1 * step) for step in range(10)]
+    assert seen[0] == {0: 1, 1: 2}
+    assert all(each == seen[0] for each in seen)
+
+
+def test_who_begins_later_counts_from_the_second_picture_on() -> None:
+    follower = Follower()
+    numbers(follower, [box(10.0)], 0.0)
+    assert numbers(follower, [box(10.0), box(400.0)], 0.1) == {0: 1}
+    assert numbers(follower, [box(10.0), box(402.0)], 0.2) == {0: 1, 1: 2}
+
+
+def test_a_box_that_is_hardly_one_continues_somebody_and_begins_nobody() -> None:
+    follower = Follower()
+    numbers(follower, [box(10.0)], 0.0)
+    assert numbers(follower, [box(12.0)], 0.1, confidence=SURE - 0.2) == {0: 1}
+    stranger = Follower()
+    numbers(stranger, [box(10.0)], 0.0, confidence=SURE - 0.3)
+    assert all(numbers(stranger, [box(10.0)], 0.1 * step, confidence=SURE - 0.3) == {} for step in range(1, 30))
+
+
+def test_poor_boxes_become_somebody_after_a_while_unless_another_covers_them() -> None:
+    poor, person, legs = box(10.0), box(300.0), box(310.0, y=280.0, height=110.0)
+    follower = Follower()
+    corners, confidences = np.array([poor, person, legs]), np.array([0.37, 0.9, 0.4])
+    seen = [[each.box for each in follower.follow(corners, confidences, 0.1 * step)] for step in range(15)]
+    assert seen[0] == [1]
+    assert sorted(seen[-1]) == [0, 1]
+
+
+@pytest.mark.parametrize("period_s", [0.04, 0.15, 0.4])
+def test_somebody_hidden_for_a_second_goes_on_where_they_would_be(period_s: float) -> None:
+    follower = Follower()
+    stamps = np.arange(0.0, 4.0, period_s)
+    seen: list[dict[int, int]] = []
+    for stamp_s in stamps.tolist():
+        hidden = 1.5 < stamp_s < 2.4
+        seen.append(numbers(follower, [] if hidden else [box(10.0 + 100.0 * stamp_s)], stamp_s))
+    assert {number for each in seen for number in each.values()} == {1}
+
+
+def test_after_too_long_they_are_somebody_new_for_who_cannot_tell_by_looks() -> None:
+    follower = Follower()
+    numbers(follower, [box(10.0)], 0.0)
+    numbers(follower, [], LOST_S + 0.1)
+    numbers(follower, [box(10.0)], LOST_S + 0.2)
+    assert numbers(follower, [box(10.0)], LOST_S + 0.3) == {0: 2}
+
+
+def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not() -> None:
+    follower = Follower()
+    looks = np.eye(4)
+
+    def look(boxes: list[Floats], who: list[int], stamp_s: float) -> list[int]:
+        followed = follower.follow(
+            np.array(boxes).reshape(-1, 4),
+            np.full(len(boxes), 0.9),
+            stamp_s,
+            appearance_of=lambda rows: looks[[who[row] for row in rows]],
+        )
+        return [each.number for each in followed]
+
+    assert look([box(10.0), box(500.0)], [0, 1], 0.0) == [1, 2]
+    look([], [], 5.0)
+    assert look([box(300.0)], [1], 6.0) == [2], "elsewhere, five seconds later"
+    look([box(300.0), box(10.0)], [1, 3], 6.1)
+    assert look([box(300.0), box(10.0)], [1, 3], 6.2) == [2, 3], "somebody else, where the first one was"
+
+
+def test_a_turn_of_the_camera_is_no_walk_of_everybody() -> None:
+    follower = Follower()
+    people = [box(50.0), box(200.0), box(350.0)]
+    numbers(follower, people, 0.0)
+    turned = [each + np.array([150.0, 0.0, 150.0, 0.0]) for each in people]
+    assert numbers(follower, turned, 0.1, shift=150.0) == {0: 1, 1: 2, 2: 3}
+
+
+def test_few_pictures_and_lost_ones_cost_little() -> None:
+    at_25 = score(lambda seed: filmed(seed))
+    at_7 = score(lambda seed: filmed(seed, fps=7.0, dropped=0.2))
+    assert at_25 > 60.0
+    assert at_7 > at_25 - 5.0
+
+
+def test_looks_and_known_turns_help() -> None:
+    turning = score(lambda seed: filmed(seed, fps=7.0, turning=True))
+    assert turning > score(lambda seed: filmed(seed, fps=7.0, turning=True), turns_known=False) + 10.0
+    assert score(lambda seed: filmed(seed, fps=7.0, turning=True), looks=True) > turning + 8.0
+
+
+def test_overlaps_of_boxes() -> None:
+    a, b = np.array([[0.0, 0.0, 10.0, 10.0]]), np.array([[5.0, 0.0, 15.0, 10.0], [20.0, 0.0, 30.0, 10.0]])
+    assert overlaps(a, b).tolist() == [[pytest.approx(1 / 3), 0.0]]
+    assert overlaps(a, b, buffer=0.5)[0, 1] == 0.0
+    assert overlaps(a, b, buffer=0.75)[0, 1] > 0.0
