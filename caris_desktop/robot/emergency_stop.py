@@ -32,7 +32,8 @@ class StoppedByIt(Protocol):
 class EmergencyStop:
     """Two latches, the wizard's and the robot's; the stop is set while either is.
 
-    ``emit`` gets an EmergencyStopChanged for each change, and a Problem where the robot does not follow.
+    ``emit`` gets an EmergencyStopChanged for each change but the one that the wizard asked for by latching it, and a
+    Problem where the robot does not follow.
     """
 
     def __init__(
@@ -135,7 +136,8 @@ class EmergencyStop:
         actor = self._asked_by if by == "wizard" or self._wizard_latched else ""
         if self.latched or before:
             self._stopped.hold_still(self.latched, actor)
-        if self.latched != before:
+        # That the wizard latched it is told where it was pressed, with a link or without.
+        if self.latched != before and not (self.latched and by == "wizard"):
             self._emit(EmergencyStopChanged(now_ns(), self.latched, by, actor))
 
     def _clear_here(self) -> None:

@@ -149,8 +149,9 @@ class DriveService(Service):
             )
 
     def _release_emergency_stop(self, actor: Actor) -> None:
-        self.set_emergency_stop(latched=False, actor=actor)
-        self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard", actor))
+        # Whoever holds it says that it is released, or that it is not.
+        if not self.set_emergency_stop(latched=False, actor=actor):
+            self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard", actor))
 
     def halt(self, actor: Actor = CONSOLE) -> None:
         """Zero and cancel goals. Sent whether or not anything is held."""
