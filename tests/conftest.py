@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
     no_unexpected_words,
@@ -51,8 +52,12 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     return report
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     use_private_folder()
+    if not config.getoption("--long"):
+        # A change is judged by the same examples each time; new ones are looked for where there is time for it.
+        settings.register_profile("same examples", derandomize=True)
+        settings.load_profile("same examples")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

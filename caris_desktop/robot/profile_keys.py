@@ -15,7 +15,11 @@ Offset = Annotated[float, Rule(unit="metres", at_least=-5, at_most=5)]
 _HeadingDeg = Annotated[
     float, Rule("Where it looks, to the left of forward; 0 if not given.", unit="degrees", at_least=-360, at_most=360)
 ]
-_HeadingRad = Annotated[Radians, Rule("The same in radians.", instead_of=("heading_deg",))]
+_HeadingRad = Annotated[
+    float,
+    # Within the degrees that it is written back as.
+    Rule("The same in radians.", unit="radians", at_least=-6.2831, at_most=6.2831, instead_of=("heading_deg",)),
+]
 
 
 @dataclass(frozen=True, slots=True)

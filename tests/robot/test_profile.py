@@ -555,7 +555,7 @@ PROFILES = st.fixed_dictionaries(
                 "robot_from_laser": st.fixed_dictionaries(
                     {}, optional={"x_m": NUMBERS, "y_m": st.floats(-9, 9), "heading_deg": ANGLES}
                 )
-                | st.fixed_dictionaries({"heading_rad": st.floats(-7, 7)})
+                | st.fixed_dictionaries({"heading_rad": st.floats(-6.2831, 6.2831)})
             }
         ),
     },
