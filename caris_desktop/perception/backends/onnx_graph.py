@@ -1,4 +1,4 @@
-"""Cuts an ONNX graph at one of its tensors.
+"""Looks into ONNX files, cuts a graph at one of its tensors, and adds what a file tells of itself.
 
 A detector that was exported for one input size has that size baked into the constants of its last few nodes only.
 Without those nodes the network takes any size, and smaller is faster. protobuf, which onnxruntime needs anyway, reads
@@ -6,6 +6,8 @@ what is declared here and carries all else along unread. ``onnx.utils`` gives th
 """
 
 import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
@@ -16,7 +18,8 @@ from google.protobuf.message_factory import GetMessageClass
 _FLOAT = 1
 # What is cut, or says where: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.
 _MESSAGES = {
-    "Model": {"graph": (7, "Graph")},
+    "Model": {"graph": (7, "Graph"), "metadata_props": (14, "Entry[]")},
+    "Entry": {"key": (1, "string"), "value": (2, "string")},
     "Graph": {
         "node": (1, "Node[]"), "initializer": (5, "Tensor[]"), "input": (11, "Value[]"), "output": (12, "Value[]"),
         "value_info": (13, "Value[]"),
@@ -32,6 +35,35 @@ _MESSAGES = {
 _PLAIN = {"string": FieldDescriptorProto.TYPE_STRING, "int64": FieldDescriptorProto.TYPE_INT64}
 
 
+@dataclass(frozen=True, slots=True)
+class GraphFacts:
+    """``input_dims`` has None for a size that is open. ``tensors`` are the names of all that nodes compute."""
+
+    input_dims: tuple[int | None, ...]
+    tensors: frozenset[str]
+    metadata: Mapping[str, str]
+
+
+def describe(content: bytes) -> GraphFacts:
+    """Raises ValueError when this is no ONNX model with one input."""
+    model = _parsed(content)
+    dims = _single_input(model.graph).type.tensor_type.shape.dim
+    return GraphFacts(
+        tuple(dim.dim_value if dim.HasField("dim_value") else None for dim in dims),
+        frozenset(name for node in model.graph.node for name in node.output),
+        {entry.key: entry.value for entry in model.metadata_props},
+    )
+
+
+def with_metadata(content: bytes, metadata: Mapping[str, str]) -> bytes:
+    """The model with these entries added. Raises ValueError when this is none."""
+    model = _parsed(content)
+    for key, value in metadata.items():
+        model.metadata_props.add(key=key, value=value)
+    extended: bytes = model.SerializeToString()
+    return extended
+
+
 def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...]) -> bytes:
     """The model with the tensor ``output`` as its only result and nothing behind it.
 
@@ -42,18 +74,9 @@ def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...])
     ValueError
         When this is no ONNX model with one input, or no node computes ``output``.
     """
-    model = _model_class()()
-    try:
-        model.ParseFromString(content)
-    except DecodeError as error:
-        raise ValueError(f"not an ONNX model: {error}") from error
-    if not model.HasField("graph"):
-        raise ValueError("not an ONNX model")
+    model = _parsed(content)
     graph = model.graph
-    constants = {tensor.name for tensor in graph.initializer}
-    inputs = [value.name for value in graph.input if value.name not in constants]
-    if len(inputs) != 1:
-        raise ValueError(f"expected one input, found {len(inputs)}")
+    taken_name = _single_input(graph).name
     needed = {output}
     # Nodes are stored in the order of computation, so one pass from the end finds all that lead to the output.
     for at in reversed(range(len(graph.node))):
@@ -68,12 +91,31 @@ def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...])
             del graph.initializer[at]
     del graph.input[:], graph.output[:], graph.value_info[:]
     graph.output.add(name=output).type.tensor_type.elem_type = _FLOAT
-    taken = graph.input.add(name=inputs[0]).type.tensor_type
+    taken = graph.input.add(name=taken_name).type.tensor_type
     taken.elem_type = _FLOAT
     for dim in input_dims:
         taken.shape.dim.add(**{"dim_param" if isinstance(dim, str) else "dim_value": dim})
     cut: bytes = model.SerializeToString()
     return cut
+
+
+def _parsed(content: bytes) -> Any:
+    model = _model_class()()
+    try:
+        model.ParseFromString(content)
+    except DecodeError as error:
+        raise ValueError(f"not an ONNX model: {error}") from error
+    if not model.HasField("graph"):
+        raise ValueError("not an ONNX model")
+    return model
+
+
+def _single_input(graph: Any) -> Any:
+    constants = {tensor.name for tensor in graph.initializer}
+    inputs = [value for value in graph.input if value.name not in constants]
+    if len(inputs) != 1:
+        raise ValueError(f"expected one input, found {len(inputs)}")
+    return inputs[0]
 
 
 @functools.cache

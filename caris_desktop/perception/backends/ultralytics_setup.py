@@ -16,8 +16,21 @@ from typing import Any
 log = logging.getLogger(__name__)
 
 
+def prepare_runtimes(*, threads: int) -> None:
+    """Call before the first import of onnxruntime or cv2 does work: no calls home, and no more threads than these."""
+    # Else onnxruntime keeps an id of this computer and tells its maker's server what is run (seen with 1.31 on Linux).
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    os.environ["ORT_TELEMETRY_DISABLED"] = "1"
+    os.environ["OPENVINO_TELEMETRY_DISABLED"] = "1"
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+
+    import cv2
+
+    cv2.setNumThreads(threads)
+
+
 def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
-    """Call before the first import of ultralytics or torch; afterwards both can be imported.
+    """Call before the first import of ultralytics or torch; afterwards both can be imported. Once is enough.
 
     Parameters
     ----------
@@ -26,6 +39,8 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     cache_dir
         Where ultralytics keeps its settings and fonts; the user's cache folder when None.
     """
+    if "ultralytics" in sys.modules:
+        return
     if cache_dir is None:
         import platformdirs
 
@@ -35,16 +50,13 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     os.environ["YOLO_OFFLINE"] = "true"
     os.environ["YOLO_AUTOINSTALL"] = "false"
     os.environ["YOLO_VERBOSE"] = "false"
-    # Else onnxruntime keeps an id of this computer and tells its maker's server what is run (seen with 1.31 on Linux).
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
-    os.environ["ORT_TELEMETRY_DISABLED"] = "1"
-    os.environ["OMP_NUM_THREADS"] = str(threads)
+    # A .pt is a pickle: only the classes that models are made of may be in it.
+    os.environ["ULTRALYTICS_SAFE_LOAD"] = "true"
+    prepare_runtimes(threads=threads)
 
-    import cv2
     import torch
 
     torch.set_num_threads(threads)
-    cv2.setNumThreads(threads)
     ensure_torchvision()
 
     import ultralytics.utils
@@ -90,8 +102,23 @@ def _limit_runtimes(threads: int) -> None:
     """Thread counts of the runtimes that ultralytics opens itself, which offers no setting for them."""
     from ultralytics.nn import autobackend
     from ultralytics.nn.backends import litert
+    from ultralytics.nn.backends.onnx import ONNXBackend
 
-    from caris_desktop.perception.onnx_backend import onnx_backend_class
+    from caris_desktop.perception.backends.onnx import session_options
+
+    class QuietOnnxBackend(ONNXBackend):  # type: ignore[misc]  # ultralytics is untyped
+        def __init__(self, weight: Any, device: Any, fp16: bool = False) -> None:
+            super().__init__(weight, device, fp16, session_options=session_options(threads))
 
     litert.NUM_THREADS = threads
-    autobackend.AutoBackend._BACKEND_MAP["onnx"] = onnx_backend_class(threads=threads)
+    autobackend.AutoBackend._BACKEND_MAP["onnx"] = QuietOnnxBackend
+
+
+def torch_device(wanted: str) -> str:
+    """What torch computes on: what is wanted where it is here, for ``auto`` the best that is here."""
+    import torch
+
+    cuda, mps = torch.cuda.is_available(), torch.backends.mps.is_available()
+    if wanted in ("auto", "cuda") and cuda:
+        return "cuda:0"
+    return "mps" if wanted in ("auto", "mps") and mps else "cpu"

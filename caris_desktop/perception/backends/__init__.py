@@ -1,0 +1,1 @@
+"""What runs detectors: one thin runner for each runtime, behind the interface of ``perception/detector.py``."""

@@ -1,0 +1,76 @@
+"""Opens detectors: each file by the thinnest runner that understands it."""
+
+import logging
+from typing import Literal
+
+from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
+from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+from caris_desktop.perception.detector import Detector
+from caris_desktop.perception.weights import Weights, WeightsError
+
+log = logging.getLogger(__name__)
+
+Device = Literal["auto", "cpu", "cuda", "mps"]
+
+
+def open_detector(weights: Weights, *, confidence: float, threads: int, device: Device = "auto") -> Detector:
+    """Load and warm up a detector, which takes seconds. ``confidence`` is the least that it tells of.
+
+    Raises
+    ------
+    WeightsError
+        When the file cannot be loaded.
+    """
+    prepare_runtimes(threads=threads)
+    try:
+        network = _network(weights, confidence=confidence, threads=threads, device=device)
+        if network is not None:
+            return NetworkDetector(network, weights, confidence=confidence)
+    except UnknownFormError as error:
+        log.info("%s is left to ultralytics: %s", weights.path, error)
+    except WeightsError:
+        raise
+    except Exception as error:  # onnxruntime, LiteRT and OpenVINO each raise types of their own for a bad file
+        raise _unreadable(weights) from error
+    return _by_ultralytics(weights, confidence=confidence, threads=threads, device=device)
+
+
+def _network(weights: Weights, *, confidence: float, threads: int, device: Device) -> Network | None:
+    suffix = weights.path.suffix.lower()
+    if suffix == ".onnx":
+        from caris_desktop.perception.backends.onnx import OnnxNetwork
+
+        return OnnxNetwork(weights.path, confidence=confidence, threads=threads, device=device)
+    if suffix == ".tflite":
+        from caris_desktop.perception.backends.tflite import TfliteNetwork
+
+        return TfliteNetwork(weights.path, threads=threads)
+    if suffix == ".xml" or weights.path.is_dir():
+        from caris_desktop.perception.backends import openvino
+
+        if not openvino.is_installed():
+            raise WeightsError(
+                f"The detector {weights.path.name} needs OpenVINO, which is not installed",
+                searched=(str(weights.path),),
+                advice="Run: pip install openvino, or choose an .onnx file",
+            )
+        return openvino.OpenvinoNetwork(weights.path, threads=threads)
+    return None
+
+
+def _by_ultralytics(weights: Weights, *, confidence: float, threads: int, device: Device) -> Detector:
+    try:
+        from caris_desktop.perception.backends.library import UltralyticsDetector
+
+        return UltralyticsDetector(weights, confidence=confidence, threads=threads, device=device)
+    except Exception as error:
+        raise _unreadable(weights) from error
+
+
+def _unreadable(weights: Weights) -> WeightsError:
+    log.exception("could not load %s", weights.path)
+    return WeightsError(
+        f"The detector {weights.path.name} could not be loaded",
+        searched=(str(weights.path),),
+        advice="Replace the file by an intact YOLO detector; the log has the details",
+    )

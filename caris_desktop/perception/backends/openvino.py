@@ -1,0 +1,66 @@
+"""Networks by OpenVINO, where that package is installed: folders of its own form, or ONNX files."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
+
+
+def is_installed() -> bool:
+    return importlib.util.find_spec("openvino") is not None
+
+
+def network_file(path: Path) -> Path:
+    """The file with the graph in a folder that was exported for OpenVINO. Raises FileNotFoundError."""
+    if path.is_dir():
+        found = sorted(path.glob("*.xml"))
+        if not found:
+            raise FileNotFoundError(f"no .xml file in {path}")
+        return found[0]
+    return path
+
+
+class OpenvinoNetwork:
+    """A ``Network``. ``facts`` are those of another export of the same weights, where the file has none of its own.
+
+    Raises UnknownFormError, and what OpenVINO raises for a bad file.
+    """
+
+    channels_last = False
+    relative = False
+
+    def __init__(self, path: Path, *, threads: int, facts: ModelFacts | None = None) -> None:
+        import openvino
+
+        core = openvino.Core()
+        file = network_file(path)
+        model = core.read_model(str(file))
+        if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
+            raise UnknownFormError("it takes something else than one picture")
+        if file.suffix == ".xml" and facts is None:
+            facts = facts_of(_metadata_beside(file))
+        self.facts = facts or ModelFacts()
+        _, _, height, width = model.input().get_partial_shape()
+        fixed = height.is_static and width.is_static
+        self.fixed_size: tuple[int, int] | None = (height.get_length(), width.get_length()) if fixed else None
+        self._compiled = core.compile_model(
+            model,
+            "CPU",
+            {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "ENABLE_CPU_PINNING": False},
+        )
+        self.runtime = "OpenVINO on CPU"
+
+    def run(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(self._compiled(values)[0], np.float32)
+
+
+def _metadata_beside(file: Path) -> dict[str, object]:
+    try:
+        found = yaml.safe_load((file.parent / "metadata.yaml").read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError, UnicodeDecodeError):
+        return {}
+    return found if isinstance(found, dict) else {}

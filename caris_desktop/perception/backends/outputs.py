@@ -1,0 +1,171 @@
+"""Reads what detection networks give back, in each of the forms that are in use. Plain arrays, no runtime."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STRIDES_PX = (8, 16, 32)
+# Ultralytics' own: boxes of one class that overlap more are one thing, and no picture holds more things than that.
+_SAME_OVERLAP = 0.7
+_BOXES_AT_MOST = 300
+_CANDIDATES_AT_MOST = 5000
+_FINAL_ROWS_AT_MOST = 1000
+KEYPOINTS = 17
+
+Form = Literal["raw", "final", "yolox"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Boxes in pixels of the network's input: left, top, right, bottom; ``keypoints`` as ``Detections`` has them."""
+
+    corners: NDArray[np.float64]
+    confidences: NDArray[np.float64]
+    classes: NDArray[np.int64]
+    keypoints: NDArray[np.float64] | None = None
+
+    def at(self, rows: Any) -> "Found":
+        """Those of these row numbers, or those whose mark is true."""
+        keypoints = None if self.keypoints is None else self.keypoints[rows]
+        return Found(self.corners[rows], self.confidences[rows], self.classes[rows], keypoints)
+
+
+def form_of(
+    shape: tuple[int, ...], input_size: tuple[int, int], *, class_count: int | None, keypoint_values: int = 0
+) -> Form | None:
+    """Which form an output of this shape has; None for one that is not known here.
+
+    ``raw``: (1, 4 + classes, places), boxes as centre and size. ``final``: (1, boxes, 6), already chosen. ``yolox``:
+    (1, places, 5 + classes), relative to its places. ``class_count`` is None where the file names no classes;
+    ``keypoint_values`` numbers for the key points of a pose follow in each of the first two.
+    """
+    if len(shape) != 3 or shape[0] != 1:
+        return None
+    rows, columns = shape[1:]
+    if columns == 6 + keypoint_values and rows <= _FINAL_ROWS_AT_MOST:
+        return "final"
+    places = sum(input_size[0] // stride * (input_size[1] // stride) for stride in _STRIDES_PX)
+    if class_count is not None:
+        if rows == 4 + class_count + keypoint_values:
+            return "raw"
+        return "yolox" if (rows, columns) == (places, 5 + class_count) else None
+    if columns == places and rows > 4:
+        return "raw"
+    return "yolox" if rows == places and columns > 5 else None
+
+
+def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.float32], tuple[int, int], float], Found]:
+    """The function that reads this form: of output, size of the input and least confidence."""
+    if form == "yolox":
+        return read_yolox
+    if form == "final":
+        return lambda output, _size, confidence: read_final(output, confidence, keypoint_values=keypoint_values)
+    return lambda output, _size, confidence: read_raw(output, confidence, keypoint_values=keypoint_values)
+
+
+def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
+    """Of YOLOv8, 11 and their like: every place of the picture with a box and the probability of each class."""
+    values = output[0]
+    last_class = len(values) - keypoint_values
+    best = values[4:last_class].max(axis=0)
+    kept = np.flatnonzero(best > confidence)
+    few = values[:, kept].T.astype(np.float64)
+    centres, halves = few[:, :2], few[:, 2:4] / 2.0
+    return _finite(
+        Found(
+            np.concatenate([centres - halves, centres + halves], axis=1),
+            few[:, 4:last_class].max(axis=1, initial=0.0),
+            few[:, 4:last_class].argmax(axis=1).astype(np.int64),
+            _keypoints(few[:, last_class:]),
+        )
+    )
+
+
+def read_final(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
+    """Of networks that choose themselves: corners, confidence and class of each box, then its key points."""
+    rows = output[0]
+    rows = rows[rows[:, 4] > confidence].astype(np.float64)
+    return _finite(
+        Found(
+            rows[:, :4], rows[:, 4], np.rint(rows[:, 5]).astype(np.int64), _keypoints(rows[:, 6:][:, :keypoint_values])
+        )
+    )
+
+
+def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: float) -> Found:
+    """Of YOLOX: offset from the place and logarithm of the size in strides, objectness, probability of each class."""
+    values = output[0]
+    best = values[:, 4] * values[:, 5:].max(axis=1)
+    kept = np.flatnonzero(best > confidence)
+    few = values[kept].astype(np.float64)
+    corners_xy, stride_px = places(*size)
+    centres = (few[:, :2] + corners_xy[:, kept].T - 0.5) * stride_px[kept, np.newaxis]
+    halves = np.exp(np.minimum(few[:, 2:4], 20.0)) * stride_px[kept, np.newaxis] / 2.0
+    return _finite(
+        Found(
+            np.concatenate([centres - halves, centres + halves], axis=1),
+            best[kept].astype(np.float64),
+            few[:, 5:].argmax(axis=1).astype(np.int64),
+        )
+    )
+
+
+def _keypoints(values: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Some exports leave out how visible a point is; then all are."""
+    if values.shape[1] == KEYPOINTS * 3:
+        return values.reshape(-1, KEYPOINTS, 3)
+    if values.shape[1] == KEYPOINTS * 2:
+        points = values.reshape(-1, KEYPOINTS, 2)
+        return np.concatenate([points, np.ones((len(points), KEYPOINTS, 1))], axis=2)
+    return None
+
+
+def _finite(found: Found) -> Found:
+    """A network that overflows yields no boxes rather than boxes nowhere."""
+    return found.at(np.isfinite(found.corners).all(axis=1))
+
+
+def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
+    """Of boxes of one group that are about the same, the surest. ``groups`` tells the group of each class.
+
+    Classes that mean the same to us share a group, so that one person does not get a box from each.
+    """
+    order = np.argsort(-found.confidences, kind="stable")[:_CANDIDATES_AT_MOST]
+    found = found.at(order)
+    group = groups[found.classes]
+    left, top, right, bottom = found.corners.T
+    area = (right - left) * (bottom - top)
+    kept: list[int] = []
+    rest = np.arange(len(order))
+    while len(rest) and len(kept) < _BOXES_AT_MOST:
+        first, rest = int(rest[0]), rest[1:]
+        kept.append(first)
+        width = np.minimum(right[rest], right[first]) - np.maximum(left[rest], left[first])
+        height = np.minimum(bottom[rest], bottom[first]) - np.maximum(top[rest], top[first])
+        shared = np.maximum(width, 0.0) * np.maximum(height, 0.0)
+        same = shared > _SAME_OVERLAP * (area[rest] + area[first] - shared)
+        rest = rest[~(same & (group[rest] == group[first]))]
+    return found.at(np.array(kept, dtype=np.intp))
+
+
+def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, ...]) -> NDArray[np.int64]:
+    """The group of each class, for :func:`suppress`: those that mean a person are one."""
+    wanted = {name.lower() for name in person_class_names}
+    groups = np.arange(len(class_names), dtype=np.int64)
+    groups[[name.lower() in wanted for name in class_names]] = -1
+    return groups
+
+
+@lru_cache(maxsize=4)
+def places(height_px: int, width_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Centres of the cells of a detection head in units of their stride, shape (2, places), and the stride of each."""
+    centres, strides = [], []
+    for stride_px in _STRIDES_PX:
+        rows, columns = np.mgrid[0 : height_px // stride_px, 0 : width_px // stride_px]
+        centres.append(np.stack([columns.ravel(), rows.ravel()]) + 0.5)
+        strides.append(np.full(rows.size, stride_px))
+    return np.concatenate(centres, axis=1).astype(np.float32), np.concatenate(strides).astype(np.float32)

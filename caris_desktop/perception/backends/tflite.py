@@ -1,0 +1,69 @@
+"""TensorFlow Lite networks by LiteRT, float or int8."""
+
+import ast
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
+
+_WHOLE = (np.dtype(np.int8), np.dtype(np.uint8), np.dtype(np.int16))
+
+
+class TfliteNetwork:
+    """A ``Network``. Raises UnknownFormError, and what LiteRT raises for a bad file."""
+
+    def __init__(self, path: Path, *, threads: int) -> None:
+        from ai_edge_litert.interpreter import Interpreter
+
+        self._interpreter: Any = Interpreter(str(path), num_threads=threads)
+        self._interpreter.allocate_tensors()
+        (self._taken, *more) = self._interpreter.get_input_details()
+        if more or len(self._taken["shape"]) != 4:
+            raise UnknownFormError("it takes something else than one picture")
+        self._given = self._interpreter.get_output_details()[0]
+        self.runtime = "LiteRT on CPU"
+        self.facts: ModelFacts = facts_of(metadata_of(path))
+        shape = [int(side) for side in self._taken["shape"]]
+        self.channels_last = shape[3] == 3
+        self.fixed_size: tuple[int, int] | None = (shape[1], shape[2]) if self.channels_last else (shape[2], shape[3])
+        # As ultralytics has them: relative, but for boxes that a network with its channels first has chosen itself.
+        chosen = int(self._given["shape"][-1]) == 6 + self.facts.keypoint_values
+        self.relative = self.channels_last or not chosen
+
+    def run(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self._taken["dtype"] in _WHOLE:
+            limits = np.iinfo(self._taken["dtype"])
+            scale, zero = self._taken["quantization"]
+            values = np.rint(values / scale + zero).clip(limits.min, limits.max).astype(self._taken["dtype"])
+        self._interpreter.set_tensor(self._taken["index"], values)
+        self._interpreter.invoke()
+        output = self._interpreter.get_tensor(self._given["index"])
+        if self._given["dtype"] in _WHOLE:
+            scale, zero = self._given["quantization"]
+            output = (output.astype(np.float32) - zero) * scale
+        result: NDArray[np.float32] = output.astype(np.float32, copy=False)
+        return result
+
+
+def metadata_of(path: Path) -> Mapping[str, object]:
+    """What ultralytics appended to the file, as a zip archive behind the network; nothing where there is none."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            text = archive.read("metadata.json" if "metadata.json" in names else names[0]).decode()
+    except (zipfile.BadZipFile, OSError, IndexError, UnicodeDecodeError):
+        return {}
+    try:
+        found = json.loads(text)
+    except ValueError:
+        try:
+            found = ast.literal_eval(text)
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            return {}
+    return found if isinstance(found, dict) else {}
