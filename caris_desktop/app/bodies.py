@@ -8,9 +8,10 @@ from typing import Any
 
 
 def recorder(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.perception import blur
     from caris_desktop.recording.recorder.recorder_process import run_recorder
 
-    run_recorder(connection, *arguments)
+    run_recorder(connection, *arguments, covering=blur)
 
 
 def inference(connection: Connection, *arguments: Any) -> None:

@@ -325,6 +325,7 @@ def _new_session(
             "robot profile": robot.profile.name if robot else "",
             "wizard input": "keyboard, gamepad or on-screen stick; each command names its own",
             "video": "permitted" if scenario.permissions.video_recording else "not permitted",
+            "blur": "nobody" if scenario.blur.who == "nobody" else f"{scenario.blur.who}: {scenario.blur.what}",
             "sound": "permitted" if scenario.permissions.audio_recording else "not permitted",
         },
     )

@@ -67,6 +67,11 @@ class RecorderFeed:
             self.begin(message)
 
     @property
+    def records(self) -> bool:
+        """Whether what is put is for a recording, or left out of one in a pause."""
+        return self._recording
+
+    @property
     def holds(self) -> bool:
         """Whether what is put waits for ``begin``."""
         return self._held is not None

@@ -165,6 +165,21 @@ class RecordingSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class BlurSettings:
+    """Who is made unrecognisable, by flat blocks, in every picture that is kept: videos, photos, what is made of them.
+
+    A picture in which it is not known in time where people are is pixelated as a whole.
+    """
+
+    who: Annotated[
+        Literal["nobody", "everybody", "without_consent"],
+        Rule("`without_consent`: everybody but those for whom consent to be filmed is noted in the People panel."),
+    ] = "nobody"
+    what: Annotated[Literal["faces", "persons"], Rule("Heads alone, or whole bodies.")] = "persons"
+    shown: Annotated[bool, Rule("The pictures in the window are pixelated too, for whoever else looks at it.")] = False
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
 
@@ -191,6 +206,7 @@ class Scenario:
     ] = ()
     permissions: Permissions = field(default_factory=Permissions)
     recording: Annotated[RecordingSettings, Rule(quiet=True)] = field(default_factory=RecordingSettings)
+    blur: Annotated[BlurSettings, Rule(quiet=True)] = field(default_factory=BlurSettings)
     driving: DrivingLimits = field(default_factory=DrivingLimits)
     assistant: AssistantSettings = field(default_factory=AssistantSettings)
     path: Annotated[Path | None, NotInFile()] = None

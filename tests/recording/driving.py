@@ -19,6 +19,7 @@ from caris_desktop.domain.events import CommandSent, Marked
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.perception import blur
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.messages import (
     ARRIVED,
@@ -35,7 +36,7 @@ SPAWN = multiprocessing.get_context("spawn")
 def body(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits) -> None:
     rings = FrameRings(FrameRing.attach(name) for name in ring_names)
     try:
-        run_recorder(connection, rings, limits)
+        run_recorder(connection, rings, limits, covering=blur)
     finally:
         rings.close()
 
@@ -58,7 +59,7 @@ class RecorderUnderTest:
         self.heard: list[Any] = []
         self._thread: threading.Thread | None = None
         if in_thread:
-            recorder = partial(run_recorder, theirs, FrameRings(rings), limits or DiskLimits())
+            recorder = partial(run_recorder, theirs, FrameRings(rings), limits or DiskLimits(), covering=blur)
             self._thread = threading.Thread(target=recorder, name="recorder")
             self._thread.start()
             return

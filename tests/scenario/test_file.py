@@ -283,6 +283,7 @@ COMPLETE = Scenario(
     places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
     controls=CONTROLS,
     recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
+    blur=model.BlurSettings("without_consent", "faces", shown=True),
     assistant=model.AssistantSettings(system_prompt="Be kind"),
 )
 

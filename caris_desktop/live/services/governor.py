@@ -1,5 +1,6 @@
 """Who pays when the machine is busy: looking for people first, then the panels, then the picture. Driving, stopping,
-sound and the record never do. Decided here alone, in steps, and shown.
+sound and the record never do, and where people have to be covered in the record, looking for them does not either.
+Decided here alone, in steps, and shown.
 """
 
 from collections import deque
@@ -28,6 +29,13 @@ STEPS: tuple[tuple[float, float, str], ...] = (
     (0.25, 0.0, "people less often"),
     (0.6, 0.07, "people less often, panels slower"),
     (1.2, 0.15, "people seldom, picture and panels slower"),
+)
+# The same where the record shows only what was looked at.
+STEPS_WITH_BLUR: tuple[tuple[float, float, str], ...] = (
+    (0.0, 0.0, ""),
+    (0.0, 0.07, "panels slower"),
+    (0.0, 0.11, "panels slower"),
+    (0.0, 0.15, "picture and panels slower"),
 )
 _ANSWERING = 2
 """While the language model answers, whoever waits for it comes before boxes."""
@@ -80,12 +88,14 @@ class GovernorService(Service):
         self._steps = LoadSteps()
         self._due_ns = 0
         self._local_model = False
+        self._blurs = False
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._look)
         state.assistant.changed.connect(self._on_assistant_changed)
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._local_model = scenario.assistant.model == "embedded"
+        self._blurs = scenario.blur.who != "nobody"
 
     def start(self) -> None:
         self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000
@@ -106,9 +116,9 @@ class GovernorService(Service):
 
     def _apply(self) -> None:
         answering = self._local_model and self._state.assistant.value.state == "answering"
-        step = self._steps.step
-        look_every_s = STEPS[max(step, _ANSWERING) if answering else step][0]
-        _, panels_every_s, detail = STEPS[step]
+        step, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
+        look_every_s = steps[max(step, _ANSWERING) if answering else step][0]
+        _, panels_every_s, detail = steps[step]
         self._people.look_at_most_every(look_every_s)
         self._bus.pass_at_most_every(panels_every_s)
         self._state.load.set(LoadStatus(step, detail))

@@ -1,6 +1,6 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import AudioChunk, FrameRef
+from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.children import Children
@@ -21,6 +21,7 @@ from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.recording.recorder.messages import (
+    BlurDemand,
     OfferMarkers,
     PauseRecording,
     RecorderReport,
@@ -29,6 +30,7 @@ from caris_desktop.recording.recorder.messages import (
     StartRecording,
     StopRecording,
     TakePhoto,
+    UseConsents,
 )
 from caris_desktop.scenario.model import Scenario
 
@@ -65,6 +67,8 @@ class RecordingService(Service):
         self._making_folder = False
         self._video = self._audio = False
         self._markers_offered = OfferMarkers(False)
+        self._blur = BlurDemand()
+        self._consents = UseConsents(frozenset())
         self._restarts = Restarts()
         self._scenario: Scenario | None = None
         self._started = False
@@ -93,6 +97,7 @@ class RecordingService(Service):
     def start(self) -> None:
         self._started = True
         self._recorder.start()
+        self._tell_consents()
         if self._scenario is not None:
             self._offer_markers(self._scenario)
 
@@ -101,6 +106,9 @@ class RecordingService(Service):
         if isinstance(value, FrameRef) and not self._video:
             return
         if isinstance(value, AudioChunk) and not self._audio:
+            return
+        if isinstance(value, People) and self._blur.who != "nobody" and not self._feed.records:
+            self._feed.request(value)  # a photo may wait for it
             return
         if isinstance(value, LinkChanged):
             self._feed.forget_streams(streams_lost_with(value))
@@ -170,6 +178,7 @@ class RecordingService(Service):
                 lsl=recording.lsl,
                 lsl_words=recording.lsl_words,
                 actor=actor,
+                blur=self._blur,
             )
         )
 
@@ -193,6 +202,7 @@ class RecordingService(Service):
     def use_scenario(self, scenario: Scenario) -> None:
         """What it permits holds from now on, in a running session too."""
         self._scenario = scenario
+        self._blur = BlurDemand(scenario.blur.who, scenario.blur.what)
         if not self._started:
             return
         self._offer_markers(scenario)
@@ -207,6 +217,7 @@ class RecordingService(Service):
                     video=permissions.video_recording,
                     photos=permissions.photos,
                     audio=permissions.audio_recording,
+                    blur=self._blur,
                 )
             )
 
@@ -229,7 +240,18 @@ class RecordingService(Service):
                 until="picture",
             )
             return
-        self._feed.request(TakePhoto(ref, without_session, actor))
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur))
+
+    def use_consents(self, person_ids: Collection[str]) -> None:
+        """Who agreed to be filmed: they are not covered where only those who did not have to be."""
+        self._consents = UseConsents(frozenset(person_ids))
+        if self._started:
+            self._feed.request(self._consents)
+
+    def _tell_consents(self) -> None:
+        """To a new recorder, for which nobody has agreed to anything."""
+        if self._consents.person_ids:
+            self._feed.request(self._consents)
 
     # What the recorder says
 
@@ -262,6 +284,8 @@ class RecordingService(Service):
             self._recorder = self._new_recorder()
             self._recorder.start()
         self._feed.use_recorder(self._recorder)
+        if again:
+            self._tell_consents()
         if self._feed.holds and again:
             return  # the session that is to begin begins with the new one
         self._feed.drop()

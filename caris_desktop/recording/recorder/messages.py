@@ -21,7 +21,26 @@ from caris_desktop.domain.sensing import FrameRef
 # Before a pickle, which begins with another byte: eight bytes of the session clock follow.
 ARRIVED = b"T"
 
+BlurWho = Literal["nobody", "everybody", "without_consent"]
+BlurWhat = Literal["faces", "persons"]
 RecorderState = Literal["idle", "recording", "paused", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class BlurDemand:
+    """Who has to be covered in whatever pictures are kept, and how much of them."""
+
+    who: BlurWho = "nobody"
+    what: BlurWhat = "persons"
+
+
+@dataclass(frozen=True, slots=True)
+class UseConsents:
+    """The ids of those who agreed to be filmed, and are not covered where only those who did not have to be. Until
+    this comes nobody has.
+    """
+
+    person_ids: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +78,7 @@ class StartRecording:
     lsl: bool = False
     lsl_words: bool = False
     actor: Actor = ""
+    blur: BlurDemand = BlurDemand()
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +88,7 @@ class SetRecordingPermissions:
     video: bool
     photos: bool
     audio: bool = True
+    blur: BlurDemand = BlurDemand()
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +113,13 @@ class OfferMarkers:
 class TakePhoto:
     """Keep this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` while there is none.
 
-    Answered by ``PhotoTaken``, or by a ``Problem``.
+    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session.
     """
 
     ref: FrameRef
     without_session: Path
     actor: Actor = ""
+    blur: BlurDemand = BlurDemand()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,16 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import PhotoTaken, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.sensing import People
 from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
 from caris_desktop.recording.recorder.media_writer import write_photo
@@ -30,6 +35,7 @@ from caris_desktop.recording.recorder.messages import (
     StartRecording,
     StopRecording,
     TakePhoto,
+    UseConsents,
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
 from caris_desktop.recording.recorder.video_encoders import Encoders
@@ -44,22 +50,31 @@ _FINISH_NICENESS = 10
 
 
 def run_recorder(
-    connection: Connection, frames: FrameReader, limits: DiskLimits | None = None, encoders: Encoders | None = None
+    connection: Connection,
+    frames: FrameReader,
+    limits: DiskLimits | None = None,
+    encoders: Encoders | None = None,
+    *,
+    covering: Covering,
 ) -> None:
     """Process body. Records what ``connection`` brings until it ends; see ``recording.messages``.
 
     One process serves any number of sessions, one after the other. When the connection ends during a session, the
-    session is closed with the reason ``console_closed``.
+    session is closed with the reason ``console_closed``. ``covering`` makes people unrecognisable where that is
+    demanded.
     """
-    _Recorder(connection, frames, limits or DiskLimits(), encoders or Encoders()).run()
+    _Recorder(connection, frames, limits or DiskLimits(), encoders or Encoders(), covering).run()
 
 
 class _Recorder:
-    def __init__(self, connection: Connection, frames: FrameReader, limits: DiskLimits, encoders: Encoders) -> None:
+    def __init__(
+        self, connection: Connection, frames: FrameReader, limits: DiskLimits, encoders: Encoders, covering: Covering
+    ) -> None:
         self._connection = connection
         self._frames = frames
         self._limits = limits
         self._encoders = encoders
+        self._blurring = Blurring(covering)
         self._session: SessionRecorder | None = None
         self._outlet: MarkerOutlet | None = None
         self._finishing: list[threading.Thread] = []
@@ -89,13 +104,15 @@ class _Recorder:
         """Take one message, if there is one within a tick. False when the console has ended the connection."""
         raw = None
         try:
-            if self._connection.poll(_IDLE_TICK_S if self._session is None else _TICK_S):
+            idle = self._session is None and not self._blurring.waits
+            if self._connection.poll(_IDLE_TICK_S if idle else _TICK_S):
                 raw = self._connection.recv_bytes()
         except (EOFError, OSError):
             return False
         if raw is not None:
             self._handle_raw(raw)
         session = self._session
+        self._blurring.go_on(clock.now_ns())
         if session is not None:
             session.tick()
             if session.full:
@@ -137,10 +154,16 @@ class _Recorder:
                     self._session.take_photo(message.ref, message.actor)
             case SetRecordingPermissions():
                 if self._session is not None:
-                    self._session.set_permissions(video=message.video, photos=message.photos, audio=message.audio)
+                    self._session.set_permissions(
+                        video=message.video, photos=message.photos, audio=message.audio, blur=message.blur
+                    )
+            case UseConsents():
+                self._blurring.use_consents(message.person_ids)
             case OfferMarkers():
                 self._tell_outlet(self._offer_markers(offered=message.offered, words=message.words))
             case _:
+                if isinstance(message, People):
+                    self._blurring.look(message, clock.now_ns())
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
 
@@ -152,6 +175,10 @@ class _Recorder:
                 "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.", "warning"
             )
             return
+        self._blurring.use_demand(wanted.blur)
+        self._blurring.add(wanted.ref, image_bgr, clock.now_ns(), lambda covered: self._write_photo(wanted, covered))
+
+    def _write_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         try:
             path = write_photo(image_bgr, _not_taken(wanted.without_session))
         except (OSError, ValueError) as error:
@@ -176,6 +203,7 @@ class _Recorder:
                 encoders=self._encoders,
                 offer=self._offer if self._outlet is not None else None,
                 started_ns=started_ns,
+                blurring=self._blurring,
             )
         except OSError as error:
             _log.exception("no session in %s", start.folder)

@@ -13,6 +13,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import without_credentials
@@ -31,10 +34,11 @@ from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
+from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter, VideoRateChanged
-from caris_desktop.recording.recorder.messages import RecorderReport, StartRecording
+from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, StartRecording
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import WriteThrough
@@ -49,6 +53,7 @@ _log = logging.getLogger(__name__)
 _FLUSH_EVERY_NS = 450_000_000
 _SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
 _SECOND_NS = 1_000_000_000
+_COVERED_WHOLE_TOLD_S = 5.0
 _DELAYS_WITHIN_S = 15.0
 _BEHIND_S = 2.0
 _LEAST_RESERVE_BYTES = 1024 * 1024
@@ -76,8 +81,13 @@ class SessionRecorder:
         encoders: Encoders | None = None,
         offer: Callable[[StreamSpec, Any], None] | None = None,
         started_ns: int | None = None,
+        blurring: Blurring | None = None,
     ) -> None:
-        """``started_ns`` is when it was asked for; None: just now. Raises OSError when the folder cannot be used."""
+        """``started_ns`` is when it was asked for; None: just now. Without ``blurring`` none may be demanded. Raises
+        OSError when the folder cannot be used.
+        """
+        if blurring is None and start.blur != BlurDemand():
+            raise ValueError("nobody can be covered here")
         self.folder = start.folder
         self.full = False
         self._broken: OSError | None = None
@@ -86,6 +96,8 @@ class SessionRecorder:
         self.dropped: Counter[str] = Counter()
         self._header = start.header
         self._frames = frames
+        self._blurring = blurring
+        self._told_covered_whole = False
         self._report = report
         self._offer = offer
         self._limits = limits
@@ -113,6 +125,8 @@ class SessionRecorder:
         if any(path.name != LOCK_NAME for path in self.folder.iterdir()):
             raise FileExistsError(17, "the folder holds files already", str(self.folder))
         self._lock = hold(self.folder)
+        if blurring is not None:
+            blurring.use_demand(start.blur)
         try:
             self._reserve = _reserve(self.folder, limits)
         except OSError:
@@ -192,17 +206,43 @@ class SessionRecorder:
             self.problem("warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.")
             return
         image_bgr = self._frames.read(ref)
-        if image_bgr is not None:
-            file_name = f"photos/{self._photos + 1:04d}.png"
-            taken = PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, actor)
-            if self._media.add_photo(taken, image_bgr):
-                self._photos += 1
-                return
+        if image_bgr is None:
+            self._tell_photo_gone()
+            return
+        self._when_covered(ref, image_bgr, lambda covered: self._keep_photo(ref, covered, actor))
+
+    def _keep_photo(self, ref: FrameRef, image_bgr: NDArray[np.uint8], actor: Actor) -> None:
+        file_name = f"photos/{self._photos + 1:04d}.png"
+        taken = PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, actor)
+        if self._media.add_photo(taken, image_bgr):
+            self._photos += 1
+        else:
+            self._tell_photo_gone()
+
+    def _tell_photo_gone(self) -> None:
         self.problem(
             "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again."
         )
 
-    def set_permissions(self, *, video: bool, photos: bool, audio: bool) -> None:
+    def _when_covered(
+        self, ref: FrameRef, image_bgr: NDArray[np.uint8], then: Callable[[NDArray[np.uint8]], None]
+    ) -> None:
+        """Pass the picture on, at once, or where people have to be covered in it as soon as they are."""
+        if self._blurring is None:
+            then(image_bgr)
+        else:
+            self._blurring.add(ref, image_bgr, clock.now_ns(), then)
+
+    def _let_go_of_pictures(self) -> None:
+        """No picture waits any longer: what is known by now has to do."""
+        if self._blurring is not None:
+            self._blurring.flush()
+
+    def set_permissions(self, *, video: bool, photos: bool, audio: bool, blur: BlurDemand | None = None) -> None:
+        """``blur`` is as before where it is None."""
+        self._let_go_of_pictures()
+        if self._blurring is not None and blur is not None:
+            self._blurring.use_demand(blur)
         if self._video_permitted and not video:
             self._media.end_videos()
         if self._audio_permitted and not audio:
@@ -222,6 +262,7 @@ class SessionRecorder:
         if paused == self.paused:
             return
         if paused:
+            self._let_go_of_pictures()
             self._put_held()
             self._put_blocks(self._audio.finish_blocks())
             self._tell_missed()
@@ -252,6 +293,7 @@ class SessionRecorder:
             self._watch_disk(now_ns)
         if now_ns - self._housekept_ns >= _SECOND_NS:
             self._housekept_ns = now_ns
+            self._tell_covered_whole()
             self._put_held(older_than_ns=now_ns)
             self._tell_missed()
             self._guarded(self._plain.write_people)
@@ -280,6 +322,7 @@ class SessionRecorder:
 
     def end(self, reason: str, actor: Actor) -> None:
         """End the session. Does what can be done; what cannot is logged. :meth:`finish` must follow."""
+        self._let_go_of_pictures()
         self._put_held()
         # Media first: their indexes need room, and the reserve is for the events that come after them.
         try:
@@ -347,10 +390,17 @@ class SessionRecorder:
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
             self._miss(spec.name, f"{ref.camera}: overwritten before it could be read")
-        elif not self._media.add_frame(ref, image_bgr):
-            self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
-        else:
-            self._put(spec, ref, arrived_ns)
+            return
+
+        def keep(covered: NDArray[np.uint8]) -> None:
+            if self._video_ended:
+                return
+            if self._media.add_frame(ref, covered):
+                self._put(spec, ref, arrived_ns)
+            else:
+                self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
+
+        self._when_covered(ref, image_bgr, keep)
 
     def _write_sound(self, chunk: AudioChunk) -> None:
         if not self._audio_permitted or self._audio_ended:
@@ -498,6 +548,22 @@ class SessionRecorder:
                 "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is "
                 "missing.",
                 "Close other programs, or choose a smaller picture or fewer frames for this camera.",
+            )
+
+    def _tell_covered_whole(self) -> None:
+        """Once a session: which frames these are can be seen."""
+        if self._blurring is None or self._told_covered_whole or self.paused:
+            return
+        whole_s = self._blurring.covered_whole_s(clock.now_ns())
+        camera = next((camera for camera, seconds in whole_s.items() if seconds > _COVERED_WHOLE_TOLD_S), None)
+        if camera is not None:
+            self._told_covered_whole = True
+            self.problem(
+                "warning",
+                f"The whole picture of {camera} is pixelated.",
+                "People have to be covered in what is kept, and where they are is not known in time. The recording "
+                "goes on, and shows everything again but them as soon as they are found in time.",
+                "See what Diagnostics says about people; close other programs if this computer is busy.",
             )
 
     # The disk

@@ -7,9 +7,10 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.governor import LOOK_EVERY_MS, STEPS, GovernorService, LoadSteps
+from caris_desktop.live.services.governor import LOOK_EVERY_MS, STEPS, STEPS_WITH_BLUR, GovernorService, LoadSteps
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus, LoadStatus
+from caris_desktop.scenario.model import BlurSettings
 
 SECOND_NS = 1_000_000_000
 
@@ -94,6 +95,16 @@ def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     assert (governed.people.every_s, governed.passes[-1]) == (STEPS[-1][0], STEPS[-1][1])
     governed.run(60.0, late_ms=0.0)
     assert (governed.people.every_s, governed.passes[-1], governed.state.load.value) == (0.0, 0.0, LoadStatus())
+
+
+def test_where_people_have_to_be_covered_looking_for_them_pays_nothing(qapp: QApplication) -> None:
+    governed = Governed()
+    tour = find_scenario("tour-guide")
+    governed.governor.use_scenario(replace(tour, blur=BlurSettings("everybody")))
+    governed.run(60.0, late_ms=60.0)
+    governed.state.assistant.set(AssistantStatus("answering"))
+    assert (governed.people.every_s, governed.passes[-1]) == (0.0, STEPS_WITH_BLUR[-1][1])
+    assert governed.state.load.value == LoadStatus(3, "picture and panels slower")
 
 
 def test_an_answer_of_the_model_on_this_computer_comes_before_boxes(qapp: QApplication) -> None:

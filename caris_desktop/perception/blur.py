@@ -1,0 +1,69 @@
+"""Makes people unrecognisable: parts of a picture as a few flat blocks, from which nothing can be worked out again.
+
+What is left of a face is at most six blocks across, of a body ten, each the average of its pixels in coarse steps:
+less, also over many frames, than anybody is recognised by.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import PersonBox
+
+What = Literal["faces", "persons"]
+Corners = tuple[float, float, float, float]
+"""Left, top, right and bottom of a part of the picture, in pixels."""
+
+BLOCKS_ACROSS: dict[What, int] = {"faces": 6, "persons": 10}
+WHOLE_BLOCKS_ACROSS = 16
+_SHADES = 16
+_LEAST_BLOCK_PX = 4
+_HEAD_HEIGHT = 1 / 3
+_HEAD_OF_WIDTH = 0.9
+"""A box that ends at the waist, as of somebody close by, shows a head of about this share of its width."""
+_WIDER = 0.15
+
+
+def part_to_cover(box: PersonBox, what: What) -> Corners:
+    """Where the face may be in somebody's box, or all of the box.
+
+    The head is the upper third, or more where the box is broad for its height: sitting, cut off, or bent.
+    """
+    left, top = box.left_px, box.top_px
+    right, bottom = left + box.width_px, top + box.height_px
+    if what == "faces":
+        head_px = min(box.height_px, max(box.height_px * _HEAD_HEIGHT, box.width_px * _HEAD_OF_WIDTH))
+        bottom = top + head_px
+        left, right = left - _WIDER * box.width_px, right + _WIDER * box.width_px
+        top -= _WIDER * head_px
+    return left, top, right, bottom
+
+
+def cover(image_bgr: NDArray[np.uint8], parts: Sequence[Corners], what: What) -> None:
+    """Pixelate these parts in place. ``image_bgr``: uint8, shape (height, width, 3)."""
+    height_px, width_px = image_bgr.shape[:2]
+    for left, top, right, bottom in parts:
+        x0, y0 = max(0, int(np.floor(left))), max(0, int(np.floor(top)))
+        x1, y1 = min(width_px, int(np.ceil(right))), min(height_px, int(np.ceil(bottom)))
+        if x0 < x1 and y0 < y1:
+            # Blocks are as large as those of the whole part, also where most of it is beyond the picture's edge.
+            block_px = max(_LEAST_BLOCK_PX, (right - left) / BLOCKS_ACROSS[what])
+            _pixelate(image_bgr[y0:y1, x0:x1], block_px)
+
+
+def cover_all(image_bgr: NDArray[np.uint8]) -> None:
+    """Pixelate the whole picture in place, so that a face that fills a third of it is no more than six blocks."""
+    _pixelate(image_bgr, max(_LEAST_BLOCK_PX, image_bgr.shape[1] / WHOLE_BLOCKS_ACROSS))
+
+
+def _pixelate(part_bgr: NDArray[np.uint8], block_px: float) -> None:
+    import cv2  # heavy, and not of every process that imports this
+
+    height_px, width_px = part_bgr.shape[:2]
+    across, down = max(1, int(width_px / block_px)), max(1, int(height_px / block_px))
+    few = cv2.resize(part_bgr, (across, down), interpolation=cv2.INTER_AREA)
+    step = 256 // _SHADES
+    few = few // step * step + step // 2
+    part_bgr[:] = cv2.resize(few, (width_px, height_px), interpolation=cv2.INTER_NEAREST)

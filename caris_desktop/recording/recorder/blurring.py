@@ -1,0 +1,248 @@
+"""Pictures wait here until it is known who is in them, and go on with those people covered.
+
+Perception looks at some of the frames, and tells what it saw a little later. A frame waits until looks from before and
+after it are there, and a while longer, as a tracker tells of somebody new only with its second look. Between two looks
+each person is where the way from one to the other leads, with a margin for what is not known of it; who was missed in
+a look stays covered meanwhile. Where the looks are too far apart, or do not come in time, the whole picture is
+covered: no pixel of a person is ever written because something was late.
+"""
+
+from bisect import bisect_right, insort
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.recording.recorder.messages import BlurDemand, BlurWhat
+
+Corners = tuple[float, float, float, float]
+"""Left, top, right, bottom in pixels."""
+
+GAP_AT_MOST_NS = 350_000_000
+"""Looks further apart than this say nothing of the frames between them."""
+AHEAD_NS = 250_000_000
+"""How much later than a frame the newest look has to be: somebody new is told of with the second look."""
+HOLD_NS = 600_000_000
+"""How long somebody whom a look misses stays covered."""
+WAIT_AT_MOST_NS = 700_000_000
+MAX_WAITING_FRAMES, MAX_WAITING_BYTES = 45, 128 * 1024 * 1024
+_SILENT_AFTER_NS = 2_000_000_000
+_MARGIN, _MARGIN_OF_WAY, _GROWTH_PER_S = 0.12, 0.35, 0.6
+_KEPT_LOOKS = 60
+
+
+class Covering(Protocol):
+    """How parts of a picture are made unrecognisable; ``perception.blur`` is it."""
+
+    def part_to_cover(self, box: PersonBox, what: BlurWhat) -> Corners: ...
+
+    def cover(self, image_bgr: NDArray[np.uint8], parts: Sequence[Corners], what: BlurWhat) -> None: ...
+
+    def cover_all(self, image_bgr: NDArray[np.uint8]) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What to cover of one person in one look."""
+
+    stamp_ns: int
+    corners: Corners
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    ref: FrameRef
+    image_bgr: NDArray[np.uint8]
+    since_ns: int
+    then: Callable[[NDArray[np.uint8]], None]
+
+
+class Blurring:
+    """The frames of all cameras that wait to be covered. One thread; ``now_ns`` is the session clock throughout.
+
+    ``demand`` is what has to be covered, ``consenting`` are the ids of those who may be seen all the same.
+    """
+
+    def __init__(self, covering: Covering) -> None:
+        self._covering = covering
+        self._demand = BlurDemand()
+        self._consenting: frozenset[str] = frozenset()
+        self._lines: dict[str, _Line] = {}
+        self._waiting_bytes = 0
+
+    @property
+    def demanded(self) -> bool:
+        return self._demand.who != "nobody"
+
+    @property
+    def waits(self) -> bool:
+        """Whether a picture is not passed on yet."""
+        return self._waiting_bytes > 0
+
+    def use_demand(self, demand: BlurDemand) -> None:
+        """What waits goes on as was demanded when it came."""
+        if demand != self._demand:
+            self.flush()
+            self._demand = demand
+
+    def use_consents(self, person_ids: Collection[str]) -> None:
+        """In whatever waits too: who takes a consent back is covered from now on."""
+        self._consenting = frozenset(person_ids)
+
+    def look(self, people: People, now_ns: int) -> None:
+        """Who is in one frame of a camera. Also while nobody is covered: that may begin with the next frame."""
+        self._line(people.camera).look(people, now_ns)
+        self.go_on(now_ns)
+
+    def add(
+        self,
+        ref: FrameRef,
+        image_bgr: NDArray[np.uint8],
+        now_ns: int,
+        then: Callable[[NDArray[np.uint8]], None],
+    ) -> None:
+        """``then`` gets the picture, covered, in the order of its camera's; ``image_bgr`` is changed for that."""
+        if not self.demanded:
+            then(image_bgr)
+            return
+        self._line(ref.camera).waiting.append(_Waiting(ref, image_bgr, now_ns, then))
+        self._waiting_bytes += image_bgr.nbytes
+        self.go_on(now_ns)
+
+    def go_on(self, now_ns: int) -> None:
+        """Cover and pass on what need not wait any longer. To be called at least ten times a second."""
+        for line in self._lines.values():
+            while line.waiting and (line.is_due(now_ns) or self._crowded(line)):
+                self._pass_on(line)
+
+    def flush(self) -> None:
+        """Nothing waits any longer."""
+        for line in self._lines.values():
+            while line.waiting:
+                self._pass_on(line)
+
+    def covered_whole_s(self, now_ns: int) -> dict[str, float]:
+        """The cameras whose pictures are covered whole now, and for how long they have been."""
+        return {
+            camera: (now_ns - line.whole_since_ns) / 1e9
+            for camera, line in self._lines.items()
+            if line.whole_since_ns is not None
+        }
+
+    def _line(self, camera: str) -> "_Line":
+        line = self._lines.get(camera)
+        if line is None:
+            line = self._lines[camera] = _Line()
+        return line
+
+    def _crowded(self, line: "_Line") -> bool:
+        return len(line.waiting) > MAX_WAITING_FRAMES or self._waiting_bytes > MAX_WAITING_BYTES
+
+    def _pass_on(self, line: "_Line") -> None:
+        waiting = line.waiting.popleft()
+        self._waiting_bytes -= waiting.image_bgr.nbytes
+        near = line.looks_around(waiting.ref.stamp_ns)
+        parts = None if near is None else self._parts(near, waiting.ref.stamp_ns)
+        if parts is None:
+            self._covering.cover_all(waiting.image_bgr)
+            line.whole_since_ns = waiting.since_ns if line.whole_since_ns is None else line.whole_since_ns
+        else:
+            self._covering.cover(waiting.image_bgr, parts, self._demand.what)
+            line.whole_since_ns = None
+        waiting.then(waiting.image_bgr)
+
+    def _parts(self, looks: Sequence[People], stamp_ns: int) -> list[Corners]:
+        """What to cover at this moment. Who may be seen has to be known in each of the looks: a track may have become
+        somebody else's.
+        """
+        spare = self._consenting if self._demand.who == "without_consent" else frozenset()
+        ways: dict[int, list[_Seen]] = {}
+        bare: dict[int, bool] = {}
+        for people in looks:
+            for box in people.boxes:
+                seen = _Seen(people.stamp_ns, self._covering.part_to_cover(box, self._demand.what))
+                ways.setdefault(box.track, []).append(seen)
+                bare[box.track] = bare.get(box.track, True) and box.person_id in spare
+        return [_where(way, stamp_ns) for track, way in ways.items() if not bare[track]]
+
+
+class _Line:
+    """The frames of one camera in their order, and what was seen by it lately."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[_Waiting] = deque()
+        self.whole_since_ns: int | None = None
+        self._looks: list[People] = []
+        self._heard_ns: int | None = None
+
+    def look(self, people: People, now_ns: int) -> None:
+        self._heard_ns = now_ns
+        insort(self._looks, people, key=_stamp_of)
+        del self._looks[:-_KEPT_LOOKS]
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether the first one has waited long enough, or knows all that it waits for."""
+        first = self.waiting[0]
+        newest_ns = self._looks[-1].stamp_ns if self._looks else 0
+        silent = self._heard_ns is None or now_ns - self._heard_ns > _SILENT_AFTER_NS
+        return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
+
+    def looks_around(self, stamp_ns: int) -> list[People] | None:
+        """The looks that tell who is in the frame of this moment; None where none do."""
+        looks = self._looks
+        after = bisect_right(looks, stamp_ns, key=_stamp_of)
+        if after == 0:
+            return None
+        before_ns = looks[after - 1].stamp_ns
+        after_ns = before_ns if before_ns == stamp_ns else looks[after].stamp_ns if after < len(looks) else None
+        if after_ns is None or after_ns - before_ns > GAP_AT_MOST_NS:
+            return None
+        until_ns = max(stamp_ns + AHEAD_NS, after_ns)
+        return [look for look in looks if stamp_ns - HOLD_NS <= look.stamp_ns <= until_ns]
+
+
+def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
+    """Where somebody is at this moment, with a margin; ``way`` is where they were seen around it, oldest first."""
+    after = bisect_right(way, stamp_ns, key=_stamp_of)
+    if 0 < after < len(way):
+        one, other = way[after - 1], way[after]
+        at = _between(one, other, stamp_ns)
+        moved_px = _distance_px(one.corners, other.corners)
+        return _grown(at, _MARGIN * (at[2] - at[0]) + _MARGIN_OF_WAY * moved_px)
+    # Seen on one side only: there, and where the way so far leads, and the longer ago the larger.
+    nearest = way[after - 1] if after else way[0]
+    away_s = abs(stamp_ns - nearest.stamp_ns) / 1e9
+    wide_px = nearest.corners[2] - nearest.corners[0]
+    corners = nearest.corners
+    if len(way) > 1 and away_s > 0:
+        one, other = (way[-2], way[-1]) if after else (way[0], way[1])
+        corners = _together(corners, _between(one, other, stamp_ns))
+    return _grown(corners, (_MARGIN + _GROWTH_PER_S * away_s) * wide_px)
+
+
+def _stamp_of(one: People | _Seen) -> int:
+    return one.stamp_ns
+
+
+def _between(one: _Seen, other: _Seen, stamp_ns: int) -> Corners:
+    """On the straight way from one to the other, or beyond it."""
+    share = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
+    left, top, right, bottom = (a + share * (b - a) for a, b in zip(one.corners, other.corners, strict=True))
+    return left, top, right, bottom
+
+
+def _distance_px(one: Corners, other: Corners) -> float:
+    return max(abs(b - a) for a, b in zip(one, other, strict=True))
+
+
+def _together(one: Corners, other: Corners) -> Corners:
+    return min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])
+
+
+def _grown(corners: Corners, margin_px: float) -> Corners:
+    left, top, right, bottom = corners
+    return left - margin_px, top - margin_px, right + margin_px, bottom + margin_px

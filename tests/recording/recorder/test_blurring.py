@@ -1,0 +1,345 @@
+"""Nobody is seen in what is kept: walking people with known truth, looks that come late, miss somebody, or fail."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.actor import WIZARD
+from caris_desktop.domain.events import PhotoTaken, Problem
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.perception import blur
+from caris_desktop.recording.recorder.blurring import Blurring
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.messages import (
+    BlurDemand,
+    BlurWhat,
+    StartRecording,
+    TakePhoto,
+)
+from caris_desktop.recording.recorder.session_recorder import SessionRecorder
+from tests.recording.driving import RecorderUnderTest, header
+
+WIDTH_PX, HEIGHT_PX, RATE_HZ, LOOK_HZ = 640, 360, 30, 8
+FRAMES = 500
+SECOND_NS = 1_000_000_000
+LATE_NS = 180_000_000
+"""How long after a frame perception tells of it."""
+SURELY_THE_SAME = 0.05
+"""Share of pixels that a covered part may have in common with what it covers, by chance."""
+
+
+@dataclass(frozen=True)
+class Walker:
+    """Somebody who walks to and fro, swaying, from ``from_s`` to ``until_s``."""
+
+    track: int
+    width_px: float
+    speed_px_per_s: float
+    top_px: float
+    from_s: float
+    until_s: float
+
+    def box(self, at_s: float) -> tuple[float, float, float, float] | None:
+        """Left, top, width, height; None while not in the picture."""
+        if not self.from_s <= at_s < self.until_s:
+            return None
+        way_px = WIDTH_PX + self.width_px
+        gone_px = (at_s - self.from_s) * self.speed_px_per_s % (2 * way_px)
+        left_px = (gone_px if gone_px < way_px else 2 * way_px - gone_px) - self.width_px
+        near = 1.0 + 0.2 * np.sin(at_s * 1.7 + self.track)
+        top_px = self.top_px + 6.0 * np.sin(at_s * 9.0 + self.track)
+        return left_px, top_px, self.width_px * near, 2.6 * self.width_px * near
+
+
+WALKERS = (
+    Walker(1, 60.0, 90.0, 90.0, 0.0, 99.0),
+    Walker(2, 36.0, 150.0, 120.0, 1.3, 99.0),
+    Walker(3, 22.0, 60.0, 150.0, 0.0, 12.0),
+    Walker(4, 80.0, 200.0, 60.0, 4.1, 9.0),
+    Walker(5, 45.0, 40.0, 140.0, 7.7, 99.0),
+)
+
+
+def seen(at_s: float, random: np.random.Generator, *, known_from_s: dict[int, float]) -> tuple[PersonBox, ...]:
+    """What a detector and a tracker make of it: boxes that are a little off, somebody missed now and then, and nobody
+    told of with the first look.
+    """
+    boxes = []
+    for walker in WALKERS:
+        box = walker.box(at_s)
+        visible = box is not None and min(box[0] + box[2], WIDTH_PX) - max(box[0], 0.0) > 0.2 * box[2]
+        if box is None or not visible or random.random() < 0.08:
+            continue
+        if walker.track not in known_from_s:
+            known_from_s[walker.track] = at_s
+            continue
+        off = random.normal(0.0, 0.02 * box[2], 4)
+        boxes.append(PersonBox(walker.track, f"p-{walker.track}", *(np.array(box) + off), 0.8))
+    return tuple(boxes)
+
+
+def truth_of(what: BlurWhat, box: tuple[float, float, float, float]) -> tuple[int, int, int, int] | None:
+    """The pixels that are the person's, or the face's: left, top, right, bottom within the picture."""
+    left, top, width, height = box
+    if what == "faces":
+        left, width, height = left + 0.25 * width, 0.5 * width, height / 6
+    x0, x1 = max(0, round(left)), min(WIDTH_PX, round(left + width))
+    y0, y1 = max(0, round(top)), min(HEIGHT_PX, round(top + height))
+    return (x0, y0, x1, y1) if x1 - x0 > 1 and y1 - y0 > 1 else None
+
+
+@dataclass
+class Outcome:
+    """``bare`` are the (frame, track) of those who are seen; shares are of all frames together."""
+
+    frames: list[int]
+    bare: list[tuple[int, int]]
+    background_kept: float
+    longest_wait_ns: int
+
+
+def play(what: BlurWhat, *, without: frozenset[int], frames: int = FRAMES) -> Outcome:
+    """Frames through the line that the recorder has; ``without``: the numbers of looks that never come."""
+    random = np.random.default_rng(7)
+    noise = random.integers(0, 256, (HEIGHT_PX + 40, WIDTH_PX, 3), np.uint8)
+    blurring = Blurring(blur)
+    blurring.use_demand(BlurDemand("everybody", what))
+    outcome = Outcome([], [], 0.0, 0)
+    kept = background = 0
+    now_ns = 0
+    came_ns: dict[int, int] = {}
+
+    def judge(number: int, original: NDArray[np.uint8], image: NDArray[np.uint8]) -> None:
+        nonlocal kept, background
+        outcome.frames.append(number)
+        outcome.longest_wait_ns = max(outcome.longest_wait_ns, now_ns - came_ns[number])
+        same = image[..., 0] == original[..., 0]
+        nobody = np.ones(same.shape, bool)
+        for walker in WALKERS:
+            box = walker.box(number / RATE_HZ)
+            part = None if box is None else truth_of(what, box)
+            if box is None or part is None:
+                continue
+            x0, y0, x1, y1 = part
+            nobody[y0:y1, x0:x1] = False
+            wide = min(box[0] + box[2], WIDTH_PX) - max(box[0], 0.0) > 20.0
+            if wide and same[y0:y1, x0:x1].mean() > SURELY_THE_SAME:
+                outcome.bare.append((number, walker.track))
+        kept += int((same & nobody).sum())
+        background += int(nobody.sum())
+
+    waiting_looks: list[tuple[int, People]] = []
+    known_from_s: dict[int, float] = {}
+    looks = 0
+    for number in range(frames + RATE_HZ):
+        now_ns = SECOND_NS + number * SECOND_NS // RATE_HZ
+        while waiting_looks and waiting_looks[0][0] <= now_ns:
+            blurring.look(waiting_looks.pop(0)[1], now_ns)
+        blurring.go_on(now_ns)
+        stamp_ns, came_ns[number] = now_ns, now_ns
+        if number * LOOK_HZ // RATE_HZ > (number - 1) * LOOK_HZ // RATE_HZ:
+            looks += 1
+            boxes = seen(number / RATE_HZ, random, known_from_s=known_from_s)
+            if looks not in without:
+                people = People(stamp_ns, "front", number, WIDTH_PX, HEIGHT_PX, boxes, 60.0)
+                waiting_looks.append((stamp_ns + LATE_NS, people))
+        if number < frames:
+            at = int(random.integers(0, 40))
+            image = noise[at : at + HEIGHT_PX]
+            ref = FrameRef(stamp_ns, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX)
+            blurring.add(
+                ref, image.copy(), now_ns, lambda done, number=number, original=image: judge(number, original, done)
+            )
+    outcome.background_kept = kept / background
+    return outcome
+
+
+@pytest.mark.parametrize("what", ["persons", "faces"])
+def test_everybody_is_covered_in_every_frame_and_most_else_is_not(what: BlurWhat) -> None:
+    outcome = play(what, without=frozenset(range(5, 140, 11)))
+    assert outcome.frames == list(range(FRAMES)), "each once, in their order"
+    assert outcome.bare == []
+    assert outcome.background_kept >= 0.6
+    assert outcome.longest_wait_ns <= 0.75 * SECOND_NS
+
+
+def test_while_perception_says_nothing_the_whole_picture_is_covered() -> None:
+    outcome = play("persons", without=frozenset(range(10, 20)), frames=120)
+    assert outcome.frames == list(range(120))
+    assert outcome.bare == []
+
+
+def frame(number: int = 0, *, at_ms: int = 0) -> tuple[FrameRef, NDArray[np.uint8]]:
+    image = np.random.default_rng(number).integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)
+    return FrameRef(SECOND_NS + at_ms * 1_000_000, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX), image
+
+
+def look(at_ms: int, *boxes: PersonBox) -> People:
+    return People(SECOND_NS + at_ms * 1_000_000, "front", at_ms, WIDTH_PX, HEIGHT_PX, boxes, 50.0)
+
+
+ADA, BEN = PersonBox(1, "p-ada", 50, 50, 80, 200, 0.9), PersonBox(2, "p-ben", 400, 50, 80, 200, 0.9)
+
+
+def share_the_same(one: NDArray[np.uint8], other: NDArray[np.uint8], box: PersonBox) -> float:
+    part = np.s_[int(box.top_px) : int(box.top_px + box.height_px), int(box.left_px) : int(box.left_px + box.width_px)]
+    return float((one[part] == other[part]).all(axis=2).mean())
+
+
+def test_who_agreed_is_shown_and_who_did_not_is_not() -> None:
+    blurring = Blurring(blur)
+    blurring.use_demand(BlurDemand("without_consent"))
+    blurring.use_consents({"p-ada"})
+    ref, image = frame(at_ms=50)
+    done: list[NDArray[np.uint8]] = []
+    blurring.look(look(0, ADA, BEN), ref.stamp_ns)
+    blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
+    blurring.look(look(100, ADA, BEN), ref.stamp_ns)
+    blurring.look(look(350, ADA, BEN), ref.stamp_ns)
+    assert share_the_same(done[0], image, ADA) == 1.0
+    assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
+
+
+def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
+    """The track of somebody who agreed may just have become somebody else's."""
+    blurring = Blurring(blur)
+    blurring.use_demand(BlurDemand("without_consent"))
+    blurring.use_consents({"p-ada"})
+    ref, image = frame(at_ms=50)
+    done: list[NDArray[np.uint8]] = []
+    blurring.look(look(0, PersonBox(1, "p-new", 50, 50, 80, 200, 0.9)), ref.stamp_ns)
+    blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
+    for at_ms in (100, 350):
+        blurring.look(look(at_ms, ADA), ref.stamp_ns)
+    assert share_the_same(done[0], image, ADA) < SURELY_THE_SAME
+
+
+def test_what_waits_is_bounded_and_goes_on_covered() -> None:
+    blurring = Blurring(blur)
+    blurring.use_demand(BlurDemand("everybody"))
+    blurring.look(look(0, ADA), SECOND_NS)
+    done: list[NDArray[np.uint8]] = []
+    frames = [frame(number, at_ms=number) for number in range(1, 100)]
+    for ref, image in frames:
+        blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
+    assert 99 - len(done) <= 45
+    blurring.flush()
+    assert len(done) == 99 and not blurring.waits
+    pairs = zip(done, (image for _, image in frames), strict=True)
+    assert all((one == image).all(axis=2).mean() < SURELY_THE_SAME for one, image in pairs)
+
+
+@dataclass
+class Session:
+    folder: Path
+    told: list[Any]
+
+
+CHECKS = np.repeat(
+    (np.indices((HEIGHT_PX, WIDTH_PX)).sum(axis=0) // 2 % 2 * 255)[..., None].astype(np.uint8), 3, axis=2
+)
+
+
+class Checks:
+    """Each frame is the same: squares of two pixels, which no block keeps."""
+
+    def read(self, ref: FrameRef) -> NDArray[np.uint8]:
+        return CHECKS.copy()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Three seconds of video, in which looks come for two, and a photo; Ben agreed to be seen."""
+    folder = tmp_path_factory.mktemp("study") / "s"
+    told: list[Any] = []
+    blurring = Blurring(blur)
+    begin = StartRecording(folder, header(), blur=BlurDemand("without_consent"))
+    session = SessionRecorder(begin, frames=Checks(), report=told.append, limits=DiskLimits(), blurring=blurring)
+    blurring.use_consents({"p-ben"})
+    began_ns = clock.now_ns()
+    for number in range(90):
+        stamp_ns = began_ns + number * SECOND_NS // RATE_HZ
+        ref = FrameRef(stamp_ns, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX)
+        if number % 4 == 0 and number < 60:
+            people = People(stamp_ns, "front", number, WIDTH_PX, HEIGHT_PX, (ADA, BEN), 50.0)
+            blurring.look(people, clock.now_ns())
+            session.write(people)
+        session.write(ref)
+        if number == 20:
+            session.take_photo(ref, WIZARD)
+    session.close("wizard", WIZARD)
+    return Session(folder, told)
+
+
+def contrast(image: NDArray[np.uint8], box: PersonBox) -> float:
+    """How much neighbouring pixels differ: the pattern of the picture, which blocks do not have."""
+    part = image[
+        int(box.top_px) : int(box.top_px + box.height_px), int(box.left_px) : int(box.left_px + box.width_px)
+    ].astype(float)
+    return float(np.abs(np.diff(part, axis=1)).mean())
+
+
+def test_nobody_is_seen_in_the_video(recorded: Session) -> None:
+    frames = []
+    # A machine that is too slow for the encoder goes on in another file.
+    for video in sorted(recorded.folder.glob("*.mp4"), key=lambda path: (len(path.name), path.name)):
+        with av.open(str(video)) as container:
+            frames += [each.to_ndarray(format="bgr24") for each in container.decode(video=0)]
+    assert len(frames) == 90
+    plain = contrast(CHECKS, ADA)
+    assert max(contrast(each, ADA) for each in frames) < 0.3 * plain
+    assert contrast(frames[20], BEN) > 0.6 * plain, "who agreed is as in life"
+    assert contrast(frames[-1], BEN) < 0.3 * plain, "of what nobody looked at nothing is to be seen"
+
+
+def test_nobody_is_seen_in_a_photo(recorded: Session) -> None:
+    (taken,) = [each for each in recorded.told if isinstance(each, PhotoTaken)]
+    photo = cv2.imread(str(recorded.folder / taken.file_name))
+    assert contrast(photo, BEN) == contrast(CHECKS, BEN)
+    assert contrast(photo, ADA) < 0.2 * contrast(CHECKS, ADA)
+
+
+@pytest.mark.logs(r"session_recorder: The whole picture", r"video_encoders: ")
+def test_the_wizard_is_told_once_where_all_is_covered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_ns = clock.now_ns()
+    monkeypatch.setattr(clock, "now_ns", lambda: now_ns)
+    told: list[Any] = []
+    session = SessionRecorder(
+        StartRecording(tmp_path / "s", header(), blur=BlurDemand("everybody")),
+        frames=Checks(), report=told.append, limits=DiskLimits(), blurring=Blurring(blur),
+    )  # fmt: skip
+    for number in range(10):
+        session._housekept_ns = 0
+        session.write(FrameRef(now_ns, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX))
+        session.tick()
+        now_ns += SECOND_NS
+    session.close("wizard", WIZARD)
+    problems = [each.what for each in told if isinstance(each, Problem)]
+    assert problems == ["The whole picture of front is pixelated."]
+
+
+def test_without_a_session_a_photo_waits_for_who_is_in_it(tmp_path: Path) -> None:
+    ring = FrameRing.create(WIDTH_PX * HEIGHT_PX * 3)
+    recorder = RecorderUnderTest(ring, in_thread=True)
+    now_ns = clock.now_ns()
+    ref = ring.write(CHECKS, stamp_ns=now_ns, robot_stamp_ns=None, camera="front")
+    photo_asked = TakePhoto(ref, tmp_path / "photo.png", blur=BlurDemand("everybody"))
+    before, after, later = (
+        People(now_ns + late_ms * 1_000_000, "front", 1, WIDTH_PX, HEIGHT_PX, (ADA,), 50.0)
+        for late_ms in (-50, 60, 300)
+    )
+    recorder.send(before, photo_asked, after, later)
+    recorder.wait_for(PhotoTaken)
+    recorder.close()
+    ring.close()
+    photo = cv2.imread(str(tmp_path / "photo.png"))
+    assert contrast(photo, ADA) < 0.2 * contrast(CHECKS, ADA)
+    assert contrast(photo, BEN) == contrast(CHECKS, BEN)
