@@ -19,7 +19,9 @@ from caris_desktop.simulator.camera import CameraProcess
 from caris_desktop.simulator.camera_model import RATE_HZ
 from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
+from caris_desktop.simulator.figure_table import FIGURES
 from caris_desktop.simulator.map_files import MapFiles
+from caris_desktop.simulator.people import BadVisits, Visit, read_visits, visits_by_chance
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
 from caris_desktop.simulator.robot_topics import RobotTopics
@@ -54,6 +56,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--simulation-time", action="store_true", help="publish /clock and stamp with the time of the simulation"
     )
     parser.add_argument("--empty", action="store_true", help="nobody walks about")
+    parser.add_argument(
+        "--people",
+        type=int,
+        metavar="N",
+        help=f"N different people (up to {len(FIGURES)}) come and go instead, each round in another order",
+    )
+    parser.add_argument(
+        "--visits",
+        type=Path,
+        metavar="FILE",
+        help="who comes instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
+    )
     parser.add_argument(
         "--maps-folder", type=Path, metavar="FOLDER", help="where maps are saved (default: a temporary folder)"
     )
@@ -91,12 +105,12 @@ def run(args: argparse.Namespace) -> int:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
     try:
-        dress, server_settings = _dress_of(args), _server_of(args)
+        dress, server_settings, visits = _dress_of(args), _server_of(args), _visits_of(args)
     except _CannotStart as error:
         sys.stderr.write(f"{error}\n")
         return 2
     with contextlib.suppress(KeyboardInterrupt):
-        return asyncio.run(_simulate(args, dress, server_settings))
+        return asyncio.run(_simulate(args, dress, server_settings, visits))
     return 0
 
 
@@ -152,14 +166,31 @@ def _server_of(args: argparse.Namespace) -> _ServerSettings:
     return _ServerSettings(tls, secret, log, obeyed_log)
 
 
-async def _simulate(args: argparse.Namespace, dress: Dress, settings: _ServerSettings) -> int:
+def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
+    if sum((args.empty, args.people is not None, args.visits is not None)) > 1:
+        raise _CannotStart("--empty, --people and --visits say different things: give one of them.")
+    if args.people is not None:
+        if not 1 <= args.people <= len(FIGURES):
+            raise _CannotStart(f"--people must be between 1 and {len(FIGURES)}.")
+        return visits_by_chance(args.people, args.seed)
+    if args.visits is None:
+        return None
+    try:
+        return read_visits(args.visits)
+    except BadVisits as error:
+        raise _CannotStart(str(error)) from error
+
+
+async def _simulate(
+    args: argparse.Namespace, dress: Dress, settings: _ServerSettings, visits: list[Visit] | None
+) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    robot = Robot(args.seed, body=dress.body, populated=not args.empty)
+    robot = Robot(args.seed, body=dress.body, populated=not args.empty, visits=visits)
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
     server = BridgeServer(
         dress.dialect, secret=settings.secret, now_s=clock.now_s, log=settings.log, obeyed_log=settings.obeyed_log

@@ -186,6 +186,15 @@ def load_cut_outs(cache_folder: Path | None = None) -> list[Image]:
     return pictures
 
 
+def levels_of(cut_out: Image) -> list[Image]:
+    """The picture at full size, half, a quarter ..., so that far people are not drawn from single pixels."""
+    levels = [cut_out]
+    while levels[-1].shape[0] > 50:
+        height, width = levels[-1].shape[:2]
+        levels.append(np.asarray(cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)))
+    return levels
+
+
 def _photo() -> Image:
     found = importlib.util.find_spec("ultralytics")
     folders = list(found.submodule_search_locations or []) if found is not None else []

@@ -1,8 +1,12 @@
 """People who walk about, stop, leave and come back, and a visitor who comes up to the robot."""
 
+import csv
 import math
 import random
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +15,8 @@ from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.base import clearance_m
+from caris_desktop.simulator.figure_table import FIGURES
+from caris_desktop.simulator.figures import Appearance
 from caris_desktop.simulator.path_planning import Point
 
 BODY_M = 0.23
@@ -18,13 +24,17 @@ _LEG_M, _HIP_M, _STRIDE_M = 0.06, 0.11, 0.24
 _WALK_CLEARANCE_M = 0.3
 _PERSONAL_SPACE_M = 0.65
 _VISIT_M = 2.0
+_TURNS_EVERY_S = 4.0
 OUTSIDE: Point = (2.55, -0.95)
 """In the porch behind the entrance door, where nobody is seen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One person as the camera and the state service see them. ``looks`` numbers the cut-outs."""
+    """One person as the camera and the state service see them.
+
+    ``looks`` numbers the cut-outs from photos; who has an ``appearance`` is drawn by it, from the side that is seen.
+    """
 
     x_m: float
     y_m: float
@@ -32,6 +42,66 @@ class Seen:
     looks: int
     walking: bool
     stride_rad: float
+    heading_rad: float = 0.0
+    appearance: Appearance | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """Somebody of ``FIGURES`` comes in at the door, stays before the robot, turns about there, and leaves."""
+
+    person: int
+    comes_s: float
+    stays_s: float = 20.0
+    clothes: int = 0
+
+
+class BadVisits(ValueError):  # noqa: N818 - the file does not say what it should; nothing is broken
+    """A file of visits cannot be used; the text says why."""
+
+
+def visits_by_chance(
+    people: int, seed: int, *, rounds: int = 20, at_once: int = 3, stays_s: float = 20.0
+) -> list[Visit]:
+    """Everybody comes once a round, each time in another order and the same clothes; about ``at_once`` together."""
+    chance = random.Random(f"{seed}/visits")  # noqa: S311 - walks, no secrets
+    visits, comes_s = [], 1.0
+    for _ in range(rounds):
+        for person in chance.sample(range(people), people):
+            visits.append(Visit(person, comes_s, stays_s * chance.uniform(0.8, 1.2)))
+            # on the way in and out they are about ten seconds each
+            comes_s += (stays_s + 20.0) / at_once * chance.uniform(0.8, 1.2)
+        comes_s += stays_s
+    return visits
+
+
+def read_visits(path: Path) -> list[Visit]:
+    """Visits from a table with the columns person (1 to 20), comes_s, stays_s and clothes (1 or 2).
+
+    Raises
+    ------
+    BadVisits
+        Where it is not such a table.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as table:
+            visits = [
+                Visit(int(row["person"]) - 1, float(row["comes_s"]), float(row["stays_s"]), int(row["clothes"]) - 1)
+                for row in csv.DictReader(table)
+            ]
+    except OSError as error:
+        raise BadVisits(f"{path} cannot be read: {error.strerror or error}.") from error
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise BadVisits(
+            f"{path} is not a table of visits: its columns must be person, comes_s, stays_s and clothes, with a "
+            f"number in each ({error})."
+        ) from error
+    for visit in visits:
+        if not 0 <= visit.person < len(FIGURES) or visit.clothes not in (0, 1):
+            raise BadVisits(f"{path}: person must be 1 to {len(FIGURES)}, and clothes 1 or 2.")
+        if not (0.0 <= visit.comes_s < math.inf and 0.0 <= visit.stays_s < math.inf):
+            raise BadVisits(f"{path}: comes_s and stays_s must be numbers of seconds, from 0.")
+    return sorted(visits, key=lambda visit: visit.comes_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +112,11 @@ class _Role:
     begins: Point
     rounds: tuple[tuple[Point, float], ...]
     visits_robot: bool = False
+    visit: Visit | None = None
+
+    @property
+    def appearance(self) -> Appearance | None:
+        return None if self.visit is None else Appearance(self.visit.person, self.visit.clothes)
 
 
 _ROLES = (
@@ -85,22 +160,59 @@ class _Person:
         self.visiting = False
         self.visit_left_s = 0.0
 
+    @property
+    def turned_away_rad(self) -> float:
+        """How far somebody who comes for a visit has turned from the robot, to be seen from every side."""
+        if self.role.visit is None:
+            return 0.0
+        return math.pi / 2.0 * (int(self.visit_left_s / _TURNS_EVERY_S) % 4)
+
+
+def _visiting(visit: Visit) -> _Role:
+    height_m = FIGURES[visit.person].height_m
+    return _Role(0, height_m, 1.1, OUTSIDE, ((OUTSIDE, 1.0),), visits_robot=True, visit=visit)
+
 
 class Crowd:
-    """Everybody in the building. The same seed and the same robot motion give the same walks."""
+    """Everybody in the building. The same seed and the same robot motion give the same walks.
 
-    def __init__(self, seed: int) -> None:
+    Parameters
+    ----------
+    visits
+        Who comes instead of the three who are always there, in the order of their coming; None for those three.
+    """
+
+    def __init__(self, seed: int, visits: Iterable[Visit] | None = None) -> None:
+        self._seed = seed
+        self._now_s = 0.0
+        self._expected = deque(sorted(visits or (), key=lambda visit: visit.comes_s))
+        self._came = 0
+        if visits is not None:
+            self._people: list[_Person] = []
+            return
         self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(_ROLES)]  # noqa: S311 - walks, no secrets
 
     @property
     def bodies(self) -> NDArray[np.float64]:
         """Circles (x, y, radius), shape (people, 3)."""
-        return np.array([(person.x_m, person.y_m, BODY_M) for person in self._people])
+        return np.array([(person.x_m, person.y_m, BODY_M) for person in self._people]).reshape(-1, 3)
 
     @property
     def seen(self) -> tuple[Seen, ...]:
         """Everybody, for the camera."""
-        return tuple(Seen(p.x_m, p.y_m, p.role.height_m, p.role.looks, p.walking, p.stride_rad) for p in self._people)
+        return tuple(
+            Seen(
+                p.x_m,
+                p.y_m,
+                p.role.height_m,
+                p.role.looks,
+                p.walking,
+                p.stride_rad,
+                p.heading_rad,
+                p.role.appearance,
+            )
+            for p in self._people
+        )
 
     @property
     def legs(self) -> NDArray[np.float64]:
@@ -111,22 +223,34 @@ class Crowd:
             swing = _STRIDE_M * math.sin(person.stride_rad) if person.walking else 0.0
             for side, ahead in ((_HIP_M, swing), (-_HIP_M, -swing)):
                 circles.append((person.x_m + ahead * cos - side * sin, person.y_m + ahead * sin + side * cos, _LEG_M))
-        return np.array(circles)
+        return np.array(circles).reshape(-1, 3)
 
     def step(self, robot: Pose2D, dt_s: float) -> None:
         """Let ``dt_s`` pass."""
+        self._now_s += dt_s
+        self._come_and_go()
         for index, person in enumerate(self._people):
             if person.way:
                 self._walk(index, person, robot, dt_s)
             else:
                 self._stand(person, robot, dt_s)
 
+    def _come_and_go(self) -> None:
+        # who left is outside again and has nowhere to go
+        self._people = [
+            p for p in self._people if p.role.visit is None or not p.round or p.way or (p.x_m, p.y_m) != OUTSIDE
+        ]
+        while self._expected and self._expected[0].comes_s <= self._now_s:
+            visit = self._expected.popleft()
+            self._came += 1
+            self._people.append(_Person(_visiting(visit), random.Random(f"{self._seed}/{self._came}")))  # noqa: S311
+
     def _stand(self, person: _Person, robot: Pose2D, dt_s: float) -> None:
         person.walking = False
         person.wait_s -= dt_s
         if person.visiting:
             person.visit_left_s -= dt_s
-            wanted = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m)
+            wanted = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m) + person.turned_away_rad
             person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -3.0 * dt_s), 3.0 * dt_s)
         if person.wait_s > 0.0:
             return
@@ -142,14 +266,17 @@ class Crowd:
     def _visit(self, person: _Person, robot: Pose2D) -> None:
         if not person.visiting:
             person.visiting = True
-            person.visit_left_s = person.chance.uniform(80.0, 100.0)
+            visit = person.role.visit
+            person.visit_left_s = person.chance.uniform(80.0, 100.0) if visit is None else visit.stays_s
         person.wait_s = 1.0
         ahead_m = math.dist((person.x_m, person.y_m), (robot.x_m, robot.y_m))
         bearing = math.atan2(person.y_m - robot.y_m, person.x_m - robot.x_m)
         in_front = abs(wrap_angle(bearing - robot.heading_rad)) < 0.4
         if in_front and 1.4 < ahead_m < 2.8:
             return
-        spot = _spot_before(robot)
+        # who is always there has the robot for themselves; visitors leave one another room
+        others = [p for p in self._people if p is not person] if person.role.visit is not None else ()
+        spot = _spot_before(robot, others)
         if spot is not None and math.dist(spot, (person.x_m, person.y_m)) > 0.4:
             self._go(person, spot)
 
@@ -197,12 +324,14 @@ class Crowd:
         self._go(person, person.way[-1], np.array(everybody))
 
 
-def _spot_before(robot: Pose2D) -> Point | None:
+def _spot_before(robot: Pose2D, others: Sequence[_Person] = ()) -> Point | None:
     """A free spot that the robot faces, about two metres away and in its sight."""
     for distance_m in (_VISIT_M, 2.4, 1.7):
         for off in (0.0, 0.2, -0.2, 0.35, -0.35):
             angle = robot.heading_rad + off
             spot = (robot.x_m + distance_m * math.cos(angle), robot.y_m + distance_m * math.sin(angle))
+            if any(math.dist(spot, other.way[-1] if other.way else (other.x_m, other.y_m)) < 0.7 for other in others):
+                continue
             if clearance_m(*spot) > 0.35 and path_planning.in_sight((robot.x_m, robot.y_m), spot):
                 return spot
     return None

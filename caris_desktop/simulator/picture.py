@@ -1,14 +1,16 @@
 """Draws what the camera sees: walls, floor and ceiling by ray casting, furniture as boxes, people as cut-outs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.simulator import wall_paper
+from caris_desktop.simulator import figures, wall_paper
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
+from caris_desktop.simulator.cut_outs import levels_of
 from caris_desktop.simulator.floor_plan import (
     FURNITURE,
     LINTELS,
@@ -125,7 +127,7 @@ class Painter:
         self._walls = corners_of(WALLS)
         self._things = _furniture() + _lintels()
         self._outlines = corners_of(thing.outline for thing in self._things)
-        self._people = [_pyramid(cut_out) for cut_out in cut_outs]
+        self._people = [levels_of(cut_out) for cut_out in cut_outs]
         self._rays = _Rays(_level_lens(MOUNT_HEIGHT_M))
 
     def paint(self, view: View) -> Image:
@@ -191,12 +193,19 @@ class Painter:
         (visible,) = np.nonzero(np.any(entry < depth[::4] + 0.05, axis=1))
         return [self._things[index] for index in visible.tolist()]
 
+    def _levels_of(self, person: Seen, eye: "_Eye") -> Sequence[Image]:
+        if person.appearance is not None:
+            to_eye = math.atan2(eye.y_m - person.y_m, eye.x_m - person.x_m)
+            stride_rad = person.stride_rad if person.walking else None
+            return figures.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
+        return self._people[person.looks % len(self._people)] if self._people else ()
+
     def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
         ahead, right = eye.relative(person.x_m, person.y_m)
-        if not self._people:
+        levels = self._levels_of(person, eye)
+        if not levels:
             return
         lens = eye.lens
-        levels = self._people[person.looks % len(self._people)]
         height_px = lens.focal_px * person.height_m / ahead
         level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
         scale = height_px / level.shape[0]
@@ -431,15 +440,6 @@ def _shadow(picture: Image, x: float, y: float, px_per_m: float, *, hidden: NDAr
     light[:, hidden[x0:x1]] = 1.0
     area = picture[y0:y1, x0:x1]
     area[:] = (area * light[:, :, None]).astype(np.uint8)
-
-
-def _pyramid(cut_out: Image) -> list[Image]:
-    """The picture at full size, half, a quarter ..., so that far people are not drawn from single pixels."""
-    levels = [cut_out]
-    while levels[-1].shape[0] > 50:
-        height, width = levels[-1].shape[:2]
-        levels.append(np.asarray(cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)))
-    return levels
 
 
 def _shaded(colour: Colour, light: float) -> Colour:

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
 from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
 from caris_desktop.simulator.mapping import Mapper
 from caris_desktop.simulator.navigation import GoalEnded, Navigator, Progress
-from caris_desktop.simulator.people import Crowd, Seen
+from caris_desktop.simulator.people import Crowd, Seen, Visit
 
 ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
 _FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # what the wheels' encoders believe
@@ -70,15 +71,24 @@ class Robot:
         What the robot is made of.
     populated
         Whether people walk about.
+    visits
+        Who comes, instead of those who are always there.
     """
 
-    def __init__(self, seed: int, *, body: Body = DEFAULT_BODY, populated: bool = True) -> None:
+    def __init__(
+        self,
+        seed: int,
+        *,
+        body: Body = DEFAULT_BODY,
+        populated: bool = True,
+        visits: Sequence[Visit] | None = None,
+    ) -> None:
         scan_noise, drift_noise, pose_noise = np.random.SeedSequence(seed).spawn(3)
         self._scan_noise = np.random.default_rng(scan_noise)
         self._drift_noise = np.random.default_rng(drift_noise)
         self._pose_noise = np.random.default_rng(pose_noise)
         self.body = body
-        self._crowd = Crowd(seed) if populated else None
+        self._crowd = Crowd(seed, visits) if populated else None
         self.head = Head(body.head)
         self._navigator = Navigator()
         self._mapper = Mapper()

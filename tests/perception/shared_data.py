@@ -16,6 +16,7 @@ TUD_CAMPUS_TRUTH = _SHARED / "data" / "TUD-Campus" / "gt.txt"
 MOT_SCORE = _SHARED / "tools" / "mot_score.py"
 INT8_WEIGHTS = _MODELS / "yolov8n_int8.tflite"
 YOLOX_WEIGHTS = _MODELS / "yolox_nano_416x416.onnx"
+OSNET_WEIGHTS = _MODELS / "osnet_x0_25_msmt17.onnx"
 
 needs_tud_campus = pytest.mark.skipif(not TUD_CAMPUS_VIDEO.is_file(), reason=f"needs {TUD_CAMPUS_VIDEO}")
 needs_int8_weights = pytest.mark.skipif(not INT8_WEIGHTS.is_file(), reason=f"needs {INT8_WEIGHTS}")

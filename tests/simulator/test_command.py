@@ -35,6 +35,9 @@ def test_bad_arguments_are_explained() -> None:
     assert "--fault-latency-ms" in refused("--fault-latency-ms", "-5")
     assert "--ros" in refused("--ros", "3")
     assert "65535" in refused("--port", "99999")
+    assert "between 1 and 20" in refused("--people", "21")
+    assert "one of them" in refused("--people", "3", "--empty")
+    assert "nowhere.csv cannot be read" in refused("--visits", "nowhere.csv")
 
 
 def test_it_ends_when_asked_and_takes_its_camera_along() -> None:

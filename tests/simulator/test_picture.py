@@ -4,6 +4,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
 from caris_desktop.simulator.cut_outs import load_cut_outs
+from caris_desktop.simulator.figures import Appearance
 from caris_desktop.simulator.floor_plan import PLACES, START
 from caris_desktop.simulator.people import Seen
 from caris_desktop.simulator.picture import Painter
@@ -30,6 +32,14 @@ def before(camera: Pose2D, distance_m: float, bearing_rad: float = 0.0, looks: i
     angle = camera.heading_rad + bearing_rad
     x, y = camera.x_m + distance_m * math.cos(angle), camera.y_m + distance_m * math.sin(angle)
     return Seen(x, y, 1.76, looks, False, 0.0)
+
+
+def figure(camera: Pose2D, person: int, turned_rad: float) -> Seen:
+    """One of the twenty, two or four metres away, in one set of clothes or the other."""
+    there = before(camera, 2.2 if person % 2 else 4.0, 0.1)
+    appearance = Appearance(person, person // 2 % 2)
+    heading_rad = camera.heading_rad + 0.1 + math.pi + turned_rad
+    return replace(there, walking=person % 3 == 0, stride_rad=1.5, heading_rad=heading_rad, appearance=appearance)
 
 
 def changed(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -110,6 +120,10 @@ def test_an_unmodified_detector_finds_the_people_and_nobody_else(painter: Painte
         for camera in (CAMERA, Pose2D(2.0, 5.0, 0.0))
         for looks in range(3)
         for distance_m in (1.2, 2.0, 3.2)
+    ] + [
+        View(CAMERA, (figure(CAMERA, person, turned_rad),))
+        for person in range(0, 20, 3)
+        for turned_rad in (0.0, 1.6, 3.1)
     ]
     pictures = np.stack([painter.paint(view) for view in views + peopled])
     np.save(tmp_path / "pictures.npy", pictures)
