@@ -202,10 +202,29 @@ class CameraLens:
 
 @dataclass(frozen=True, slots=True)
 class PersonBox:
-    """One person in one frame. ``track`` is the tracker's number, ``person_id`` the opaque identity."""
+    """One person in one frame. ``track`` is the tracker's number, ``person_id`` the opaque identity.
+
+    ``posture`` is empty, and ``hand_raised`` and ``facing`` (whether they look towards the camera) are None, where
+    that cannot be seen, or is not looked for.
+    """
 
     track: int
     person_id: str
+    left_px: float
+    top_px: float
+    width_px: float
+    height_px: float
+    confidence: float
+    posture: Literal["", "standing", "sitting"] = ""
+    hand_raised: bool | None = None
+    facing: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ThingBox:
+    """One thing in one frame that is no person. ``label`` is the detector's name for such things: chair, dog."""
+
+    label: str
     left_px: float
     top_px: float
     width_px: float
@@ -215,7 +234,10 @@ class PersonBox:
 
 @dataclass(frozen=True, slots=True)
 class People:
-    """Everybody who is seen in one frame; ``stamp_ns`` is the stamp of that frame."""
+    """Everybody who is seen in one frame; ``stamp_ns`` is the stamp of that frame.
+
+    ``things`` are those of the kinds that the scenario lists, which are not followed from frame to frame.
+    """
 
     stamp_ns: int
     camera: str
@@ -224,6 +246,7 @@ class People:
     frame_height_px: int
     boxes: tuple[PersonBox, ...]
     inference_ms: float
+    things: tuple[ThingBox, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from caris_desktop.domain.sensing import (
     PersonBox,
     PlannedPath,
     StatusShown,
+    ThingBox,
 )
 from caris_desktop.recording.recorder.messages import SessionHeader
 from tests.recording.session.test_session_reader import record
@@ -96,7 +97,7 @@ def everything(begin_ns: int) -> list[Any]:
         Marked(begin_ns + 30 * S, "talks", mark_id="m2", state="open"),
         Marked(begin_ns + 41 * S, "slip", "wizard_error", mark_id="m3"),
         Marked(begin_ns + 42 * S, "slip", "wizard_error", mark_id="m3", state="withdrawn"),
-        People(begin_ns + 3 * S, "front", 3, 640, 480, boxes, 12.0),
+        People(begin_ns + 3 * S, "front", 3, 640, 480, boxes, 12.0, (ThingBox("chair", 10.0, 20.5, 30.0, 40.0, 0.5),)),
         People(begin_ns + 4 * S, "front", 4, 640, 480, (), 12.0),
         StatusShown(begin_ns + S, "link", {"state": "connected", "rates": [1, 2.5]}),
         StatusShown(begin_ns + S, "robot", None),

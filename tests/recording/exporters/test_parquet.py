@@ -66,6 +66,8 @@ def test_values_are_those_that_were_recorded(out: Path) -> None:
     (path,) = rows(out / "one" / "path.parquet")
     assert path["points_in_map"] == [[1.0, 2.5], [3.0, -4.0]]
     assert [row["boxes_count"] for row in rows(out / "one" / "people.parquet")] == [2, 0]
+    (thing,) = rows(out / "one" / "people_things.parquet")
+    assert (thing["label"], thing["top_px"], thing["number"]) == ("chair", 20.5, 1)
     assert [(row["number"], row["person_id"]) for row in rows(out / "one" / "people_boxes.parquet")] == [
         (1, "p-7"),
         (2, "p-9"),
