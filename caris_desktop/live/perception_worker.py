@@ -158,6 +158,8 @@ class PerceptionWorker(QObject):
                 self._tell_pace(item.inference_ms)
             elif isinstance(item, FrameSkipped):
                 busy = False
+            elif isinstance(item, Problem):
+                self._publish(item)
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)

@@ -1,6 +1,8 @@
 """How somebody looks, as a vector: crops of people through a re-identification network (OSNet's form, ONNX)."""
 
-from collections.abc import Sequence
+import hashlib
+import logging
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,29 +10,75 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+log = logging.getLogger(__name__)
+
 WIDTH_PX, HEIGHT_PX = 128, 256
+_NAMES = "osnet*.onnx"
+_PREFERRED = "osnet_x0_25_msmt17.onnx"
 # ImageNet's, in RGB. Fed with pictures that are only scaled, OSNet recognises half as many.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 
 
+class AppearanceError(Exception):
+    """A file that is no such network. The message is for the wizard."""
+
+
 class AppearanceModel:
-    """For one thread. Raises whatever onnxruntime raises for a file that is no such network."""
+    """For one thread. ``name`` is the network's: its file's name and the beginning of its checksum, since vectors of
+    two networks are never alike.
+
+    Raises
+    ------
+    AppearanceError
+        When the file cannot be used.
+    """
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
+        # The console, which imports this module for its types, does without onnxruntime.
+        from caris_desktop.perception.backends.onnx import session_options
+        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+
+        prepare_runtimes(threads=threads)
         import onnxruntime
 
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        self._session: Any = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        self._input = self._session.get_inputs()[0].name
+        options = session_options(threads)
+        try:
+            content = path.read_bytes()
+            self._session: Any = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises types of its own, which it does not name
+            log.info("could not load %s", path, exc_info=True)
+            raise AppearanceError(f"The re-identification model {path.name} could not be loaded.") from error
+        self.name = f"{path.stem}-{hashlib.sha256(content).hexdigest()[:8]}"
+        first = self._session.get_inputs()[0]
+        self._input = first.name
+        if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:
+            raise AppearanceError(f"{path.name} is no re-identification model: its input is not 3 x 256 x 128.")
+        self._one_by_one = first.shape[0] == 1
+        self.look(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # the first is the slowest
 
     def look(self, image_bgr: NDArray[np.uint8], corners_px: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """One row of unit length for each box (left, top, right, bottom), shape (boxes, length of a vector)."""
         crops = np.stack([_crop(image_bgr, corners) for corners in corners_px])
-        vectors = np.asarray(self._session.run(None, {self._input: crops})[0], np.float64)
+        batches = crops[:, np.newaxis] if self._one_by_one else [crops]
+        found = [self._session.run(None, {self._input: batch})[0].reshape(len(batch), -1) for batch in batches]
+        vectors = np.concatenate(found).astype(np.float64)
         return np.asarray(vectors / np.maximum(1e-12, np.linalg.norm(vectors, axis=1, keepdims=True)))
+
+
+def find_appearance(folders: Iterable[Path]) -> Path | None:
+    """The first re-identification network in these folders; None where none is."""
+    for folder in folders:
+        preferred = folder / _PREFERRED
+        if preferred.is_file():
+            return preferred
+        try:
+            found = sorted(path for path in folder.glob(_NAMES) if path.is_file())
+        except OSError:
+            continue
+        if found:
+            return found[0]
+    return None
 
 
 def _crop(image_bgr: NDArray[np.uint8], corners: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ nobody is given up. No Qt, no detector: boxes in, numbers out.
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +42,18 @@ _SPEED_AT_FIRST_PER_S = 0.7
 _RESIZE_PER_S = 0.25
 _WAY_FADES_S = 0.6
 
-# Cosine distance of two views: how far those of one person lie apart as a rule, up to where one is known again by looks
-# alone, and by how much whoever comes second must be worse.
-_LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN = 0.3, 0.3, 0.1
+# Cosine distance of two views: how far those of one person lie apart as a rule; up to where one is known again by looks
+# alone, and by how much whoever comes second must be worse; up to where a better view is waited for.
+_LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN, _LOOKS_LIKELY = 0.3, 0.27, 0.06, 0.4
+_WAIT_FOR_VIEW_S = 0.5
 _LOOKS_KEPT = 0.9
 _LOOK_AGAIN_S = 0.5
-_GOOD_VIEW, _HIDDEN = 0.6, 0.1
+_GOOD_VIEW = 0.5
 _CONTESTED = 0.15
 _DOUBTED_AFTER_S = 0.25
+_LOOKS_AT_MOST = 6
+"""In one picture: each costs a few milliseconds."""
+_TALL_PX = 96.0
 
 AppearanceOf = Callable[[Sequence[int]], Floats]
 """How the people in these boxes look, one row of unit length for each."""
@@ -57,10 +61,14 @@ AppearanceOf = Callable[[Sequence[int]], Floats]
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """One person in one picture. ``box`` is the row of the detection, ``number`` never means two people."""
+    """One person in one picture. ``box`` is the row of the detection, ``number`` never means two people.
+
+    ``looks`` is how they look, where somebody looked in this picture.
+    """
 
     number: int
     box: int
+    looks: Floats | None = field(default=None, compare=False)
 
 
 @dataclass(slots=True, eq=False)
@@ -78,6 +86,7 @@ class _Track:
     number: int = 0
     evidence: float = 0.0
     looks_like: Floats | None = None
+    well_seen: bool = False
     looked_s: float = -math.inf
 
     @property
@@ -108,6 +117,7 @@ class Follower:
         stamp_s: float,
         *,
         shift_px: tuple[float, float] = (0.0, 0.0),
+        picture_px: tuple[float, float] | None = None,
         appearance_of: AppearanceOf | None = None,
     ) -> list[Followed]:
         """Take in the next picture.
@@ -122,6 +132,8 @@ class Follower:
             When the picture was taken.
         shift_px
             By how much everything has moved in the picture since the last one because the camera turned.
+        picture_px
+            Width and height of the picture: who is cut off at its side is not seen well.
         appearance_of
             Asked for new and doubtful ones, and now and then for a good view of somebody; None without such a model.
         """
@@ -144,45 +156,17 @@ class Follower:
         waiting, perhaps = _left(waiting, perhaps, found)
         new = [box for box in perhaps if confidences[box] >= NEW]
         pairs += _pairs(waiting, new, corners_px, confidences, buffer=BUFFERS[0], least=_LEAST_OVERLAP_PERHAPS)
-        found = self._known_again(sure, confidences, views, {id(track) for track, _ in pairs})
-        pairs += found
-        _, sure = _left([], sure, found)
         for track, box in pairs:
             _see(track, corners_px[box], stamp_s)
             track.evidence += _evidence(float(confidences[box]))
         taken = {box for _, box in pairs}
-        sure = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
-        pairs += self._begin(sure, corners_px, confidences, stamp_s, [box for _, box in pairs])
-        _remember_looks(pairs, corners_px, confidences, stamp_s, views)
+        left = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
+        pairs += self._begin(left, corners_px, confidences, stamp_s, [box for _, box in pairs])
+        _learn_looks(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
+        followed = [Followed(track.number, box, views.of(box)) for track, box in pairs if self._counts(track, stamp_s)]
         self._forget(stamp_s)
-        followed = [Followed(track.number, box) for track, box in pairs if self._counts(track)]
         self._began = True
         return followed
-
-    def _known_again(
-        self, boxes: list[int], confidences: Floats, views: "_Views", here: set[int]
-    ) -> list[tuple[_Track, int]]:
-        """Those who come back and are nowhere near where they would be: by their looks, if nobody else looks so."""
-        away = [track for track in self._tracks if id(track) not in here and track.looks_like is not None]
-        found: list[tuple[_Track, int]] = []
-        for box in sorted(boxes, key=lambda box: -confidences[box]):
-            looks = views.of(box)
-            if looks is None or confidences[box] < NEW:
-                continue
-            everybody = sorted(
-                (_apart(track.looks_like, looks), number)
-                for number, track in enumerate(self._tracks)
-                if track.looks_like is not None
-            )
-            if not everybody or everybody[0][0] > _LOOKS_SAME:
-                continue
-            if len(everybody) > 1 and everybody[1][0] - everybody[0][0] < _LOOKS_MARGIN:
-                continue
-            track = self._tracks[everybody[0][1]]
-            if track in away:
-                away.remove(track)
-                found.append((track, box))
-        return found
 
     def _begin(
         self, boxes: list[int], corners_px: Floats, confidences: Floats, stamp_s: float, taken: list[int]
@@ -201,10 +185,31 @@ class Follower:
             begun.append((track, box))
         return begun
 
-    def _counts(self, track: _Track) -> bool:
+    def _counts(self, track: _Track, stamp_s: float) -> bool:
         if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):
-            track.number = self._new_number()
+            back, likely = self._who_is_back(track, stamp_s)
+            if back is not None:
+                self._tracks.remove(back)
+                track.number = back.number
+                track.looks_like = _mixed(back.looks_like, track.looks_like)
+            elif not likely or track.well_seen or stamp_s - track.first_s >= _WAIT_FOR_VIEW_S:
+                track.number = self._new_number()
         return track.confirmed
+
+    def _who_is_back(self, track: _Track, stamp_s: float) -> tuple[_Track | None, bool]:
+        """Who of those who are away looks like somebody new and nobody else does; and whether anybody might be it."""
+        away = sorted(
+            (
+                (_apart(each.looks_like, track.looks_like), number)
+                for number, each in enumerate(self._tracks)
+                if each.confirmed and each.seen_s < stamp_s and each.looks_like is not None
+            ),
+        )
+        if track.looks_like is None or not away:
+            return None, False
+        nearest = away[0][0]
+        clear = len(away) == 1 or away[1][0] - nearest >= _LOOKS_MARGIN
+        return self._tracks[away[0][1]] if clear and nearest <= _LOOKS_SAME else None, nearest <= _LOOKS_LIKELY
 
     def _forget(self, stamp_s: float) -> None:
         self._tracks = [
@@ -213,6 +218,17 @@ class Follower:
             if stamp_s - track.seen_s
             <= (_TENTATIVE_S if not track.confirmed else LOST_S if track.looks_like is None else REMEMBERED_S)
         ]
+
+
+def view_qualities(corners_px: Floats, confidences: Floats, picture_px: tuple[float, float] | None) -> Floats:
+    """How well each can be seen, 0..1: sure, big enough, not covered by another, not cut off at the side."""
+    qualities = confidences.astype(np.float64)
+    for row, corners in enumerate(corners_px):
+        covered = _covered(corners, np.delete(corners_px, row, axis=0))
+        big = min(1.0, float(corners[3] - corners[1]) / _TALL_PX)
+        cut = picture_px is not None and (corners[0] < 2.0 or corners[2] > picture_px[0] - 2.0)
+        qualities[row] *= max(0.0, 1.0 - 1.5 * covered) * big * (0.5 if cut else 1.0)
+    return qualities
 
 
 def overlaps(first: Floats, second: Floats, buffer: float = 0.0) -> Floats:
@@ -247,7 +263,7 @@ class _Views:
         self._known: dict[int, Floats] = {}
 
     def look_at(self, boxes: Sequence[int]) -> None:
-        unknown = [box for box in boxes if box not in self._known]
+        unknown = [box for box in boxes if box not in self._known][: _LOOKS_AT_MOST - len(self._known)]
         if self._appearance_of is not None and unknown:
             self._known.update(zip(unknown, self._appearance_of(unknown), strict=True))
 
@@ -268,27 +284,28 @@ def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_
     return [box for box, is_clear in zip(boxes, clear.tolist(), strict=True) if not is_clear]
 
 
-def _remember_looks(
-    pairs: list[tuple[_Track, int]], corners_px: Floats, confidences: Floats, stamp_s: float, views: _Views
-) -> None:
-    """Learn how they look from good views: a confident box that no other covers."""
-    if not pairs:
-        return
-    together = overlaps(corners_px, corners_px)
-    np.fill_diagonal(together, 0.0)
-    good = [
+def _learn_looks(pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: _Views) -> None:
+    """Learn from good views, now and then. Of somebody new every view counts until there is a good one."""
+    new = [(track, box) for track, box in pairs if not track.confirmed]
+    due = [
         (track, box)
         for track, box in pairs
-        if confidences[box] >= _GOOD_VIEW
-        and together[box].max(initial=0.0) <= _HIDDEN
-        and stamp_s - track.looked_s >= _LOOK_AGAIN_S
+        if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _LOOK_AGAIN_S
     ]
-    views.look_at([box for _, box in good])
-    for track, box in good:
-        looks = views.of(box)
-        if looks is not None:
-            kept = looks if track.looks_like is None else _LOOKS_KEPT * track.looks_like + (1 - _LOOKS_KEPT) * looks
-            track.looks_like, track.looked_s = kept / np.linalg.norm(kept), stamp_s
+    views.look_at([box for _, box in (*new, *due)])
+    for track, box in (*new, *due):
+        looks, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
+        if looks is None or (track.well_seen and not good):
+            continue
+        track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
+        track.well_seen, track.looked_s = track.well_seen or good, stamp_s
+
+
+def _mixed(before: Floats | None, looks: Floats | None) -> Floats | None:
+    if before is None or looks is None:
+        return looks if before is None else before
+    mixed = _LOOKS_KEPT * before + (1 - _LOOKS_KEPT) * looks
+    return np.asarray(mixed / np.linalg.norm(mixed))
 
 
 def _apart(first: Floats | None, second: Floats | None) -> float:

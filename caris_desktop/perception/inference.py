@@ -9,15 +9,21 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
-from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.tracker import Look, PersonTracker, TrackerName
-from caris_desktop.perception.weights import WeightsError, find_weights
+from caris_desktop.perception.portraits import Portraits
+from caris_desktop.perception.tracker import Look, PersonTracker, TrackedBox, TrackerName
+from caris_desktop.perception.weights import WeightsError, find_weights, models_dirs
 
 log = logging.getLogger(__name__)
 
@@ -37,12 +43,15 @@ class InferenceSettings:
     """What a run of inference needs; picklable.
 
     ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
+    ``recognise_looks``: people who were away are known again by how they look, with a re-identification network beside
+    the detector or in a models folder, if there is one.
     ``own`` is :mod:`caris_desktop.perception.following`; the others are ultralytics'.
     ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
     room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
     """
 
     weights_path: Path | None = None
+    recognise_looks: bool = True
     allow_download: bool = True
     tracker: TrackerName = "own"
     confidence: float = 0.1
@@ -82,8 +91,9 @@ def run_inference(connection: Connection, frames: FrameReader, settings: Inferen
     """Process body: receives ``Look``s and answers with ``People`` for the newest of them.
 
     Sends ``InferenceReady`` or ``InferenceFailed`` first. Of the frames that wait, only the newest is processed; each
-    processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. Returns when the
-    connection ends.
+    processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. After ``People`` come
+    ``PersonLooks`` of those at whom it had a look, and a ``PersonPortrait`` of whom was never seen better. Returns when
+    the connection ends.
     """
     step_back(settings.niceness)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
@@ -95,7 +105,8 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     try:
         weights = find_weights(settings.weights_path, allow_download=settings.allow_download)
         detector = open_detector(weights, confidence=settings.confidence, threads=settings.threads)
-        tracker = PersonTracker(person_classes(detector, weights), tracker=settings.tracker)
+        appearance, problem = _open_appearance(weights.path.parent, settings)
+        tracker = PersonTracker(person_classes(detector, weights), tracker=settings.tracker, appearance=appearance)
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
         _fail(connection, _weights_problem(error))
@@ -105,16 +116,43 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info("detector %s ready after %.1f s", weights.path, load_s)
     connection.send(InferenceReady(clock.now_ns(), detector.label, load_s))
-    _follow(connection, frames, detector, tracker, settings)
+    if problem is not None:
+        connection.send(problem)
+    _follow(connection, frames, _Perceiver(detector, tracker, "" if appearance is None else appearance.name), settings)
 
 
-def _follow(
-    connection: Connection,
-    frames: FrameReader,
-    detector: Detector,
-    tracker: PersonTracker,
-    settings: InferenceSettings,
-) -> None:
+def _open_appearance(beside: Path, settings: InferenceSettings) -> tuple[AppearanceModel | None, Problem | None]:
+    path = find_appearance((beside, *models_dirs())) if settings.recognise_looks else None
+    if path is None:
+        return None, None
+    try:
+        return AppearanceModel(path, threads=settings.threads), None
+    except AppearanceError as error:
+        return None, Problem(
+            clock.now_ns(),
+            "warning",
+            str(error),
+            "People are followed, but who comes back is not known again by how they look.",
+            f"Replace or remove {path}; the log has the details.",
+            until="people",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Perceiver:
+    """What makes people out of pictures. ``appearance_name`` is the network's that tells how they look."""
+
+    detector: Detector
+    tracker: PersonTracker
+    appearance_name: str
+    portraits: Portraits = field(default_factory=Portraits)
+
+    def perceive(self, image_bgr: NDArray[np.uint8], look: Look) -> tuple[list[TrackedBox], list[PersonPortrait]]:
+        tracked = self.tracker.track(self.detector.detect(image_bgr), image_bgr, look)
+        return tracked, self.portraits.taken(image_bgr, look.frame, tracked)
+
+
+def _follow(connection: Connection, frames: FrameReader, perceiver: _Perceiver, settings: InferenceSettings) -> None:
     failures = 0
     while True:
         look = newest(connection)
@@ -125,7 +163,7 @@ def _follow(
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         try:
-            tracked = tracker.track(detector.detect(image_bgr), image_bgr, look)
+            tracked, portraits = perceiver.perceive(image_bgr, look)
         except Exception:
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
@@ -135,29 +173,33 @@ def _follow(
             continue
         failures = 0
         work_s = (clock.now_ns() - began_ns) / 1e9
-        connection.send(
-            People(
-                stamp_ns=ref.stamp_ns,
-                camera=ref.camera,
-                frame_sequence=ref.sequence,
-                frame_width_px=ref.width_px,
-                frame_height_px=ref.height_px,
-                boxes=tuple(
-                    PersonBox(
-                        box.track,
-                        "",
-                        box.left_px,
-                        box.top_px,
-                        box.width_px,
-                        box.height_px,
-                        box.confidence,
-                    )
-                    for box in tracked
-                ),
-                inference_ms=work_s * 1e3,
-            )
-        )
+        connection.send(_people(ref, tracked, work_s))
+        for told in (*_looks(ref, tracked, perceiver.appearance_name), *portraits):
+            connection.send(told)
         time.sleep(rest_s(work_s, settings))
+
+
+def _people(ref: FrameRef, tracked: list[TrackedBox], work_s: float) -> People:
+    return People(
+        stamp_ns=ref.stamp_ns,
+        camera=ref.camera,
+        frame_sequence=ref.sequence,
+        frame_width_px=ref.width_px,
+        frame_height_px=ref.height_px,
+        boxes=tuple(
+            PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
+            for box in tracked
+        ),
+        inference_ms=work_s * 1e3,
+    )
+
+
+def _looks(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[PersonLooks]:
+    return [
+        PersonLooks(ref.stamp_ns, ref.camera, box.track, "clothing", model, box.looks.astype(np.float32), box.quality)
+        for box in tracked
+        if box.looks is not None
+    ]
 
 
 def _fail(connection: Connection, problem: Problem) -> NoReturn:

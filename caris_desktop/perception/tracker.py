@@ -2,15 +2,16 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.following import Follower, overlaps
+from caris_desktop.perception.following import AppearanceOf, Followed, Follower, overlaps, view_qualities
 from caris_desktop.perception.library_trackers import LibraryTracker
 
 TrackerName = Literal["own", "bytetrack", "botsort"]
@@ -34,7 +35,8 @@ class Look:
 class TrackedBox:
     """One person in one frame; ``track`` stays the same as long as the tracker follows that person.
 
-    ``detection`` is the row of what the detector found.
+    ``detection`` is the row of what the detector found. ``quality`` is how well they can be seen, 0..1, and ``looks``
+    how they look, of unit length, where somebody looked in this frame.
     """
 
     track: int
@@ -44,18 +46,23 @@ class TrackedBox:
     height_px: float
     confidence: float
     detection: int
+    quality: float = 0.0
+    looks: NDArray[np.float64] | None = field(default=None, compare=False)
 
 
 class PersonTracker:
     """One tracker for each camera. For one thread.
 
     Track numbers start at 1 and never mean two people, of whichever cameras. ``person_classes`` are the rows of the
-    detector's class names that mean a person.
+    detector's class names that mean a person. Without ``appearance`` nobody is known by how they look.
     """
 
-    def __init__(self, person_classes: Sequence[int], *, tracker: TrackerName) -> None:
+    def __init__(
+        self, person_classes: Sequence[int], *, tracker: TrackerName, appearance: AppearanceModel | None = None
+    ) -> None:
         self._person_classes = tuple(person_classes)
         self._tracker = tracker
+        self._appearance = appearance
         self._theirs: dict[str, LibraryTracker] = {}
         self._ours: dict[str, _Followed] = {}
         self._numbers: dict[tuple[str, int], int] = {}
@@ -67,16 +74,33 @@ class PersonTracker:
         corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
         if self._tracker == "own":
             followed = self._ours.setdefault(look.frame.camera, _Followed(Follower(self._new_number)))
-            found = followed.follow(corners_px, confidences, look)
+            found = followed.follow(corners_px, confidences, look, self._looks_in(image_bgr, corners_px))
         else:
             found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, look.frame.camera)
+        qualities = view_qualities(corners_px, confidences, _size_px(look.frame))
         tracked = []
-        for number, row in found:
-            left, top, right, bottom = corners_px[row].tolist()
+        for each in found:
+            left, top, right, bottom = corners_px[each.box].tolist()
             tracked.append(
-                TrackedBox(number, left, top, right - left, bottom - top, float(confidences[row]), int(rows[row]))
+                TrackedBox(
+                    each.number,
+                    left,
+                    top,
+                    right - left,
+                    bottom - top,
+                    float(confidences[each.box]),
+                    int(rows[each.box]),
+                    float(qualities[each.box]),
+                    each.looks,
+                )
             )
         return tracked
+
+    def _looks_in(self, image_bgr: NDArray[np.uint8], corners_px: NDArray[np.float64]) -> AppearanceOf | None:
+        appearance = self._appearance
+        if appearance is None:
+            return None
+        return lambda boxes: appearance.look(image_bgr, [corners_px[box] for box in boxes])
 
     def _follow_with(
         self,
@@ -85,11 +109,13 @@ class PersonTracker:
         confidences: NDArray[np.float64],
         image_bgr: NDArray[np.uint8],
         camera: str,
-    ) -> list[tuple[int, int]]:
+    ) -> list[Followed]:
         if camera not in self._theirs:
             self._theirs[camera] = LibraryTracker(name)
         found = self._theirs[camera].follow(corners_px, confidences, image_bgr)
-        return [(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found]
+        return [
+            Followed(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found
+        ]
 
 
 @dataclass(slots=True)
@@ -100,10 +126,20 @@ class _Followed:
     looked: tuple[float, float] | None = None
 
     def follow(
-        self, corners_px: NDArray[np.float64], confidences: NDArray[np.float64], look: Look
-    ) -> list[tuple[int, int]]:
-        found = self.follower.follow(corners_px, confidences, look.frame.shown_ns / 1e9, shift_px=self._shift_px(look))
-        return [(each.number, each.box) for each in found]
+        self,
+        corners_px: NDArray[np.float64],
+        confidences: NDArray[np.float64],
+        look: Look,
+        appearance_of: AppearanceOf | None,
+    ) -> list[Followed]:
+        return self.follower.follow(
+            corners_px,
+            confidences,
+            look.frame.shown_ns / 1e9,
+            shift_px=self._shift_px(look),
+            picture_px=_size_px(look.frame),
+            appearance_of=appearance_of,
+        )
 
     def _shift_px(self, look: Look) -> tuple[float, float]:
         """By how much everything has moved in the picture because the camera turned; a small turn, as pixels."""
@@ -112,6 +148,10 @@ class _Followed:
             return 0.0, 0.0
         focal_px = look.focal_per_width * look.frame.width_px
         return focal_px * (look.looked[0] - before[0]), focal_px * (before[1] - look.looked[1])
+
+
+def _size_px(frame: FrameRef) -> tuple[float, float]:
+    return float(frame.width_px), float(frame.height_px)
 
 
 def _people(detections: Detections, classes: Sequence[int]) -> NDArray[np.int64]:

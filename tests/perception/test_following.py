@@ -108,6 +108,7 @@ def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not(
 
     assert look([box(10.0), box(500.0)], [0, 1], 0.0) == [1, 2]
     look([], [], 5.0)
+    look([box(300.0)], [1], 5.9)
     assert look([box(300.0)], [1], 6.0) == [2], "elsewhere, five seconds later"
     look([box(300.0), box(10.0)], [1, 3], 6.1)
     assert look([box(300.0), box(10.0)], [1, 3], 6.2) == [2, 3], "somebody else, where the first one was"

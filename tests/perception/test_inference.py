@@ -15,6 +15,7 @@ import psutil
 import pytest
 from numpy.typing import NDArray
 
+from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
@@ -51,6 +52,8 @@ class RunningInference:
     def __init__(self, settings: InferenceSettings) -> None:
         self.ring = FrameRing.create(1920 * 1080 * 3)
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.told: list[Any] = []
+        """What came between the last answers: how people look, after the answer that they are in."""
         self.child = ChildProcess(
             ProcessBody("inference", run_inference, (RingsToRead((self.ring.name,)), settings)),
             on_message=lambda value, _raw: self._inbox.put(value),
@@ -67,8 +70,9 @@ class RunningInference:
     def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> People:
         ref = self.write(image_bgr, camera=camera)
         assert self.child.send(Look(ref))
-        people = self.next()
-        assert isinstance(people, People)
+        self.told = []
+        while not isinstance(people := self.next(), People):
+            self.told.append(people)
         assert (people.stamp_ns, people.camera, people.frame_sequence) == (ref.stamp_ns, camera, ref.sequence)
         return people
 
@@ -129,6 +133,25 @@ def test_a_black_picture_yields_people_with_nobody_in_it(
 
 
 @needs_offline_package
+def test_the_best_view_of_each_comes_as_a_picture(offline_inference: RunningInference, ready: InferenceReady) -> None:
+    import cv2
+
+    street = bus_picture()
+    told: list[Any] = []
+    for _ in range(4):
+        found = offline_inference.ask(street, camera="portraits")
+        told += offline_inference.told
+    portraits = [each for each in told if isinstance(each, PersonPortrait) and each.camera == "portraits"]
+    assert {each.track for each in portraits} == {box.track for box in found.boxes}
+    assert len(portraits) == len(found.boxes), "the same picture again shows nobody better"
+    for portrait in portraits:
+        image = cv2.imdecode(np.frombuffer(portrait.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert image.shape[0] > image.shape[1]
+        assert 0.15 <= portrait.quality <= 1.0
+
+
+@needs_offline_package
 def test_numbers_of_one_camera_never_mean_somebody_of_another(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
@@ -164,7 +187,8 @@ def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
     for _ in range(SLOT_COUNT):
         offline_inference.write(black)
     assert offline_inference.child.send(Look(lost))
-    skipped = offline_inference.next()
+    while not isinstance(skipped := offline_inference.next(), FrameSkipped):
+        assert isinstance(skipped, PersonPortrait | PersonLooks)
     assert skipped == FrameSkipped(lost.stamp_ns, "front", lost.sequence)
     offline_inference.ask(black)
 
