@@ -17,12 +17,13 @@ COMMANDS = {
     "sessions": ("caris_desktop.recording.studies.sessions_command", "sessions found by what was said in them"),
     "statistics": ("caris_desktop.recording.studies.statistics_command", "figures over all sessions of a study"),
     "agreement": ("caris_desktop.recording.annotation.command", "how far two coders of a session agree"),
+    "track": ("caris_desktop.app.track_command", "people in a recorded video, followed as the console does"),
     "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 
 # They tell what happened in sentences; what a reader of the code wants to know goes to the log.
-_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement")
+_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "track")
 
 
 def run(words: Sequence[str]) -> int:

@@ -32,7 +32,7 @@ _ALONE = 0.1
 _TENTATIVE_S = 0.4
 LOST_S = 2.0
 """How long somebody out of sight is looked for where their way would have led them."""
-REMEMBERED_S = 30.0
+REMEMBERED_S = 300.0
 """How long they can be known again by how they look."""
 
 # Of a box's height: how precisely a detector puts it; how fast people change their way; how slowly boxes change size.

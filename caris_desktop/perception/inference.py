@@ -10,20 +10,16 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.backends.opening import open_detector
-from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.portraits import Portraits
-from caris_desktop.perception.tracker import Look, PersonTracker, TrackedBox, TrackerName
-from caris_desktop.perception.weights import WeightsError, find_weights, models_dirs
+from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceiver, open_perceiver
+from caris_desktop.perception.tracker import Look, TrackedBox, TrackerName
+from caris_desktop.perception.weights import WeightsError
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +50,7 @@ class InferenceSettings:
     recognise_looks: bool = True
     allow_download: bool = True
     tracker: TrackerName = "own"
-    confidence: float = 0.1
+    confidence: float = LEAST_CONFIDENCE
     max_hz: float = 30.0
     max_load: float = 0.8
     threads: int = field(default_factory=default_threads)
@@ -103,10 +99,14 @@ def run_inference(connection: Connection, frames: FrameReader, settings: Inferen
 def _serve(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
     started_ns = clock.now_ns()
     try:
-        weights = find_weights(settings.weights_path, allow_download=settings.allow_download)
-        detector = open_detector(weights, confidence=settings.confidence, threads=settings.threads)
-        appearance, problem = _open_appearance(weights.path.parent, settings)
-        tracker = PersonTracker(person_classes(detector, weights), tracker=settings.tracker, appearance=appearance)
+        perceiver = open_perceiver(
+            settings.weights_path,
+            tracker=settings.tracker,
+            threads=settings.threads,
+            recognise_looks=settings.recognise_looks,
+            allow_download=settings.allow_download,
+            confidence=settings.confidence,
+        )
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
         _fail(connection, _weights_problem(error))
@@ -114,45 +114,14 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         log.exception("the detector could not be started")
         _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
-    log.info("detector %s ready after %.1f s", weights.path, load_s)
-    connection.send(InferenceReady(clock.now_ns(), detector.label, load_s))
-    if problem is not None:
-        connection.send(problem)
-    _follow(connection, frames, _Perceiver(detector, tracker, "" if appearance is None else appearance.name), settings)
+    log.info("detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.looks_model or "nothing")
+    connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s))
+    if perceiver.trouble:
+        connection.send(_looks_problem(perceiver.trouble))
+    _follow(connection, frames, perceiver, settings)
 
 
-def _open_appearance(beside: Path, settings: InferenceSettings) -> tuple[AppearanceModel | None, Problem | None]:
-    path = find_appearance((beside, *models_dirs())) if settings.recognise_looks else None
-    if path is None:
-        return None, None
-    try:
-        return AppearanceModel(path, threads=settings.threads), None
-    except AppearanceError as error:
-        return None, Problem(
-            clock.now_ns(),
-            "warning",
-            str(error),
-            "People are followed, but who comes back is not known again by how they look.",
-            f"Replace or remove {path}; the log has the details.",
-            until="people",
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Perceiver:
-    """What makes people out of pictures. ``appearance_name`` is the network's that tells how they look."""
-
-    detector: Detector
-    tracker: PersonTracker
-    appearance_name: str
-    portraits: Portraits = field(default_factory=Portraits)
-
-    def perceive(self, image_bgr: NDArray[np.uint8], look: Look) -> tuple[list[TrackedBox], list[PersonPortrait]]:
-        tracked = self.tracker.track(self.detector.detect(image_bgr), image_bgr, look)
-        return tracked, self.portraits.taken(image_bgr, look.frame, tracked)
-
-
-def _follow(connection: Connection, frames: FrameReader, perceiver: _Perceiver, settings: InferenceSettings) -> None:
+def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, settings: InferenceSettings) -> None:
     failures = 0
     while True:
         look = newest(connection)
@@ -163,7 +132,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: _Perceiver, 
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         try:
-            tracked, portraits = perceiver.perceive(image_bgr, look)
+            perceived = perceiver.perceive(image_bgr, look)
         except Exception:
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
@@ -173,8 +142,8 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: _Perceiver, 
             continue
         failures = 0
         work_s = (clock.now_ns() - began_ns) / 1e9
-        connection.send(_people(ref, tracked, work_s))
-        for told in (*_looks(ref, tracked, perceiver.appearance_name), *portraits):
+        connection.send(_people(ref, perceived.boxes, work_s))
+        for told in (*_looks(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
             connection.send(told)
         time.sleep(rest_s(work_s, settings))
 
@@ -235,6 +204,17 @@ def _weights_problem(error: WeightsError) -> Problem:
         f"{error}.",
         f"People are not recognised; everything else works.{searched}",
         f"{error.advice}.",
+        until="people",
+    )
+
+
+def _looks_problem(trouble: str) -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        trouble,
+        "People are followed, but who comes back is not known again by how they look.",
+        "Replace or remove the file in the models folder; the log has the details.",
         until="people",
     )
 

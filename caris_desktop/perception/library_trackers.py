@@ -9,9 +9,11 @@ LibraryName = Literal["bytetrack", "botsort"]
 
 
 class LibraryTracker:
-    """One camera's. Numbers count from 1 for each."""
+    """One camera's. Numbers count from 1 for each. ``with_looks``: it is told how the people in all boxes look, which
+    BoT-SORT makes use of.
+    """
 
-    def __init__(self, name: LibraryName) -> None:
+    def __init__(self, name: LibraryName, *, with_looks: bool = False) -> None:
         from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 
         prepare_ultralytics(threads=1)
@@ -19,14 +21,21 @@ class LibraryTracker:
         from ultralytics.utils import YAML, IterableSimpleNamespace
         from ultralytics.utils.checks import check_yaml
 
-        self._tracker: Any = TRACKER_MAP[name](IterableSimpleNamespace(**YAML.load(check_yaml(f"{name}.yaml"))))
+        settings = IterableSimpleNamespace(**YAML.load(check_yaml(f"{name}.yaml")))
+        self.uses_looks = settings.with_reid = with_looks and name == "botsort"
+        self._tracker: Any = TRACKER_MAP[name](settings)
 
     def follow(
-        self, corners_px: NDArray[np.float64], confidences: NDArray[np.float64], image_bgr: NDArray[np.uint8]
+        self,
+        corners_px: NDArray[np.float64],
+        confidences: NDArray[np.float64],
+        image_bgr: NDArray[np.uint8],
+        looks: NDArray[np.float64] | None = None,
     ) -> list[tuple[int, int]]:
         """Take in the next picture; number and row of each box that belongs to somebody."""
         from ultralytics.engine.results import Boxes
 
         rows = np.column_stack([corners_px, confidences, np.zeros(len(confidences))]).astype(np.float32)
-        found = self._tracker.update(Boxes(rows.reshape(-1, 6), image_bgr.shape[:2]), image_bgr)
+        boxes = Boxes(rows.reshape(-1, 6), image_bgr.shape[:2])
+        found = self._tracker.update(boxes, image_bgr, None if looks is None else looks.astype(np.float32))
         return [(int(row[4]), int(row[7])) for row in found]

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from caris_desktop.perception.following import AppearanceOf, Followed, Follower,
 from caris_desktop.perception.library_trackers import LibraryTracker
 
 TrackerName = Literal["own", "bytetrack", "botsort"]
+TRACKERS: tuple[TrackerName, ...] = get_args(TrackerName)
 USUAL_FOCAL_PER_WIDTH = 0.87
 """Of a camera that sees 60 degrees."""
 _SAME_PERSON = 0.7
@@ -67,6 +68,8 @@ class PersonTracker:
         self._ours: dict[str, _Followed] = {}
         self._numbers: dict[tuple[str, int], int] = {}
         self._new_number = itertools.count(1).__next__
+        if tracker != "own":
+            LibraryTracker(tracker)  # the library takes seconds to load, which the first picture shall not
 
     def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: Look) -> list[TrackedBox]:
         """The people among what was found in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
@@ -110,9 +113,12 @@ class PersonTracker:
         image_bgr: NDArray[np.uint8],
         camera: str,
     ) -> list[Followed]:
-        if camera not in self._theirs:
-            self._theirs[camera] = LibraryTracker(name)
-        found = self._theirs[camera].follow(corners_px, confidences, image_bgr)
+        theirs = self._theirs.pop(camera, None) or LibraryTracker(name, with_looks=self._appearance is not None)
+        self._theirs[camera] = theirs
+        looks = None
+        if theirs.uses_looks and self._appearance is not None and len(corners_px):
+            looks = self._appearance.look(image_bgr, list(corners_px))
+        found = theirs.follow(corners_px, confidences, image_bgr, looks)
         return [
             Followed(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found
         ]

@@ -1,0 +1,169 @@
+"""``caris-desktop track``: people in a recorded video, followed exactly as the console does, as fast as it goes."""
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.perception.inference import default_threads
+from caris_desktop.perception.perceiver import open_perceiver
+from caris_desktop.perception.tracker import TRACKERS, Look, TrackedBox
+from caris_desktop.perception.video_file import VideoFile, VideoFileError
+from caris_desktop.perception.weights import WeightsError
+
+_BAR_WIDTH = 30
+_TELL_EVERY_S = 0.2
+_TELL_LINES = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("video", metavar="VIDEO", type=Path, help="a recorded video")
+    parser.add_argument(
+        "--out", metavar="RESULT.txt", type=Path, required=True, help="where the MOTChallenge rows are written"
+    )
+    parser.add_argument("--model", metavar="FILE", type=Path, help="the detector (default: as the console finds one)")
+    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="who follows people (default: own)")
+    parser.add_argument(
+        "--no-looks", action="store_true", help="do not tell people apart by how they look, but by their ways alone"
+    )
+    parser.add_argument(
+        "--threads",
+        metavar="N",
+        type=int,
+        default=default_threads(),
+        help="processors to use (default: as the console)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """One JSON object on standard output; exit status 1 with a sentence on standard error where something is wrong."""
+    try:
+        _check(arguments.out, arguments.video, arguments.threads)
+        print(json.dumps(_track(arguments)))
+    except (_WrongError, VideoFileError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    except WeightsError as error:
+        print(f"{error}. {error.advice}.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nStopped; nothing was written.", file=sys.stderr)
+        return 130
+    return 0
+
+
+class _WrongError(Exception):
+    """Told to whoever asked."""
+
+
+def _check(path: Path, video: Path, threads: int) -> None:
+    """Before the work, so that nobody waits for what cannot be kept."""
+    if threads < 1:
+        raise _WrongError("--threads needs at least 1.")
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise _WrongError(f"The result {path} is a folder: name a file in it.")
+    if not folder.is_dir():
+        raise _WrongError(f"The result cannot be written: there is no folder {folder}.")
+    if not os.access(folder, os.W_OK):
+        raise _WrongError(f"The result cannot be written: {folder} may not be written to.")
+    if path.exists() and video.exists() and path.samefile(video):
+        raise _WrongError("The result would replace the video: name another --out.")
+
+
+def _track(arguments: argparse.Namespace) -> dict[str, object]:
+    with VideoFile(arguments.video) as video:
+        began_s = time.perf_counter()
+        perceiver = open_perceiver(
+            arguments.model,
+            tracker=arguments.tracker,
+            threads=arguments.threads,
+            recognise_looks=not arguments.no_looks,
+        )
+        if perceiver.trouble:
+            print(perceiver.trouble, file=sys.stderr)
+        loaded_s = time.perf_counter()
+        progress = _Progress(video.pictures_about)
+        rows: list[str] = []
+        people: set[int] = set()
+        frames, detector_s, tracker_s = 0, 0.0, 0.0
+        for frames, (stamp_s, image_bgr) in enumerate(video.pictures(), start=1):
+            height_px, width_px = image_bgr.shape[:2]
+            ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, frames, width_px, height_px)
+            perceived = perceiver.perceive(image_bgr, Look(ref))
+            rows += [mot_row(frames, box) for box in perceived.boxes]
+            people |= {box.track for box in perceived.boxes}
+            detector_s, tracker_s = detector_s + perceived.detector_s, tracker_s + perceived.tracker_s
+            progress.tell(frames)
+        seconds = time.perf_counter() - loaded_s
+        progress.end(frames)
+        if video.torn:
+            print(f"{video.torn} pictures of {arguments.video.name} are torn and were passed over.", file=sys.stderr)
+    _write(arguments.out, rows)
+    return {
+        "frames": frames,
+        "seconds": round(seconds, 3),
+        "fps": round(frames / max(1e-9, seconds), 1),
+        "people": len(people),
+        "detector_ms": round(1e3 * detector_s / frames, 2),
+        "tracker_ms": round(1e3 * tracker_s / frames, 2),
+        "load_s": round(loaded_s - began_s, 2),
+        "model": perceiver.label,
+        "looks": perceiver.looks_model,
+        "tracker": arguments.tracker,
+    }
+
+
+def mot_row(frame: int, box: TrackedBox) -> str:
+    """One line of a MOTChallenge result; frames count from 1."""
+    place = f"{box.left_px:.2f},{box.top_px:.2f},{box.width_px:.2f},{box.height_px:.2f}"
+    return f"{frame},{box.track},{place},{box.confidence:.4f},-1,-1,-1\n"
+
+
+def _write(path: Path, rows: list[str]) -> None:
+    try:
+        replace_file(path, (row.encode("ascii") for row in rows), durable=False)
+    except OSError as error:
+        why = "the disk is full" if no_room(error) else error.strerror or str(error)
+        raise _WrongError(f"The result {path} could not be written: {why}.") from error
+
+
+class _Progress:
+    """A bar that is drawn again and again in a terminal; elsewhere ten lines."""
+
+    def __init__(self, frames_about: int) -> None:
+        self._about = frames_about
+        self._drawn = sys.stderr.isatty()
+        self._began_s = time.perf_counter()
+        self._told_s = 0.0
+        self._told_tenths = 0
+
+    def tell(self, frames: int) -> None:
+        now_s = time.perf_counter()
+        if self._drawn:
+            if now_s - self._told_s >= _TELL_EVERY_S:
+                self._told_s = now_s
+                print(f"\r{self._words(frames)}", end="", file=sys.stderr, flush=True)
+            return
+        tenths = min(_TELL_LINES - 1, _TELL_LINES * frames // self._about) if self._about else 0
+        if tenths > self._told_tenths:
+            self._told_tenths = tenths
+            print(self._words(frames), file=sys.stderr, flush=True)
+
+    def end(self, frames: int) -> None:
+        self._about = frames
+        print(f"\r{self._words(frames)}" if self._drawn else self._words(frames), file=sys.stderr, flush=True)
+
+    def _words(self, frames: int) -> str:
+        fps = frames / max(1e-9, time.perf_counter() - self._began_s)
+        if not self._about:
+            return f"{frames} pictures, {fps:.1f} a second"
+        # What a file says of its length may be less than there is.
+        part = min(1.0, frames / self._about)
+        done = round(_BAR_WIDTH * part)
+        bar = "#" * done + "." * (_BAR_WIDTH - done)
+        return f"[{bar}] {part:4.0%} {frames}/{max(frames, self._about)} pictures, {fps:.1f} a second"

@@ -1,0 +1,107 @@
+"""Reads the pictures of a recorded video one after another, as fast as they are wanted."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+log = logging.getLogger(__name__)
+
+_USUAL_FPS = 25.0
+# FFmpeg would show a text file as pictures of its letters.
+_LETTERS = ("ansi", "bintext", "xbin", "idf")
+_TORN_AT_MOST = 50
+"""In a row: so many are a file that is of no use."""
+
+
+class VideoFileError(Exception):
+    """A file that cannot be read as a video. The message is for the wizard."""
+
+
+class VideoFile:
+    """One video with its pictures in order. Use it in a ``with``.
+
+    ``pictures_about`` is how many it says to hold, 0 where it does not say. ``torn`` counts those that could not be
+    decoded so far; the rest goes on without them.
+
+    Raises
+    ------
+    VideoFileError
+        When it cannot be opened or has no video.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import av
+
+        self._errors: tuple[type[Exception], ...] = (av.FFmpegError, OSError, ValueError)
+        self._path = path
+        self.torn = 0
+        if not path.exists():
+            raise VideoFileError(f"The video {path} does not exist.")
+        if not path.is_file():
+            raise VideoFileError(f"{path} is no file.")
+        try:
+            self._container = av.open(str(path))
+        except self._errors as error:
+            log.info("could not open %s", path, exc_info=True)
+            raise VideoFileError(f"{path.name} cannot be read as a video.") from error
+        videos = [stream for stream in self._container.streams.video if stream.codec_context.name not in _LETTERS]
+        if not videos:
+            self._container.close()
+            raise VideoFileError(f"{path.name} has no video in it.")
+        self._stream: Any = videos[0]
+        self._stream.thread_type = "AUTO"
+        self.fps = float(self._stream.average_rate or _USUAL_FPS)
+        self.pictures_about = int(self._stream.frames or self._duration_s() * self.fps)
+
+    def __enter__(self) -> "VideoFile":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._container.close()
+
+    def pictures(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        """Seconds since the first, never backwards, and uint8 BGR, shape (height, width, 3).
+
+        Raises
+        ------
+        VideoFileError
+            When there is no picture in it, or nothing but torn ones from some place on.
+        """
+        first_s: float | None = None
+        stamp_s, count = -1.0 / self.fps, 0
+        for frame in self._frames():
+            stamp_s, before_s = stamp_s + 1.0 / self.fps, stamp_s
+            if frame.time is not None:
+                first_s = frame.time if first_s is None else first_s
+                stamp_s = max(before_s, frame.time - first_s)
+            count += 1
+            yield stamp_s, np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+        if not count:
+            raise VideoFileError(f"{self._path.name} has no pictures in it.")
+
+    def _frames(self) -> Iterator[Any]:
+        in_a_row = 0
+        decoded = iter(self._container.decode(self._stream))
+        while True:
+            try:
+                frame = next(decoded, None)
+            except self._errors as error:
+                self.torn, in_a_row = self.torn + 1, in_a_row + 1
+                if in_a_row > _TORN_AT_MOST:
+                    raise VideoFileError(f"{self._path.name} breaks off: it is damaged.") from error
+                decoded = iter(self._container.decode(self._stream))
+                continue
+            if frame is None:
+                return
+            in_a_row = 0
+            yield frame
+
+    def _duration_s(self) -> float:
+        return (self._container.duration or 0) / 1e6
