@@ -33,7 +33,10 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         metavar="SOURCE",
-        help="use this camera instead of the robot's: a number, a device, a video file, a stream address, or oak",
+        action="append",
+        help="use this camera instead of the scenario's: a number, a device, a video file, a stream address, oak, "
+        "simulated, or robot; may be given several times, so that '--camera robot --camera 0' adds camera 0 to the "
+        "robot's own",
     )
     parser.add_argument("--study", metavar="DIR", type=Path, help="folder of the study (sessions and people)")
     parser.add_argument("--demo", action="store_true", help="start a simulated robot and connect to it")

@@ -21,9 +21,10 @@ def inference(connection: Connection, *arguments: Any) -> None:
 
 
 def camera(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.perception.cameras import run_camera
+    from caris_desktop.app.simulated_camera import open_any_camera
+    from caris_desktop.perception.cameras.camera_process import run_camera
 
-    run_camera(connection, *arguments)
+    run_camera(connection, *arguments, open_one=open_any_camera)
 
 
 def speech(connection: Connection, *arguments: Any) -> None:

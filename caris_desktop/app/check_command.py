@@ -2,13 +2,17 @@
 
 import argparse
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
+from caris_desktop.app.simulated_camera import open_any_camera
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
-from caris_desktop.perception.cameras import CameraError, open_camera, parse_source
+from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
+from caris_desktop.perception.cameras.found_cameras import found_cameras
 from caris_desktop.perception.weights import WeightsError, find_weights
 from caris_desktop.robot.explore import load_profile_blocking
 from caris_desktop.robot.link import check_robot
@@ -53,8 +57,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
         yield Finding("Scenario", False, str(error), "Correct the file, or choose another --scenario.")
         scenario = composition.find_scenario("tour-guide")
     yield _robot(arguments.robot or scenario.robot)
-    if arguments.camera is not None:
-        yield _camera(arguments.camera)
+    yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none is plugged into this computer")
+    yield from _cameras(arguments.camera, scenario)
     yield _weights()
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
@@ -74,19 +78,32 @@ def _robot(name: str) -> Finding:
     return Finding("Robot", True, f"{profile.title} answers at {profile.address}")
 
 
-def _camera(source: str) -> Finding:
-    try:
-        camera = open_camera(parse_source(source))
+def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Finding]:
+    """Those of this computer; the robot's are told of with the robot."""
+    given = [(text, "") for text in texts] if texts else [(camera.source, camera.name) for camera in scenario.cameras]
+    for text, name in given:
         try:
-            picture = camera.read()
-        finally:
-            camera.close()
-    except CameraError as error:
-        return Finding("Camera", False, str(error), error.advice)
-    if picture is None:
-        return Finding("Camera", False, f"{source} gives no picture.", "Choose another --camera.")
-    height_px, width_px = picture.image_bgr.shape[:2]
-    return Finding("Camera", True, f"{source} gives pictures of {width_px}x{height_px} pixels")
+            chosen = parse_camera(text, name=name)
+            if chosen.kind != "robot":
+                yield _camera(chosen)
+        except CameraError as error:
+            yield Finding("Camera", False, str(error), error.advice)
+
+
+def _camera(chosen: ChosenCamera) -> Finding:
+    """Raises CameraError."""
+    camera = open_any_camera(chosen)
+    try:
+        picture = camera.read()
+        image_bgr = None if picture is None else fitted(picture.image)
+    except PictureError as refused:
+        return Finding("Camera", False, f"A picture of {chosen.name} {refused}.", "Check the camera's settings.")
+    finally:
+        camera.close()
+    if image_bgr is None:
+        return Finding("Camera", False, f"{chosen.name} gives no picture.", "Choose another --camera.")
+    height_px, width_px = image_bgr.shape[:2]
+    return Finding("Camera", True, f"{chosen.name} gives pictures of {width_px}x{height_px} pixels")
 
 
 def _weights() -> Finding:

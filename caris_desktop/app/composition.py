@@ -17,6 +17,7 @@ from caris_desktop.conversation.prompts import build_messages
 from caris_desktop.conversation.speech_messages import SpeechSettings
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
@@ -25,6 +26,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Parts, RobotParts
 from caris_desktop.live.services.assistant import AssistantParts
+from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
 from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.services.people import PeopleParts
 from caris_desktop.live.services.robot import RobotConnection
@@ -33,6 +35,8 @@ from caris_desktop.live.services.session import SessionParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.register import PeopleRegister, PeopleStoreError
+from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference import InferenceSettings
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.recorder.messages import SessionHeader
@@ -105,21 +109,25 @@ def open_study(folder: Path | None) -> StudyFolder:
 def parts(
     *,
     study: StudyFolder,
-    camera: str | None,
+    cameras: Sequence[str] | None = None,
     microphone: MicrophoneParts | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
 ) -> Parts:
-    """The parts of a console run. ``address_of`` tells where a robot of the list is, if not where its profile says."""
-    # BoT-SORT makes up for a camera that turns with the robot; one on the desk stands still.
+    """The parts of a console run. ``cameras`` replace those of the scenario. ``address_of`` tells where a robot of the
+    list is, if not where its profile says.
+
+    Raises StartError where one of the cameras is not understood.
+    """
+    chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
     inference = InferenceSettings()
     return Parts(
         recorder=ProcessBody("recorder", bodies.recorder),
         speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),
         people=PeopleParts(
             inference=ProcessBody("inference", bodies.inference, (inference,)),
-            camera=None if camera is None else ProcessBody("camera", bodies.camera, (camera,)),
             open_presence=functools.partial(_open_presence, study),
         ),
+        cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantParts(
             server=ProcessBody("language-model", bodies.language_model),
             stream_chat=stream_chat,
@@ -129,7 +137,7 @@ def parts(
         scenario=ScenarioParts(load=_load_scenario, save_places=_save_places, text=scenario_text),
         robots=RobotParts(
             choices=_robots,
-            connect_to=functools.partial(_connect_to, own_camera=camera is not None, address_of=address_of),
+            connect_to=functools.partial(_connect_to, address_of=address_of),
         ),
         session=SessionParts(
             suggested_details=lambda: following(load_last_details(study)),
@@ -140,6 +148,38 @@ def parts(
         ),
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", bodies.microphone), lambda: None, _forget),
     )
+
+
+def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:
+    """Which cameras a run uses: what the command line ``given``, or else what the scenario says."""
+    models: dict[str, CameraModel] = {}
+    failures: list[ToldFailure] = []
+    chosen = list(given or ())
+    if given is None:
+        for camera in scenario.cameras:
+            try:
+                chosen.append(parse_camera(camera.source, name=camera.name))
+            except CameraError as error:
+                meaning = "The scenario is used without this camera."
+                failures.append(ToldFailure(str(error), meaning, error.advice, severity="warning"))
+                continue
+            if camera.mount is not None:
+                models[chosen[-1].name] = camera.mount
+    own = with_distinct_names(camera for camera in chosen if camera.kind != "robot")
+    of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
+    bodies_of = {camera.name: ProcessBody(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}
+    return WantedCameras(
+        tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
+        None if "" in of_robot else tuple(of_robot),
+        tuple(failures),
+    )
+
+
+def _chosen_camera(text: str) -> ChosenCamera:
+    try:
+        return parse_camera(text)
+    except CameraError as error:
+        raise StartError(f"{error} {error.advice}") from error
 
 
 def _forget(_microphone: str | None) -> None:
@@ -170,8 +210,8 @@ def _software() -> dict[str, str]:
     return versions
 
 
-def robot_connection(name_or_path_or_url: str, *, address: str | None = None, own_camera: bool) -> RobotConnection:
-    """How to reach a robot. With a camera of our own, the robot's pictures are not fetched. Raises StartError.
+def robot_connection(name_or_path_or_url: str, *, address: str | None = None) -> RobotConnection:
+    """How to reach a robot. Raises StartError.
 
     An address that does not say which ROS runs there is asked first.
     """
@@ -179,8 +219,6 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
         profile = load_profile(name_or_path_or_url)
     except ProfileError as error:
         raise StartError(str(error)) from error
-    if own_camera:
-        profile = replace(profile, cameras=())
     settings = LinkSettings(profile, address or profile.address)
     return RobotConnection(
         name=profile.title,
@@ -188,13 +226,13 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None, ow
         profile=profile,
         control=ProcessBody("control", bodies.control_link, (settings,)),
         media=ProcessBody("media", bodies.media_link, (settings,)),
-        settle=functools.partial(_ask_for_ros, name_or_path_or_url, own_camera=own_camera)
+        settle=functools.partial(_ask_for_ros, name_or_path_or_url)
         if address is None and leaves_ros_open(name_or_path_or_url)
         else None,
     )
 
 
-async def _ask_for_ros(url: str, *, own_camera: bool) -> RobotConnection:
+async def _ask_for_ros(url: str) -> RobotConnection:
     """Raises ToldFailure while the robot does not answer."""
     # The link stack is heavy, and most runs name a profile.
     from caris_desktop.robot.explore import ExploreError, detect_dialect
@@ -204,7 +242,7 @@ async def _ask_for_ros(url: str, *, own_camera: bool) -> RobotConnection:
         dialect = await detect_dialect(load_profile(url).address)
     except ExploreError as refusal:
         raise ToldFailure(refusal.what, UNREACHABLE_MEANING, refusal.advice) from refusal
-    return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1), own_camera=own_camera)
+    return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1))
 
 
 def export_session(folder: Path) -> Path:
@@ -293,9 +331,9 @@ def _robots() -> tuple[RobotChoice, ...]:
     )
 
 
-def _connect_to(name: str, *, own_camera: bool, address_of: Callable[[str], str | None]) -> RobotConnection:
+def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotConnection:
     try:
-        return robot_connection(name, address=address_of(name), own_camera=own_camera)
+        return robot_connection(name, address=address_of(name))
     except StartError as refusal:
         raise ToldFailure(
             "The robot was not connected.", str(refusal), "The present robot stays. Correct the profile and try again."

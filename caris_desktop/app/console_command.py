@@ -63,7 +63,7 @@ class ConsoleRun:
         self._garbage: GarbageCollector | None = None
         parts = composition.parts(
             study=study,
-            camera=arguments.camera,
+            cameras=arguments.camera,
             address_of=self._address_of,
             microphone=MicrophoneParts(
                 ProcessBody("microphone", bodies.microphone), self._kept_microphone, self._keep_microphone
@@ -88,7 +88,7 @@ class ConsoleRun:
         self.window.layout_reset_requested.connect(self._on_layout_reset_requested)
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
-            self._make_demo_robot = lambda console: DemoRobot(console, camera=arguments.camera)
+            self._make_demo_robot = DemoRobot
         self.console.gamepads.use_mappings_text(str(self.settings.value("gamepads", "")))
         self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
@@ -134,7 +134,7 @@ class ConsoleRun:
     def _robot_to_start_with(self, robot: str) -> RobotConnection:
         """Raises ToldFailure."""
         try:
-            return composition.robot_connection(robot, own_camera=self._arguments.camera is not None)
+            return composition.robot_connection(robot)
         except composition.StartError as refusal:
             raise ToldFailure(str(refusal), "No robot is connected.", "Start again with another --robot.") from refusal
 

@@ -17,10 +17,9 @@ class DemoRobot(QObject):
     _ready = Signal(str)
     _failed = Signal(str)
 
-    def __init__(self, console: Console, *, camera: str | None = None, seed: int | None = None) -> None:
+    def __init__(self, console: Console, *, seed: int | None = None) -> None:
         super().__init__(console)
         self._console = console
-        self._camera = camera
         self._address: str | None = None
         command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin"]
         if seed is not None:
@@ -41,8 +40,7 @@ class DemoRobot(QObject):
 
     def _on_ready(self, address: str) -> None:
         self._address = address
-        own_camera = self._camera is not None
-        self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address, own_camera=own_camera))
+        self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address))
 
     def _on_failed(self, detail: str) -> None:
         self._console.problem(

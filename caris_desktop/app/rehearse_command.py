@@ -14,7 +14,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where everything is put")
     parser.add_argument("--seconds", metavar="N", type=float, default=0.0, help="play at least this long")
     parser.add_argument("--seed", metavar="N", type=int, default=7, help="seed of the simulated robot")
-    parser.add_argument("--camera", metavar="SOURCE", help="use this camera instead of the simulated robot's")
+    parser.add_argument(
+        "--camera",
+        metavar="SOURCE",
+        action="append",
+        help="use this camera instead of the simulated robot's; may be given several times, also with 'robot'",
+    )
     parser.add_argument("--theme", choices=("system", "dark", "light"), default="dark")
     parser.add_argument("--size", metavar="WxH", help="size of the window (default: as large as the screen)")
 
@@ -49,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
                 scenario=arguments.scenario, study=out / "study", camera=arguments.camera, theme=arguments.theme
             ),
             settings=QSettings(str(out / "settings.ini"), QSettings.Format.IniFormat),
-            robot=lambda console: DemoRobot(console, camera=arguments.camera, seed=arguments.seed),
+            robot=lambda console: DemoRobot(console, seed=arguments.seed),
         )
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)

@@ -149,6 +149,23 @@ class FrameRef:
         return self.stamp_ns if self.taken_ns is None else self.taken_ns
 
 
+@dataclass(frozen=True, slots=True)
+class CameraState:
+    """Whether a camera of this computer delivers. ``detail`` and ``advice`` say to the wizard why it does not.
+
+    ``ended``: a video was played to its end, or the camera is not used any more. ``fps`` is None where nobody tells it.
+    """
+
+    stamp_ns: int
+    camera: str
+    state: Literal["connecting", "connected", "lost", "ended"]
+    detail: str = ""
+    advice: str = ""
+    width_px: int = 0
+    height_px: int = 0
+    fps: float | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AudioChunk:
     """Sound of one source, on its way to the recorder, which writes it to a file and notes an :class:`AudioBlock`.

@@ -37,7 +37,7 @@ class RingToWrite:
 
 @dataclass(frozen=True, slots=True)
 class RingsToRead:
-    """Stands among a body's arguments for a reader over these rings."""
+    """Stands among a body's arguments for a reader over these rings, and over others once frames name them."""
 
     names: tuple[str, ...]
 
@@ -207,7 +207,7 @@ def _run_body(body: ProcessBody, connection: Connection) -> None:
             rings.append(ring)
             arguments.append(ring)
         elif isinstance(argument, RingsToRead):
-            readers = FrameRings(FrameRing.attach(name) for name in argument.names)
+            readers = FrameRings((FrameRing.attach(name) for name in argument.names), attach=True)
             rings.append(readers)
             arguments.append(readers)
         else:

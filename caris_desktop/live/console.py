@@ -24,6 +24,7 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.service import Handler, Service
 from caris_desktop.live.services.assistant import AssistantParts, AssistantService
+from caris_desktop.live.services.cameras import CamerasService, WantedCameras
 from caris_desktop.live.services.drive import DriveService
 from caris_desktop.live.services.governor import GovernorService
 from caris_desktop.live.services.head import HeadService
@@ -57,6 +58,7 @@ class Parts:
     recorder: ProcessBody
     speech: ProcessBody
     people: PeopleParts
+    cameras: Callable[[Scenario], WantedCameras]
     assistant: AssistantParts
     scenario: ScenarioParts
     robots: RobotParts
@@ -79,10 +81,8 @@ class Console(QObject):
         self._robot_asked: object = None
         self._robot_to_connect: RobotConnection | None = None
         self._media_ring = FrameRing.create()
-        self._camera_ring = FrameRing.create() if parts.people.camera else None
-        rings = [self._media_ring] + ([self._camera_ring] if self._camera_ring else [])
-        self._frames = FrameRings(rings)
-        to_read = RingsToRead(tuple(ring.name for ring in rings))
+        self._frames = FrameRings([self._media_ring])
+        to_read = RingsToRead((self._media_ring.name,))
 
         self._scenario = ScenarioService(
             state, bus, parts.scenario, scenario, slow_work, apply=self._apply, parent=self
@@ -91,15 +91,13 @@ class Console(QObject):
             state, bus, children, parts.recorder, slow_work, rings=to_read, parent=self
         )
         self._microphone = MicrophoneService(state, bus, children, parts.microphone, parent=self)
-        self._people = PeopleService(
-            state, bus, children, parts.people,
-            rings=to_read, camera_ring=self._camera_ring.name if self._camera_ring else "", parent=self,
-        )  # fmt: skip
+        cameras = CamerasService(state, bus, children, parts.cameras, slow_work, frames=self._frames, parent=self)
+        self._people = PeopleService(state, bus, parts.people, rings=to_read, parent=self)
         self._robot = RobotService(
             state, self._media_ring,
             new_child=self._new_link, publish=bus.publish, problem=bus.problem,
             before_goal=lambda: self._drive.release("A goal was set"), asyncio_thread=self._asyncio,
-            own_camera=parts.people.camera is not None, parent=self,
+            wanted_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._drive = DriveService(state, self._robot, scenario, self, publish=bus.publish, problem=bus.problem)
         head = HeadService(state, self._robot, self)
@@ -118,8 +116,8 @@ class Console(QObject):
 
         # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
         self._services: tuple[Service, ...] = (
-            recording, self._microphone, self._people, self._speech, marks, self._session, assistant, self._robot,
-            head, self._drive, self._scenario, governor,
+            recording, self._microphone, cameras, self._people, self._speech, marks, self._session, assistant,
+            self._robot, head, self._drive, self._scenario, governor,
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)

@@ -94,14 +94,30 @@ class FrameRing:
 
 
 class FrameRings:
-    """Reads from whichever ring a :class:`FrameRef` names."""
+    """Reads from whichever ring a :class:`FrameRef` names.
 
-    def __init__(self, rings: Iterable[FrameRing]) -> None:
+    With ``attach`` one that is not known yet is attached when it is first named: a scenario may bring other cameras
+    while the readers run.
+    """
+
+    def __init__(self, rings: Iterable[FrameRing], *, attach: bool = False) -> None:
         self._rings = {ring.name: ring for ring in rings}
+        self._attach = attach
+
+    def add(self, ring: FrameRing) -> None:
+        """It is closed with the others."""
+        self._rings[ring.name] = ring
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
         ring = self._rings.get(ref.ring)
-        return None if ring is None else ring.read(ref)
+        if ring is None:
+            if not self._attach:
+                return None
+            try:
+                ring = self._rings[ref.ring] = FrameRing.attach(ref.ring)
+            except (FileNotFoundError, ValueError):
+                return None
+        return ring.read(ref)
 
     def close(self) -> None:
         for ring in self._rings.values():

@@ -154,7 +154,9 @@ class LiveState(QObject):
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
     ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
-    and ``persons`` of all of them. ``selected_person`` is the id of whom the wizard means, empty for nobody.
+    and ``persons`` of all of them. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
+    ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
+    for nobody.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -201,6 +203,7 @@ class LiveState(QObject):
         self.marks = LiveValue(MarksStatus(), self)
         self.cameras = LiveValue((), self)
         self.camera = LiveValue("", self)
+        self.own_cameras = LiveValue({}, self)
         self.microphone = LiveValue(MicrophoneStatus(), self)
         self._camera_by_hand = False
         self._places_by_camera: dict[str, PeopleInMap] = {}
@@ -240,12 +243,19 @@ class LiveState(QObject):
             self._show_camera(name)
 
     def forget_cameras(self) -> None:
-        """Another robot has others."""
-        self._camera_by_hand = False
-        self._places_by_camera.clear()
-        self.people.clear()
-        self.cameras.set(())
-        self.camera.set("")
+        """Another robot has others; those of this computer stay."""
+        for name in self.cameras.value:
+            if name not in self.own_cameras.value:
+                self.forget_camera(name)
+
+    def forget_camera(self, name: str) -> None:
+        """It is not used any more."""
+        names = tuple(camera for camera in self.cameras.value if camera != name)
+        self._places_by_camera.pop(name, None)
+        self.cameras.set(names)
+        if name == self.camera.value:
+            self._camera_by_hand = False
+            self._show_camera(names[0] if names else "")
 
     def _show_camera(self, name: str) -> None:
         if name != self.camera.value:

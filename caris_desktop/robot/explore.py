@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.pictures import picture_size
 from caris_desktop.robot.preflight import (
     LinkProbe,
     NamedTopic,
@@ -41,7 +42,6 @@ from caris_desktop.robot.proposal import Offer, Proposal, may_stop, propose
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros import joint_messages, messages, navigation_messages
-from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import Dialect, decode_time, same_type
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.raw_image import decode_image, republish_advice

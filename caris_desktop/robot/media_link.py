@@ -1,19 +1,18 @@
 """The media link: camera frames and maps."""
 
 import asyncio
-import contextlib
 import logging
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock, commands
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.pictures import PictureError, fitted, unfolded
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
 from caris_desktop.robot.link_measurement import LinkMeasurement
@@ -143,24 +142,22 @@ class MediaLink:
     def _take_image(self, message: Any, camera: CameraTopic) -> None:
         try:
             image_bgr, robot_stamp_ns = _unfolded(message) if camera.type == "CompressedImage" else _raw(message)
+            ref = self._frames.write(
+                image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
+            )
         except MessageError as error:
-            problem = f"cannot be read as a picture: {error}"
+            problem = f"the data cannot be read as a picture: {error}"
+        except PictureError as error:
+            problem = f"the last one {error}"
         else:
-            try:
-                ref = self._frames.write(
-                    image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
-                )
-            except ValueError as error:
-                problem = f"does not fit: {error}"
-            else:
-                self._put(self._with_its_moment(ref))
-                if camera.type == "Image":
-                    self._advise(camera, image_bgr)
-                return
+            self._put(self._with_its_moment(ref))
+            if camera.type == "Image":
+                self._advise(camera, image_bgr)
+            return
         self._report.problems.count(
             f"image {camera.name}",
             severity="warning",
-            what=f"{{count}} picture(s) of the camera {camera.name} were dropped: the data {problem}.",
+            what=f"{{count}} picture(s) of the camera {camera.name} were dropped: {problem}.",
             meaning="The video stands still or stutters.",
             advice=f"Check what the robot publishes on {camera.topic}.",
         )
@@ -249,16 +246,13 @@ class MediaLink:
 
 
 def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    """A compressed picture as uint8 BGR, and the robot's stamp. Raises MessageError."""
+    """A compressed picture as uint8 BGR of a size that fits, and the robot's stamp. Raises MessageError and
+    PictureError.
+    """
     image = decode_compressed_image(message)
-    image_bgr = None
-    with contextlib.suppress(cv2.error):
-        image_bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
-    if image_bgr is None:
-        raise MessageError("it is neither a whole JPEG nor a whole PNG")
-    return np.asarray(image_bgr, np.uint8), image.robot_stamp_ns
+    return unfolded(image.content), image.robot_stamp_ns
 
 
 def _raw(message: Any) -> tuple[NDArray[np.uint8], int | None]:
     image = decode_image(message)
-    return image.image_bgr, image.robot_stamp_ns
+    return fitted(image.image_bgr), image.robot_stamp_ns

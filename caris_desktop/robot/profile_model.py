@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
 from caris_desktop.domain.controls import CONTROL, RosName, RosType
 from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.robot.profile_keys import CameraModelKeys, Offset, PoseKeys, Radians
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
 PROFILE_VERSION: Literal[1] = 1

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_keys import CameraModelKeys
 from caris_desktop.domain.controls import CONTROL
-from caris_desktop.domain.declared import NotInFile, Rule, Spread
+from caris_desktop.domain.declared import NotInFile, Rule, Spread, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
 
 SCENARIO_VERSION: Literal[1] = 1
@@ -180,6 +182,26 @@ class BlurSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraSettings:
+    """One camera that the console shows, perceives and records."""
+
+    source: Annotated[str, Rule(
+        "`robot` for all that the robot has, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a "
+        "video file, `simulated`, or an address that begins with `rtsp://` or `http://`.",
+        shortest=1, longest=1000,
+    )]  # fmt: skip
+    name: Annotated[str, Rule(
+        "What it is called in the window and in file names; if not given, what follows from the source. Those of the "
+        "robot are called as in its profile.",
+        longest=40, quiet=True,
+    )] = ""  # fmt: skip
+    mount: Annotated[CameraModel | None, WrittenAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), Rule(
+        "Where it is on the robot and what it sees, as in a robot profile: then its people have places in the map.",
+        some_of=("horizontal_fov_deg", "fx_px"), needs="a mount has either horizontal_fov_deg or fx_px.", quiet=True,
+    )] = None  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
 
@@ -198,6 +220,10 @@ class Scenario:
         "robot"
     )
     phrases: Annotated[tuple[_Sentence, ...], Rule("One-click sentences, on F1 to F8 in this order.", longest=8)] = ()
+    cameras: Annotated[
+        tuple[CameraSettings, ...],
+        Rule("The cameras to show, perceive and record: the robot's own if not given.", longest=6, quiet=True),
+    ] = (CameraSettings("robot"),)
     filler: Annotated[str, Rule("What the robot says while the wizard thinks, on F9.", longest=500)] = ""
     places: Annotated[tuple[Place, ...], Rule("Named places in the map.", longest=100)] = ()
     controls: Annotated[

@@ -139,7 +139,8 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
     camera = os.environ.get("CARIS_TEST_CAMERA")
     robot = _simulated_at(address, study.parent) if "://" in address else address
     run = ConsoleRun(
-        default_arguments(scenario="tour-guide", robot=robot, study=study, camera=camera), settings=settings
+        default_arguments(scenario="tour-guide", robot=robot, study=study, camera=camera and [camera]),
+        settings=settings,
     )
     run.show()
     return attend(run, driver_type(run))

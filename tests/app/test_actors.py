@@ -182,7 +182,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         permissions=replace(scenario.permissions, audio_recording=False),
         assistant=replace(scenario.assistant, model="openai:small"),
     )
-    parts = composition.parts(study=composition.open_study(folder / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(folder / "study"))
     with SimulatedRobot("--empty") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
         save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
@@ -201,14 +201,14 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             ),
             robots=replace(
                 parts.robots,
-                connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml"), own_camera=False),
+                connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),
             ),
         )
         console = Console(parts, scenario)
         story = Story(console)
         console.state.event_happened.connect(story.happened.append)
         try:
-            console.connect_robot(composition.robot_connection("simulated", address=robot.address, own_camera=False))
+            console.connect_robot(composition.robot_connection("simulated", address=robot.address))
             console.start()
             state = console.state
             story.until(lambda: state.drive.value.allowed and state.frame.value and state.scan.value, "the robot")

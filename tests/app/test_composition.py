@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import composition
+from caris_desktop.live.services.cameras import WantedCameras
+from caris_desktop.scenario.model import Scenario
 
 
 def test_a_scenario_whose_control_publishes_where_its_robot_takes_velocities_is_refused(tmp_path: Path) -> None:
@@ -17,3 +19,46 @@ def test_a_scenario_whose_control_publishes_where_its_robot_takes_velocities_is_
         composition.find_scenario(str(path))
     path.write_text(text.replace("TOPIC", "/said"), encoding="utf-8")
     assert [control.id for control in composition.find_scenario(str(path)).controls] == ["go"]
+
+
+def scenario_with(text: str, folder: Path) -> Scenario:
+    path = folder / "cameras.yaml"
+    path.write_text(f"version: 1\ntitle: A\nlayout: {{panel: video}}\n{text}", encoding="utf-8")
+    return composition.find_scenario(str(path))
+
+
+def names(wanted: WantedCameras) -> list[str]:
+    return [camera.name for camera in wanted.own]
+
+
+def test_a_scenario_names_its_cameras_and_the_command_line_goes_before_it(tmp_path: Path) -> None:
+    study = composition.open_study(tmp_path / "study")
+    plain = scenario_with("", tmp_path)
+    mount = "mount: {width_px: 1280, height_px: 720, horizontal_fov_deg: 70, x_m: 0.2}"
+    text = f"cameras:\n  - source: robot:front\n  - {{source: '0', name: desk, {mount}}}\n  - source: oak\n"
+    scenario = scenario_with(text, tmp_path)
+
+    of_scenario = composition.parts(study=study).cameras
+    assert of_scenario(plain) == WantedCameras(), "the robot's own, all of them"
+    wanted = of_scenario(scenario)
+    assert (names(wanted), wanted.of_robot) == (["desk", "oak"], ("front",))
+    assert [camera.body.name for camera in wanted.own] == ["camera desk", "camera oak"]
+    assert wanted.own[0].model is not None and wanted.own[0].model.x_m == 0.2
+
+    for given, own, of_robot in (
+        (["0"], ["camera-0"], ()),
+        (["robot", "0"], ["camera-0"], None),
+        (["robot:rear", "walk.mp4", "other/walk.mp4"], ["walk", "walk-2"], ("rear",)),
+    ):
+        wanted = composition.parts(study=study, cameras=given).cameras(scenario)
+        assert (names(wanted), wanted.of_robot) == (own, of_robot)
+
+
+def test_a_camera_that_is_not_understood_is_told_before_the_start_or_with_its_scenario(tmp_path: Path) -> None:
+    study = composition.open_study(tmp_path / "study")
+    with pytest.raises(composition.StartError, match="ftp://"):
+        composition.parts(study=study, cameras=["ftp://camera/a"])
+    scenario = scenario_with("cameras:\n  - source: ftp://camera/a\n  - source: '1'\n", tmp_path)
+    wanted = composition.parts(study=study).cameras(scenario)
+    assert names(wanted) == ["camera-1"]
+    assert ["ftp://" in failure.what for failure in wanted.failures] == [True]

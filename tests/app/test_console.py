@@ -16,6 +16,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
+from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
 from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
@@ -40,7 +41,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
         return (ChatMessage("user", question),)
 
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, assistant=replace(parts.assistant, build_prompt=note_prompt)), scenario)
     try:
         happened: list[object] = []
@@ -60,7 +61,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
 def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     scenario = replace(scenario, permissions=replace(scenario.permissions, driving=False))
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, scenario=replace(parts.scenario, save_places=lambda changed: changed)), scenario)
     here = Pose2D(1.0, 2.0, 0.0)
     try:
@@ -99,7 +100,7 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
         permissions=replace(scenario.permissions, audio_recording=False),
         assistant=replace(scenario.assistant, model="openai:small"),
     )
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     parts = replace(
         parts,
         people=replace(parts.people, inference=None),
@@ -158,7 +159,7 @@ def _robot(camera: str) -> RobotConnection:
 
 def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     state = console.state
     try:
@@ -182,7 +183,7 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
 @pytest.mark.logs(r"live\.bus: ")
 def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     told: list[str] = []
     console.state.event_happened.connect(lambda event: told.append(event.what) if isinstance(event, Problem) else None)
@@ -195,11 +196,12 @@ def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path:
 
 def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     notes = tmp_path / "notes"
-    camera = ProcessBody("camera", bodies.camera_that_notes, (notes,))
+    camera = OwnCamera("computer", ProcessBody("camera computer", bodies.camera_that_notes, (notes,)))
     inference = ProcessBody("inference", bodies.brightness, ("test",))
-    console = Console(replace(parts, people=replace(parts.people, inference=inference, camera=camera)), scenario)
+    people = replace(parts.people, inference=inference)
+    console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras((camera,))), scenario)
     statuses: list[PerceptionStatus] = []
     console.state.perception.changed.connect(statuses.append)
     try:
@@ -213,7 +215,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
 
 def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)
     told: list[str] = []
 

@@ -97,7 +97,7 @@ class Bench:
 def shared_bench(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     scenario = composition.find_scenario("tour-guide")
     study = composition.open_study(tmp_path_factory.mktemp("gate") / "study")
-    console = Console(composition.parts(study=study, camera=None), scenario)
+    console = Console(composition.parts(study=study), scenario)
     bench = Bench(console, [], [])
     bench.console._handlers = dict.fromkeys(console._handlers, bench.done.append)
     console._robot.send = lambda command: not bench.sent.append(command)  # type: ignore[method-assign]

@@ -63,7 +63,7 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
     profile = tmp_path / "once.yaml"
     profile.write_text(once_told_robot.PROFILE)
     scenario = composition.find_scenario("tour-guide")
-    parts = composition.parts(study=composition.open_study(tmp_path / "study"), camera=None)
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     with contextlib.ExitStack() as stack:
         robot = stack.enter_context(running("-m", "tests.support.once_told_robot"))
         address = (robot.stdout.readline() if robot.stdout else "").removeprefix(once_told_robot.READY).strip()
@@ -76,7 +76,7 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
         state.link.changed.connect(lambda link: troubles.append(link.state))
         for number in range(times):
             lenses = state.stream("lens").arrivals
-            console.connect_robot(composition.robot_connection(str(profile), address=address, own_camera=False))
+            console.connect_robot(composition.robot_connection(str(profile), address=address))
             assert "map" in lacking(state, lenses), "another connection begins with nothing"
 
             until(lambda before=lenses: not lacking(state, before), f"all of connection {number}")

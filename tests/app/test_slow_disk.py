@@ -41,7 +41,7 @@ class Bench:
         permitted = replace(shipped.permissions, audio_recording=False, assistant=False)
         self.scenario = save_scenario(replace(shipped, permissions=permitted), folder / "first.yaml")
         self.other = save_scenario(replace(self.scenario, title="Second tour"), folder / "second.yaml")
-        parts = composition.parts(study=composition.open_study(folder / "study"), camera=None)
+        parts = composition.parts(study=composition.open_study(folder / "study"))
         slow = self.disk.slow
         self.console = Console(
             replace(

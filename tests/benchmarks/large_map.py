@@ -45,7 +45,7 @@ class RobotWithMapsFromElsewhere(DemoRobot):
         self._media_address = media_address
 
     def _on_ready(self, address: str) -> None:
-        connection = composition.robot_connection("simulated", address=address, own_camera=False)
+        connection = composition.robot_connection("simulated", address=address)
         profile = replace(connection.profile, map=TopicSource("/map"), map_updates=None)
         media = ProcessBody("media", run_media_link, (LinkSettings(profile, self._media_address),))
         self._driven.connect_robot(replace(connection, media=media))

@@ -13,10 +13,11 @@ from typing import Any
 import psutil
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.domain.sensing import CameraState, FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.perception.cameras import CameraEnded, PlayVideo, run_camera
+from caris_desktop.perception.cameras.camera_process import PlayVideo, run_camera
+from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.inference import (
     FrameSkipped,
     InferenceFailed,
@@ -51,7 +52,7 @@ def play(video: Path, settings: InferenceSettings) -> Playback:
         on_message=lambda value, _raw: inbox.put(value),
     )
     camera = ChildProcess(
-        ProcessBody("camera", run_camera, (str(video), RingToWrite(ring.name))),
+        ProcessBody("camera", run_camera, (parse_camera(str(video)), RingToWrite(ring.name))),
         on_message=lambda value, _raw: inbox.put(value),
         on_exit=lambda _code: None,
     )
@@ -88,7 +89,7 @@ def _collect(inbox: "queue.SimpleQueue[Any]", inference: ChildProcess, camera: C
             if isinstance(item, People):
                 people.append(item)
                 latency_ms.append((clock.now_ns() - item.stamp_ns) / 1e6)
-        elif isinstance(item, CameraEnded):
+        elif isinstance(item, CameraState) and item.state == "ended":
             ended = True
         if ready is not None and newest is not None and not busy and inference.send(Look(newest)):
             newest, busy = None, True

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from caris_desktop.domain.pictures import picture_size
 from caris_desktop.robot.explore import (
     ExploreError,
     StreamCheck,
@@ -25,7 +26,6 @@ from caris_desktop.robot.profile import (
     save_profile,
 )
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
-from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
 

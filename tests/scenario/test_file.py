@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import get_args
 
@@ -16,6 +16,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.controls import CallService, Reading, RobotControl
 from caris_desktop.domain.declared import is_group, item_of, keys_of
 from caris_desktop.domain.geometry import Pose2D
@@ -274,6 +275,7 @@ def test_what_is_saved_loads_again(
     assert_same(load_scenario(path), other)
 
 
+FROM_DATA_SHEET = CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(70.0))
 COMPLETE = Scenario(
     title="Complete",
     layout=SplitNode("horizontal", (PanelLeaf("video"), TabNode(("map", "speak"), "map")), (2.0, 1.0)),
@@ -282,6 +284,14 @@ COMPLETE = Scenario(
     filler="Well",
     places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
     controls=CONTROLS,
+    cameras=(
+        model.CameraSettings("robot"),
+        model.CameraSettings("0", "desk", replace(FROM_DATA_SHEET, heading_rad=math.pi / 2.0, tilt_rad=math.pi / 6.0)),
+        # Angles that no number of degrees gives exactly
+        model.CameraSettings(
+            "oak", "mast", replace(FROM_DATA_SHEET, fx_px=501.0, heading_rad=0.1, tilt_rad=0.3, on_head=True)
+        ),
+    ),
     recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
     blur=model.BlurSettings("without_consent", "faces", shown=True),
     assistant=model.AssistantSettings(system_prompt="Be kind"),

@@ -40,12 +40,16 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import TellProblem
+from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.cameras import WantedCameras
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState, streams_lost_with
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
+from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import RobotProfile, profile_text
 from caris_desktop.scenario.model import Place, Scenario
 
@@ -92,11 +96,12 @@ class RobotService(Service):
         publish: Callable[[Any], None],
         problem: TellProblem,
         before_goal: Callable[[], None],
-        own_camera: bool,
+        wanted_cameras: Callable[[Scenario], WantedCameras],
+        slow_work: SlowWork,
         asyncio_thread: AsyncioThread,
         parent: QObject | None = None,
     ) -> None:
-        """``before_goal`` ends direct driving. ``own_camera``: the frames do not come from the robot."""
+        """``before_goal`` ends direct driving."""
         super().__init__(parent)
         self._state = state
         self._ring = ring
@@ -104,7 +109,9 @@ class RobotService(Service):
         self._publish = publish
         self._problem = problem
         self._before_goal = before_goal
-        self._own_camera = own_camera
+        self._wanted_by = wanted_cameras
+        self._wanted = WantedCameras()
+        self._slow_work = slow_work
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
         self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
@@ -152,6 +159,7 @@ class RobotService(Service):
         return self.links
 
     def use_scenario(self, scenario: Scenario) -> None:
+        self._use_cameras(self._wanted_by(scenario))
         driving = scenario.permissions.driving
         if not driving:
             self.cancel_goal()
@@ -171,8 +179,9 @@ class RobotService(Service):
         self._left = False
         self._connection = connection
         self._chosen_by = actor
-        if connection.profile != self._state.robot.value:
-            self._state.robot.set(connection.profile)
+        profile = self._profile(connection)
+        if profile != self._state.robot.value:
+            self._state.robot.set(profile)
             self._publish(self._chosen(connection))
         self._show_controls()
         if connection.settle is not None:
@@ -270,7 +279,11 @@ class RobotService(Service):
         if name == "control":
             body = connection.control
         elif connection.media is not None:
-            body = replace(connection.media, arguments=(*connection.media.arguments, RingToWrite(self._ring.name)))
+            settings = (
+                replace(each, profile=self._profile(connection)) if isinstance(each, LinkSettings) else each
+                for each in connection.media.arguments
+            )
+            body = replace(connection.media, arguments=(*settings, RingToWrite(self._ring.name)))
         else:
             return
         self._links[name] = self._new_child(body)
@@ -281,6 +294,28 @@ class RobotService(Service):
     def _restart_link(self, name: str) -> None:
         if not (self._left or self._closed) and name not in self._links:
             self._start_link(name)
+
+    def _profile(self, connection: RobotConnection) -> RobotProfile:
+        """With those of its cameras that are wanted: the pictures of others are not fetched."""
+        return replace(connection.profile, cameras=self._wanted.among(connection.profile.cameras))
+
+    def _use_cameras(self, wanted: WantedCameras) -> None:
+        self._wanted = wanted
+        connection = self._connection
+        if connection is None or self._profile(connection) == self._state.robot.value:
+            return
+        for camera in self._state.robot.value.cameras:
+            self._state.forget_camera(camera.name)
+        self._state.robot.set(self._profile(connection))
+        media = self._links.pop("media", None)
+        if media is not None:
+            media.ask_to_end()
+            self._slow_work.do(
+                lambda: media.stop(grace_s=1.0), lambda _ended: self._restart_link("media"), self._tell_failure
+            )
+
+    def _tell_failure(self, failure: ToldFailure) -> None:
+        self._problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     # What the robot tells
 
@@ -320,7 +355,9 @@ class RobotService(Service):
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         for name in streams_lost_with(event):
-            if name != "frame" or not self._own_camera:  # a camera of this computer does not come over the link
+            if name == "frame":
+                self._clear_frame()
+            else:
                 self._state.stream(name).clear()
         if event.link == "media":
             return
@@ -372,12 +409,16 @@ class RobotService(Service):
         self._state.clear_robot_streams()
         self._state.forget_cameras()
         self._state.map.clear()
-        if not self._own_camera:
-            self._state.frame.clear()
+        self._clear_frame()
         self._state.goal.set(None)
         self._state.mapping.set(MapStatus())
         self._state.control_states.set({})
         self._state.traffic.set({})
+
+    def _clear_frame(self) -> None:
+        frame: FrameRef | None = self._state.frame.value
+        if frame is None or frame.camera not in self._state.own_cameras.value:  # those do not come over the link
+            self._state.frame.clear()
 
     # Goals
 
@@ -463,7 +504,7 @@ class RobotService(Service):
             )
 
     def _chosen(self, connection: RobotConnection) -> RobotChosen:
-        profile = connection.profile
+        profile = self._profile(connection)
         return RobotChosen(
             clock.now_ns(), profile.name, connection.name, connection.address, profile_text(profile), self._chosen_by
         )

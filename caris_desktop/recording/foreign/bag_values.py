@@ -23,12 +23,12 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import AudioBlock, CameraLens, LaserScan, OccupancyGrid, PlannedPath, RobotPose
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.ros import messages, navigation_messages
-from caris_desktop.ros.compressed_image import picture_size
 from caris_desktop.ros.dialect import plain_name
 from caris_desktop.ros.fields import Message, MessageError, frame_of, message_of, text
 from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image

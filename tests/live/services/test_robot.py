@@ -25,14 +25,17 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import BatteryState, OccupancyGrid, RobotPose
+from caris_desktop.domain.sensing import BatteryState, FrameRef, OccupancyGrid, RobotPose
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.frame_ring import FrameRing
+from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
 from caris_desktop.live.services.robot import RobotConnection, RobotService
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
-from caris_desktop.robot.profile import RobotProfile, VelocityTopic
-from caris_desktop.scenario.model import Place
+from caris_desktop.robot.link import LinkSettings
+from caris_desktop.robot.profile import CameraTopic, RobotProfile, VelocityTopic
+from caris_desktop.scenario.model import PanelLeaf, Place, Scenario
 
 KITCHEN = Place("Kitchen", Pose2D(4.0, 2.0, 0.0))
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
@@ -73,6 +76,8 @@ class Bench:
         self.problems: list[str] = []
         self.goals_begun = 0
         self.asyncio = AsyncioThread()
+        self.slow_work = SlowWork(self.owner)
+        self.wanted = WantedCameras()
         self.robot = RobotService(
             self.state,
             self.ring,
@@ -80,7 +85,8 @@ class Bench:
             publish=self.published.append,
             problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
             before_goal=self._before_goal,
-            own_camera=False,
+            wanted_cameras=lambda _scenario: self.wanted,
+            slow_work=self.slow_work,
             asyncio_thread=self.asyncio,
             parent=self.owner,
         )
@@ -116,6 +122,7 @@ def bench(qtbot: QtBot) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.robot.stop()
+    bench.slow_work.finish(lambda _what, work: work())
     bench.asyncio.stop()
     bench.ring.close()
     # Not left to the garbage collector, which may run in another thread.
@@ -351,3 +358,36 @@ def test_a_robot_whose_ros_is_open_is_asked_until_it_answers(bench: Bench, qtbot
     qtbot.waitUntil(lambda: len(bench.children) == 2)
     assert bench.robot.connection is settled
     assert bench.problems == ["Nobody answers. There is no robot. Start it."]
+
+
+def test_another_scenarios_choice_of_cameras_reaches_the_link_for_pictures_alone(bench: Bench, qtbot: QtBot) -> None:
+    cameras = (CameraTopic("front", "/front"), CameraTopic("rear", "/rear"))
+    profile = RobotProfile("r", "R", velocity=STOPS_BY_ITSELF, cameras=cameras)
+    settings = LinkSettings(profile, "ws://r:9090")
+    bodies = ProcessBody("control", print, (settings,)), ProcessBody("media", print, (settings,))
+    scenario = Scenario("Test", PanelLeaf("video"))
+    bench.wanted = WantedCameras(of_robot=("rear",))
+    bench.robot.use_scenario(scenario)
+    bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", profile, *bodies))
+    control, media = bench.children
+    assert [camera.name for camera in bench.state.robot.value.cameras] == ["rear"]
+    assert media.body.arguments[0].profile.cameras == cameras[1:]
+    bench.robot.use_scenario(scenario)
+    assert not media.asked_to_end
+    bench.wanted = WantedCameras((OwnCamera("front", ProcessBody("camera front", print)),))
+    bench.robot.use_scenario(scenario)
+    qtbot.waitUntil(lambda: len(bench.children) == 3)
+    assert (control.asked_to_end, media.stopped) == (False, True)
+    assert [camera.name for camera in bench.children[2].body.arguments[0].profile.cameras] == ["robot-front", "rear"]
+    assert [camera.name for camera in bench.state.robot.value.cameras] == ["robot-front", "rear"]
+
+
+def test_a_lost_link_takes_the_robots_picture_and_leaves_that_of_this_computer(bench: Bench) -> None:
+    bench.connect()
+    bench.state.own_cameras.set({"desk": None})
+    for camera, kept in (("front", False), ("desk", True)):
+        bench.state.take(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
+        bench.state.choose_camera(camera)
+        bench.state.take(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
+        bench.robot.on_event(LinkChanged(2, "media", "lost", "ws://r:9090"))
+        assert (bench.state.frame.value is not None) is kept

@@ -1,4 +1,4 @@
-"""Cameras and poses of the domain as people write them in a robot profile: from a data sheet, in degrees or radians."""
+"""Cameras and poses as people write them in a file: from a data sheet, in degrees or radians."""
 
 import math
 from dataclasses import dataclass, replace

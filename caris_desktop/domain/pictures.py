@@ -1,0 +1,95 @@
+"""What is shown of a camera: uint8 BGR that fits a slot of the frame ring, or a sentence that says why it cannot be.
+
+cv2 comes with the first picture: who only speaks of pictures does not wait for it.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_FRAME_PIXELS = 1920 * 1080
+LEAST_SIDE_PX = 8
+"""No video can be made of less, and nobody can be seen in it."""
+MOST_PIXELS = 64_000_000
+"""Larger ones would take the memory that a session needs: 8K has 33 million."""
+
+
+class PictureError(ValueError):
+    """A picture that cannot be shown; the text ends the sentence "The picture ..."."""
+
+
+def fitting_size(width_px: int, height_px: int) -> tuple[int, int]:
+    """The size itself, or a smaller one of the same shape that fits a slot of the frame ring."""
+    pixels = width_px * height_px
+    if pixels <= MAX_FRAME_PIXELS:
+        return width_px, height_px
+    scale = (MAX_FRAME_PIXELS / pixels) ** 0.5
+    return int(width_px * scale), int(height_px * scale)
+
+
+def check_size(width_px: int, height_px: int) -> None:
+    """Raises PictureError."""
+    if min(fitting_size(width_px, height_px)) < LEAST_SIDE_PX:
+        raise PictureError(f"has {width_px} x {height_px} pixels, which is too small to show")
+    if width_px * height_px > MOST_PIXELS:
+        raise PictureError(f"has {width_px} x {height_px} pixels, which is too large to show")
+
+
+def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Grey, colour or colour with transparency, of 8 or 16 bits, as BGR of 8 bits in a size that fits.
+
+    Raises PictureError.
+    """
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if image.ndim not in (2, 3) or channels not in (1, 3, 4) or image.dtype not in (np.uint8, np.uint16):
+        raise PictureError(f"is not one of light ({image.dtype}, {' x '.join(map(str, image.shape))})")
+    height_px, width_px = image.shape[:2]
+    check_size(width_px, height_px)
+    import cv2
+
+    size_px = fitting_size(width_px, height_px)
+    if size_px != (width_px, height_px):
+        image = cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if channels == 1:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    return np.ascontiguousarray(image[:, :, :3], np.uint8)
+
+
+def unfolded(content: bytes) -> NDArray[np.uint8]:
+    """A whole JPEG or PNG as :func:`fitted` gives it. Raises PictureError, also for one that is torn."""
+    import cv2
+
+    size_px = picture_size(content)
+    flag = cv2.IMREAD_COLOR
+    if size_px is not None:
+        check_size(*size_px)
+        # A JPEG can be unfolded at a fraction of its size, which takes a fraction of the time.
+        pixels = size_px[0] * size_px[1]
+        if content[:2] == b"\xff\xd8" and pixels >= 4 * MAX_FRAME_PIXELS:
+            flag = cv2.IMREAD_REDUCED_COLOR_4 if pixels >= 16 * MAX_FRAME_PIXELS else cv2.IMREAD_REDUCED_COLOR_2
+    image = None
+    try:
+        if content:
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
+    except cv2.error:
+        pass
+    if image is None:
+        raise PictureError("is neither a whole JPEG nor a whole PNG")
+    return fitted(image)
+
+
+def picture_size(content: bytes) -> tuple[int, int] | None:
+    """(width, height) from the head of a JPEG or PNG; None where it tells none."""
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
+        return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+    at = 2
+    while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
+        marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
+        # The frame headers SOF0..SOF15, without the tables that lie among their numbers
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
+        at += 2 + length
+    return None

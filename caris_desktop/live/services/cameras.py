@@ -1,0 +1,213 @@
+"""The cameras of this computer: one child for each, which writes to a frame ring of its own. GUI thread."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import CameraState
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.children import Children
+from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.service import Restarts, Service
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.perception.cameras.camera_process import PlayVideo
+from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.scenario.model import Scenario
+
+_log = logging.getLogger(__name__)
+_RESTART_AFTER_MS = 1000
+_GRACE_S = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class OwnCamera:
+    """One camera of this computer. ``body`` is also given the ring that it writes to; ``model`` is where the camera is
+    on the robot and what it sees, None where nobody said.
+    """
+
+    name: str
+    body: ProcessBody
+    model: CameraModel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WantedCameras:
+    """What a scenario or the command line asks for. ``of_robot`` are names, None for all that the robot has;
+    ``failures`` tell of what cannot be used.
+    """
+
+    own: tuple[OwnCamera, ...] = ()
+    of_robot: tuple[str, ...] | None = None
+    failures: tuple[ToldFailure, ...] = ()
+
+    def among(self, cameras: tuple[CameraTopic, ...]) -> tuple[CameraTopic, ...]:
+        """Those of the robot that are wanted. One that is called like a camera of this computer steps back: pictures
+        are known by their camera's name alone.
+        """
+        own = {camera.name for camera in self.own}
+        wanted = [camera for camera in cameras if self.of_robot is None or camera.name in self.of_robot]
+        return tuple(
+            replace(camera, name=f"robot-{camera.name}") if camera.name in own else camera for camera in wanted
+        )
+
+
+@dataclass(slots=True, eq=False)
+class _Running:
+    camera: OwnCamera
+    ring: FrameRing
+    child: ChildProcess
+    restarts: Restarts = field(default_factory=Restarts)
+    plays: bool = False
+
+
+class CamerasService(Service):
+    """Runs those that the scenario wants, and keeps ``state.own_cameras``: name and model of each."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: Children,
+        wanted_by: Callable[[Scenario], WantedCameras],
+        slow_work: SlowWork,
+        *,
+        frames: FrameRings,
+        parent: QObject,
+    ) -> None:
+        """``frames`` gets the rings, which are closed with it."""
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._wanted_by = wanted_by
+        self._slow_work = slow_work
+        self._frames = frames
+        self._free_rings: list[FrameRing] = []
+        self._wanted: tuple[OwnCamera, ...] = ()
+        self._running: dict[str, _Running] = {}
+        self._ended: set[str] = set()
+        self._started = self._stopped = False
+        state.perception.changed.connect(self._on_perception)
+        bus.tap(self._note, (CameraState,))
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {running.camera.body.name: running.child for running in self._running.values()}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        wanted = self._wanted_by(scenario)
+        for failure in wanted.failures:
+            self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
+        if wanted.own != self._wanted:
+            self._wanted = wanted.own
+            self._state.own_cameras.set({camera.name: camera.model for camera in wanted.own})
+            self._arrange()
+
+    def start(self) -> None:
+        self._started = True
+        self._arrange()
+
+    def stop(self) -> None:
+        self._stopped = True
+        for running in self._running.values():
+            running.child.ask_to_end()
+
+    def end(self) -> None:
+        for running in self._running.values():
+            running.child.stop(grace_s=_GRACE_S)
+
+    def _arrange(self) -> None:
+        if not self._started or self._stopped:
+            return
+        for running in tuple(self._running.values()):
+            if running.camera not in self._wanted:
+                self._leave(running)
+        for camera in self._wanted:
+            if camera.name not in self._running:
+                self._begin(camera)
+
+    def _begin(self, camera: OwnCamera) -> None:
+        if self._free_rings:
+            ring = self._free_rings.pop()
+        else:
+            ring = FrameRing.create()
+            self._frames.add(ring)
+        self._running[camera.name] = _Running(camera, ring, self._start_child(camera, ring))
+        self._on_perception(self._state.perception.value)
+
+    def _start_child(self, camera: OwnCamera, ring: FrameRing) -> ChildProcess:
+        self._ended.discard(camera.name)
+        body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
+        return self._children.start(body, ended=self._on_ended, heard=self._on_heard)
+
+    def _leave(self, running: _Running) -> None:
+        """Another scenario does without it."""
+        name = running.camera.name
+        del self._running[name]
+        running.child.ask_to_end()
+        self._slow_work.do(
+            lambda: running.child.stop(grace_s=_GRACE_S),
+            lambda _ended: self._free_rings.append(running.ring),
+            self._tell,
+        )
+        self._bus.publish(CameraState(clock.now_ns(), name, "ended", "This scenario does without it."))
+        self._state.forget_camera(name)
+
+    def _note(self, state: CameraState, _raw: bytes | None) -> None:  # any thread
+        if state.state == "ended":
+            self._ended.add(state.camera)
+
+    def _on_perception(self, status: PerceptionStatus) -> None:
+        if status.state not in ("ready", "failed"):
+            return
+        for running in self._running.values():
+            if not running.plays:
+                # A recorded video waits for whoever shall see it from its start.
+                running.plays = running.child.send(PlayVideo())
+
+    def _on_heard(self, message: Any) -> None:
+        _log.info("a camera says %r", message)
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        running = next((running for running in self._running.values() if running.child is child), None)
+        if running is None or self._stopped:
+            return
+        name = running.camera.name
+        if name in self._ended:
+            self._bus.problem(
+                "warning",
+                f"The pictures of the camera {name} have ended.",
+                "There is no video of it from now on; a recording goes on without it.",
+                "To go on, choose another camera with --camera or in the scenario, and start again.",
+                until="picture",
+            )
+            return
+        again = running.restarts.another()
+        advice = running.restarts.advice
+        self._bus.problem(
+            "warning",
+            f"The camera {name} stopped unexpectedly.",
+            "There is no picture from it until it is back; everything else goes on.",
+            advice,
+            until="picture",
+        )
+        self._bus.publish(CameraState(clock.now_ns(), name, "lost", "It stopped unexpectedly.", advice))
+        if again:
+            QTimer.singleShot(_RESTART_AFTER_MS, self, lambda: self._again(running))
+
+    def _again(self, running: _Running) -> None:
+        if self._running.get(running.camera.name) is running and not self._stopped:
+            running.child = self._start_child(running.camera, running.ring)
+            running.plays = False
+            self._on_perception(self._state.perception.value)
+
+    def _tell(self, failure: ToldFailure) -> None:
+        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)

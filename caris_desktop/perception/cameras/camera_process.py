@@ -1,0 +1,173 @@
+"""The body of a camera's process: pictures into its frame ring, and word of how the camera is."""
+
+import contextlib
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Literal
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.domain.sensing import CameraState
+from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.open_camera import open_camera
+
+log = logging.getLogger(__name__)
+
+# Without being told, a video file begins once a detector usually is ready.
+PLAY_AFTER_S = 6.0
+_RETRY_AFTER_S = (1.0, 2.0, 5.0)
+# A file that could not be played in time for this long continues from where it is instead of rushing after.
+_CATCH_UP_AT_MOST_S = 1.0
+# Pictures of no use that come one after the other: the camera is no better than one that is lost.
+_REFUSED_AT_MOST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class PlayVideo:
+    """Sent to the process: begin to play a recorded video, since whoever shall see it from its start is ready."""
+
+
+def run_camera(
+    connection: Connection,
+    chosen: ChosenCamera,
+    frames: FrameWriter,
+    *,
+    open_one: Callable[[ChosenCamera], CameraSource] | None = None,
+) -> None:
+    """Process body: writes the camera's pictures to ``frames`` and sends a ``FrameRef`` for each.
+
+    Also sends a ``CameraState`` whenever it is connected, lost or ended, and a ``Problem`` once per outage, and once
+    for pictures that cannot be shown. A camera that is lost is retried for ever. Returns when the connection ends, and
+    after the end of a recorded video.
+
+    A video file begins when ``PlayVideo`` arrives, or after ``PLAY_AFTER_S``, and plays at its own rate, or with
+    ``fast`` as fast as it can be read. In a fresh ring its n-th picture gets sequence n; none is left out.
+    """
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        _Running(connection, chosen, frames, open_one or open_camera).serve()
+
+
+class _Running:
+    def __init__(
+        self,
+        connection: Connection,
+        chosen: ChosenCamera,
+        frames: FrameWriter,
+        open_one: Callable[[ChosenCamera], CameraSource],
+    ) -> None:
+        self._connection = connection
+        self._chosen = chosen
+        self._frames = frames
+        self._open = open_one
+        self._refusals_told: set[str] = set()
+
+    def serve(self) -> None:
+        """Until a recorded video ends. Raises EOFError when the connection does."""
+        name = self._chosen.name
+        failures = 0
+        self._tell_state("connecting")
+        while True:
+            camera: CameraSource | None = None
+            try:
+                camera = self._open(self._chosen)
+                first = self._read(camera)
+                log.info("camera %s: %dx%d at %s fps", name, camera.width_px, camera.height_px, camera.fps)
+                self._connection.send(
+                    CameraState(
+                        clock.now_ns(),
+                        name,
+                        "connected",
+                        width_px=camera.width_px,
+                        height_px=camera.height_px,
+                        fps=camera.fps,
+                    )
+                )
+                failures = 0
+                if self._chosen.recorded:
+                    self._wait(PLAY_AFTER_S)
+                self._play(camera, first)
+                self._tell_state("ended", "The video has been played to its end.")
+                break
+            except CameraError as error:
+                log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
+                if self._chosen.recorded:
+                    self._tell_problem(error, "error", "There is no picture from this video.")
+                    self._tell_state("ended", str(error), error.advice)
+                    break
+                if failures == 0:
+                    self._tell_problem(
+                        error, "warning", "There is no picture from this camera until it is back; it is retried."
+                    )
+                    self._tell_state("lost", str(error), error.advice)
+            finally:
+                if camera is not None:
+                    camera.close()
+            self._wait(_RETRY_AFTER_S[min(failures, len(_RETRY_AFTER_S) - 1)])
+            failures += 1
+
+    def _read(self, camera: CameraSource) -> Picture | None:
+        """The next picture that can be shown. Raises CameraError."""
+        for _ in range(_REFUSED_AT_MOST):
+            try:
+                picture = camera.read()
+                return None if picture is None else replace(picture, image=fitted(picture.image))
+            except PictureError as refused:
+                self._tell_refused(refused)
+        raise CameraError(
+            f"The camera {self._chosen.name} sends only pictures that cannot be shown.", "Check its settings."
+        )
+
+    def _play(self, camera: CameraSource, first: Picture | None) -> None:
+        """Until a recorded video ends."""
+        started_ns: int | None = None
+        picture = first
+        while picture is not None:
+            wait_s = 0.0
+            if picture.due_s is not None and not self._chosen.fast:
+                now_ns = clock.now_ns()
+                due_ns = round(picture.due_s * 1e9)
+                if started_ns is None or now_ns - started_ns - due_ns > _CATCH_UP_AT_MOST_S * 1e9:
+                    if started_ns is not None:
+                        log.warning("%s is %.1f s late", self._chosen.name, (now_ns - started_ns - due_ns) / 1e9)
+                    started_ns = now_ns - due_ns
+                wait_s = max(0.0, (started_ns + due_ns - now_ns) / 1e9)
+            self._wait(wait_s)
+            ref = self._frames.write(
+                picture.image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera=self._chosen.name
+            )
+            if picture.taken_ns is not None:
+                ref = replace(ref, taken_ns=picture.taken_ns, taken_uncertainty_ns=picture.taken_uncertainty_ns)
+            self._connection.send(ref)
+            picture = self._read(camera)
+
+    def _wait(self, seconds: float) -> None:
+        """Until the time is over or ``PlayVideo`` came. Raises EOFError when the connection ends."""
+        if self._connection.poll(seconds):
+            self._connection.recv()
+
+    def _tell_state(self, state: Literal["connecting", "lost", "ended"], detail: str = "", advice: str = "") -> None:
+        self._connection.send(CameraState(clock.now_ns(), self._chosen.name, state, detail, advice))
+
+    def _tell_problem(self, error: CameraError, severity: Literal["warning", "error"], meaning: str) -> None:
+        self._connection.send(Problem(clock.now_ns(), severity, str(error), meaning, error.advice, until="picture"))
+
+    def _tell_refused(self, refused: PictureError) -> None:
+        log.info("camera %s: a picture %s", self._chosen.name, refused)
+        if str(refused) in self._refusals_told or len(self._refusals_told) > 3:
+            return
+        self._refusals_told.add(str(refused))
+        self._connection.send(
+            Problem(
+                clock.now_ns(),
+                "warning",
+                f"A picture of the camera {self._chosen.name} was left out: it {refused}.",
+                "The video stands still while no better one comes.",
+                "If it stays so, check the camera's settings and its cable or network.",
+                until="picture",
+            )
+        )

@@ -1,0 +1,65 @@
+"""What every camera is: an open source that gives one picture after the other, or says in words why it cannot."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+OPEN_TIMEOUT_S = 5.0
+SILENCE_S = 3.0
+"""A camera that sends nothing for so long is lost."""
+DEVICE_SIZE_PX = (1280, 720)
+DEVICE_FPS = 30
+
+
+class CameraError(Exception):
+    """The source cannot be opened or stopped delivering. Text and ``advice`` are for the wizard."""
+
+    def __init__(self, what: str, advice: str) -> None:
+        super().__init__(what)
+        self.advice = advice
+
+
+def cannot_be_reached(name: str) -> CameraError:
+    """Of a camera in the network."""
+    return CameraError(
+        f"The camera at {name} cannot be reached.",
+        "Check its address, its password and that it is on the same network.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """One frame, as the camera has it: grey, BGR or BGRA, of 8 or 16 bits.
+
+    ``due_s`` is its time since the start of a recorded video. ``taken_ns`` is when the camera took it, on the session
+    clock to within ``taken_uncertainty_ns``; None where the camera does not tell. ``depth_mm`` is uint16, shape (rows,
+    columns), how far away what is seen there is: the same view in a resolution of its own, 0 where it is not known;
+    None without a depth camera.
+    """
+
+    image: NDArray[Any]
+    due_s: float | None = None
+    taken_ns: int | None = None
+    taken_uncertainty_ns: int | None = None
+    depth_mm: NDArray[np.uint16] | None = None
+
+
+class CameraSource(Protocol):
+    """An open camera. For one thread. Another kind of camera is one file with a class like this, a word in
+    ``chosen_camera.py`` and a line in ``open_camera.py``.
+    """
+
+    width_px: int
+    height_px: int
+    fps: float | None  # None where it does not tell
+
+    def read(self) -> Picture | None:
+        """The newest picture, waiting for it; None at the end of a recorded video.
+
+        Raises CameraError when the camera is lost, and PictureError where only this picture is of no use.
+        """
+
+    def close(self) -> None:
+        """Once, whatever happened before."""

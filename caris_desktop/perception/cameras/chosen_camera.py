@@ -1,0 +1,119 @@
+"""What the string means that chooses a camera."""
+
+import os
+import re
+import urllib.parse
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from caris_desktop.perception.cameras.camera_source import CameraError
+
+Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http"]
+_SCHEMES: dict[str, Kind] = {
+    "rtsp": "stream", "rtsps": "stream", "http": "http", "https": "http",
+}  # fmt: skip
+_PLAY_WORDS = frozenset({"loop", "fast"})
+FORMS = (
+    "robot, robot:NAME, simulated, oak, oak:ID, a number, /dev/videoN, a video file, "
+    "or an address that starts with one of " + ", ".join(f"{scheme}://" for scheme in _SCHEMES)
+)
+"""Everything that can be given, for messages."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenCamera:
+    """``target`` is what the kind needs to find it. ``name`` is fit for file names and never holds a password.
+
+    ``token_env`` names the environment variable that holds what the camera asks for, so that no file has to.
+    """
+
+    kind: Kind
+    target: str
+    name: str
+    loop: bool = False
+    fast: bool = False
+    token_env: str = ""
+
+    @property
+    def recorded(self) -> bool:
+        return self.kind == "file"
+
+
+def parse_camera(text: str, *, name: str = "") -> ChosenCamera:
+    """Understand one string; ``name`` replaces the name that follows from it.
+
+    Raises
+    ------
+    CameraError
+        When it is none of the forms. That a file or device is there is seen only when it is opened.
+    """
+    chosen = _parsed(text.strip())
+    return replace(chosen, name=safe_name(name)) if name else chosen
+
+
+def with_distinct_names(cameras: Iterable[ChosenCamera]) -> tuple[ChosenCamera, ...]:
+    """A second camera of the same name gets a number behind it: everything is kept by name."""
+    taken: set[str] = set()
+    distinct = []
+    for camera in cameras:
+        name, number = camera.name, 2
+        while name in taken and camera.kind != "robot":
+            name, number = f"{camera.name}-{number}", number + 1
+        taken.add(name)
+        distinct.append(replace(camera, name=name))
+    return tuple(distinct)
+
+
+def camera_token(chosen: ChosenCamera) -> str:
+    """What the camera asks for, empty where nothing is to be told. Raises CameraError."""
+    if not chosen.token_env:
+        return ""
+    token = os.environ.get(chosen.token_env, "").strip()
+    if not token:
+        raise CameraError(
+            f"The environment variable {chosen.token_env}, which holds the token of the camera at {chosen.name}, "
+            "is not set.",
+            "Set it before the program starts.",
+        )
+    return token
+
+
+def safe_name(text: str) -> str:
+    return re.sub(r"[^\w.-]+", "-", text).strip("-.") or "camera"
+
+
+def _parsed(text: str) -> ChosenCamera:
+    word, _, rest = text.partition(":")
+    if text in ("robot", "oak", "simulated") or (word in ("robot", "oak") and rest and "//" not in rest):
+        kind: Kind = "robot" if word == "robot" else "oak" if word == "oak" else "simulated"
+        return ChosenCamera(kind, rest, rest if word == "robot" and rest else word)
+    if text.isdecimal() or text.startswith("/dev/video"):
+        return ChosenCamera("device", text, safe_name(f"camera-{text.removeprefix('/dev/video')}"))
+    if "://" in text:
+        return _address(text)
+    if not text:
+        raise CameraError("The camera source is empty.", f"Give {FORMS}.")
+    path, _, words = text.rpartition("?")
+    asked = frozenset(words.split("&"))
+    if not path or not asked <= _PLAY_WORDS:
+        path, asked = text, frozenset()
+    return ChosenCamera("file", path, safe_name(Path(path).stem), loop="loop" in asked, fast="fast" in asked)
+
+
+def _address(text: str) -> ChosenCamera:
+    try:
+        parts = urllib.parse.urlsplit(text)
+        host, _port = parts.hostname, parts.port
+    except ValueError as error:
+        raise CameraError(f"The camera address cannot be read: {error}.", f"Give {FORMS}.") from error
+    if parts.scheme not in _SCHEMES or not host:
+        raise CameraError(
+            f"The camera address starts with {parts.scheme}://, which is not understood.",
+            f"Use an address that starts with one of {', '.join(f'{scheme}://' for scheme in _SCHEMES)}.",
+        )
+    # What stands behind the # is for us and never sent.
+    token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
+    target = text.removesuffix(f"#{parts.fragment}")
+    return ChosenCamera(_SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env)

@@ -1,0 +1,38 @@
+"""A camera of this computer."""
+
+from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture
+
+
+class DeviceCamera:
+    """Through OpenCV. ``target`` is a number or a device path."""
+
+    def __init__(self, target: str) -> None:
+        import cv2
+
+        self._target = target
+        # A missing device is reported as a Problem; OpenCV would add lines of its own at every retry.
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
+        if not self._capture.isOpened():
+            raise CameraError(
+                f"Camera {target} cannot be opened.",
+                "Check that it is plugged in, that no other program uses it, and that you may use cameras.",
+            )
+        # Motion-JPEG, since uncompressed pictures of this size come slowly over USB 2.
+        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, DEVICE_SIZE_PX[0])
+        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, DEVICE_SIZE_PX[1])
+        self._capture.set(cv2.CAP_PROP_FPS, DEVICE_FPS)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self.width_px = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+        self.height_px = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
+
+    def read(self) -> Picture | None:
+        delivered, image = self._capture.read()
+        if not delivered:
+            raise CameraError(f"Camera {self._target} stopped delivering pictures.", "Check its cable.")
+        return Picture(image)
+
+    def close(self) -> None:
+        self._capture.release()

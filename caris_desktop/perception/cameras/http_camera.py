@@ -1,0 +1,215 @@
+"""A camera that sends one JPEG after the other over HTTP (multipart), as network cameras and our camera server do."""
+
+import base64
+import http.client
+import logging
+import re
+import select
+import urllib.parse
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.pictures import picture_size, unfolded
+from caris_desktop.perception.cameras.camera_source import (
+    OPEN_TIMEOUT_S,
+    SILENCE_S,
+    CameraError,
+    Picture,
+    cannot_be_reached,
+)
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token
+from caris_desktop.perception.cameras.far_clock import FarClock
+
+CAPTURED_HEADER = "x-captured-monotonic-ns"
+"""When our camera server took this picture, by its monotonic clock; every part has it."""
+CLOCK_HEADER = "X-Clock"
+"""In the answer of our camera server: where its monotonic clock can be asked for."""
+_LARGEST_BYTES = 64_000_000
+_LONGEST_HEAD_BYTES = 16_384
+_FIRST_ROUND_TRIPS = 8
+_CLOCK_EVERY_NS = 2_000_000_000
+_log = logging.getLogger(__name__)
+
+
+class NotMultipartError(Exception):
+    """Something else answers at this address: a video stream, or a camera that wants another kind of password."""
+
+
+class HttpCamera:
+    """``width_px`` and ``height_px`` are those of the first picture."""
+
+    fps: float | None = None
+    read_at_most_bytes = 1 << 20
+
+    def __init__(self, chosen: ChosenCamera) -> None:
+        """Raises CameraError, and NotMultipartError where other means may read it."""
+        self._chosen = chosen
+        self._clock: FarClock | None = None
+        self._clock_asked_ns = 0
+        self._clock_connection: http.client.HTTPConnection | None = None
+        self._connection, response = _get(chosen, urllib.parse.urlsplit(chosen.target))
+        boundary = re.search(r'boundary="?([^";,]+)', response.headers.get("Content-Type", ""))
+        if response.status != 200 or boundary is None:
+            self._connection.close()
+            if response.status in (401, 403) and chosen.token_env:
+                raise CameraError(
+                    f"The camera at {chosen.name} refuses the token.",
+                    f"Put the token that it was started with into the environment variable {chosen.token_env}.",
+                )
+            raise NotMultipartError(f"{response.status} {response.headers.get('Content-Type')}")
+        self._response = response
+        self._parts = Parts(boundary[1])
+        self._use_clock(response.headers.get(CLOCK_HEADER))
+        try:
+            head, content = self._newest()
+        except CameraError:
+            self.close()
+            raise
+        self._first: tuple[dict[str, str], bytes] | None = (head, content)
+        self.width_px, self.height_px = picture_size(content) or (0, 0)
+
+    def read(self) -> Picture | None:
+        head, content = self._first or self._newest()
+        self._first = None
+        moment = self._taken(head)
+        image = unfolded(content)
+        return Picture(image) if moment is None else Picture(image, taken_ns=moment[0], taken_uncertainty_ns=moment[1])
+
+    def close(self) -> None:
+        self._response.close()
+        self._connection.close()
+        if self._clock_connection is not None:
+            self._clock_connection.close()
+
+    def _newest(self) -> tuple[dict[str, str], bytes]:
+        """The last of the pictures that have come whole: what came before it would be shown late."""
+        newest: tuple[dict[str, str], bytes] | None = None
+        try:
+            while newest is None or self._more_waits():
+                data = self._response.read1(self.read_at_most_bytes)
+                if not data:
+                    if newest is not None:
+                        break
+                    raise self._lost()
+                newest = self._parts.add(data) or newest
+        except (OSError, http.client.HTTPException) as error:
+            raise self._lost() from error
+        return newest
+
+    def _more_waits(self) -> bool:
+        return bool(select.select([self._response.fileno()], [], [], 0)[0])
+
+    def _lost(self) -> CameraError:
+        return CameraError(f"The camera at {self._chosen.name} stopped sending pictures.", "Check it and its network.")
+
+    def _use_clock(self, path: str | None) -> None:
+        if path is None or not path.startswith("/"):
+            return
+        parts = urllib.parse.urlsplit(self._chosen.target)
+        where = parts._replace(path=path, query="")
+
+        def ask() -> int:
+            if self._clock_connection is None:
+                self._clock_connection, response = _get(self._chosen, where)
+            else:
+                self._clock_connection.request("GET", path, headers=_headers(self._chosen, where))
+                response = self._clock_connection.getresponse()
+            return int(response.read(64))
+
+        self._clock = FarClock(ask)
+        for _ in range(_FIRST_ROUND_TRIPS):
+            self._ask_clock()
+
+    def _ask_clock(self) -> None:
+        self._clock_asked_ns = clock.now_ns()
+        if self._clock is None:
+            return
+        try:
+            self._clock.measure()
+        except (OSError, ValueError, http.client.HTTPException, CameraError):
+            _log.info("the clock of %s was not told", self._chosen.name, exc_info=True)
+            if self._clock_connection is not None:
+                self._clock_connection.close()
+                self._clock_connection = None
+
+    def _taken(self, head: dict[str, str]) -> tuple[int, int] | None:
+        stamp = head.get(CAPTURED_HEADER, "")
+        if self._clock is None or not stamp.isdecimal() or len(stamp) > 20:
+            return None
+        if clock.now_ns() - self._clock_asked_ns >= _CLOCK_EVERY_NS:
+            self._ask_clock()
+        return self._clock.here(int(stamp))
+
+
+class Parts:
+    """Takes a multipart stream apart as it comes: parts with their length told, or ended by the next boundary."""
+
+    def __init__(self, boundary: str) -> None:
+        self._mark = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
+        self._buffer = bytearray()
+
+    def add(self, data: bytes) -> tuple[dict[str, str], bytes] | None:
+        """The newest part that is whole now, with its head by lower-case names. Raises OSError where it is no such
+        stream.
+        """
+        self._buffer += data
+        newest = None
+        while (part := self._next()) is not None:
+            newest = part
+        if len(self._buffer) > _LARGEST_BYTES:
+            raise OSError("a picture without an end")
+        return newest
+
+    def _next(self) -> tuple[dict[str, str], bytes] | None:
+        buffer = self._buffer
+        begin = buffer.find(self._mark)
+        if begin < 0:
+            return None
+        head_end = buffer.find(b"\r\n\r\n", begin)
+        if head_end < 0:
+            if len(buffer) - begin > _LONGEST_HEAD_BYTES:
+                raise OSError("a part with an endless head")
+            return None
+        lines = bytes(buffer[begin + len(self._mark) : head_end]).decode("latin-1").split("\r\n")
+        head = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        start = head_end + 4
+        length = head.get("content-length", "")
+        if length.isdecimal() and len(length) < 10:
+            end = start + int(length)
+            if end - start > _LARGEST_BYTES:
+                raise OSError("a picture that is too large")
+            if len(buffer) < end:
+                return None
+        else:
+            end = buffer.find(b"\r\n" + self._mark, start)
+            if end < 0:
+                return None
+        content = bytes(buffer[start:end])
+        del buffer[:end]
+        return head, content
+
+
+def _get(
+    chosen: ChosenCamera, parts: urllib.parse.SplitResult
+) -> tuple[http.client.HTTPConnection, http.client.HTTPResponse]:
+    """Raises CameraError."""
+    kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
+    connection = kind(parts.hostname or "", parts.port, timeout=OPEN_TIMEOUT_S)
+    try:
+        path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        connection.request("GET", path, headers=_headers(chosen, parts))
+        connection.sock.settimeout(SILENCE_S)
+        response = connection.getresponse()
+    except (OSError, http.client.HTTPException) as error:
+        connection.close()
+        raise cannot_be_reached(chosen.name) from error
+    return connection, response
+
+
+def _headers(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dict[str, str]:
+    token = camera_token(chosen)
+    if token:
+        return {"Authorization": f"Bearer {token}"}
+    if parts.username is None:
+        return {}
+    pair = f"{urllib.parse.unquote(parts.username)}:{urllib.parse.unquote(parts.password or '')}"
+    return {"Authorization": f"Basic {base64.b64encode(pair.encode()).decode()}"}

@@ -1,0 +1,106 @@
+"""A Luxonis OAK camera."""
+
+import datetime
+import logging
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.domain.pictures import fitted
+from caris_desktop.perception.cameras.camera_source import (
+    DEVICE_FPS,
+    DEVICE_SIZE_PX,
+    SILENCE_S,
+    CameraError,
+    Picture,
+)
+
+_log = logging.getLogger(__name__)
+_DEPTH_SIZE_PX = (320, 180)  # the shape of the pictures, and enough for people
+_DEPTH_FPS = 10
+_SAME_MOMENT = datetime.timedelta(milliseconds=200)
+
+
+def oak_devices() -> list[str]:
+    """The ids of those that are plugged in or in the network; empty also where depthai is not installed."""
+    try:
+        import depthai
+    except ImportError:
+        return []
+    return [str(device.getDeviceId()) for device in depthai.Device.getAllAvailableDevices()]
+
+
+class OakCamera:
+    """Through depthai 3: colour pictures, and depth where the device has the two cameras for it.
+
+    ``device_id`` is its id, name or address; empty: any that is there.
+    """
+
+    def __init__(self, device_id: str = "") -> None:
+        try:
+            import depthai
+        except ImportError as error:
+            raise CameraError("OAK cameras need the package depthai.", "Install it: pip install depthai") from error
+        # Looking costs nothing; connecting to a device that is not there waits for twelve seconds.
+        if not device_id and not depthai.Device.getAllAvailableDevices():
+            raise CameraError("No OAK camera was found.", "Check its cable, and that USB devices may be used.")
+        self._depths: Any = None
+        self._depth: Any = None
+        try:
+            device = depthai.Device(device_id) if device_id else depthai.Device()
+            self._pipeline = depthai.Pipeline(device)
+            camera = self._pipeline.create(depthai.node.Camera).build()
+            output = camera.requestOutput(DEVICE_SIZE_PX, type=depthai.ImgFrame.Type.BGR888i, fps=DEVICE_FPS)
+            # One slot that the newest picture overwrites: what waits here would be shown late.
+            self._pictures = output.createOutputQueue(maxSize=1, blocking=False)
+            if _sees_depth(device):
+                self._depths = self._depth_output(depthai, output).createOutputQueue(maxSize=1, blocking=False)
+            self._pipeline.start()
+        except RuntimeError as error:
+            raise CameraError(
+                f"The OAK camera {device_id or ''} cannot be opened.".replace("  ", " "),
+                "Check its cable, and that no other program uses it.",
+            ) from error
+        self.width_px, self.height_px = DEVICE_SIZE_PX
+        self.fps: float | None = float(DEVICE_FPS)
+
+    def _depth_output(self, depthai: Any, colour: Any) -> Any:
+        """Depth as the colour camera would see it."""
+        stereo = self._pipeline.create(depthai.node.StereoDepth)
+        sockets = (depthai.CameraBoardSocket.CAM_B, depthai.CameraBoardSocket.CAM_C)
+        for socket, eye in zip(sockets, (stereo.left, stereo.right), strict=True):
+            camera = self._pipeline.create(depthai.node.Camera).build(socket)
+            camera.requestOutput((640, 400), fps=_DEPTH_FPS).link(eye)
+        colour.link(stereo.inputAlignTo)
+        stereo.setOutputSize(*_DEPTH_SIZE_PX)
+        return stereo.depth
+
+    def read(self) -> Picture | None:
+        import depthai
+
+        try:
+            frame: Any = self._pictures.get(datetime.timedelta(seconds=SILENCE_S))
+            if self._depths is not None:
+                self._depth = self._depths.tryGet() or self._depth
+        except (RuntimeError, depthai.MessageQueue.QueueException) as error:
+            raise self._lost() from error
+        if frame is None:
+            raise self._lost()
+        depth_mm = None
+        if self._depth is not None and abs(self._depth.getTimestamp() - frame.getTimestamp()) <= _SAME_MOMENT:
+            depth_mm = np.asarray(self._depth.getFrame(), np.uint16)
+            self._depth = None  # each once
+        return Picture(fitted(frame.getCvFrame()), depth_mm=depth_mm)
+
+    def close(self) -> None:
+        try:
+            self._pipeline.stop()
+        except RuntimeError:
+            _log.info("the OAK camera was gone before it was closed", exc_info=True)
+
+    def _lost(self) -> CameraError:
+        return CameraError("The OAK camera stopped delivering pictures.", "Check its cable.")
+
+
+def _sees_depth(device: Any) -> bool:
+    return len(device.getConnectedCameras()) >= 3

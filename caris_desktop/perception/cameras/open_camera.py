@@ -1,0 +1,43 @@
+"""Which class opens which kind of camera. Each is imported when it is wanted: most runs use one."""
+
+from collections.abc import Callable
+
+from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+
+OpenCamera = Callable[[ChosenCamera], CameraSource]
+
+
+def open_camera(chosen: ChosenCamera) -> CameraSource:
+    """Open a camera; may take some seconds. Raises CameraError."""
+    match chosen.kind:
+        case "file" | "stream":
+            from caris_desktop.perception.cameras.stream_camera import StreamCamera
+
+            return StreamCamera(chosen)
+        case "device":
+            from caris_desktop.perception.cameras.device_camera import DeviceCamera
+
+            return DeviceCamera(chosen.target)
+        case "oak":
+            from caris_desktop.perception.cameras.oak_camera import OakCamera
+
+            return OakCamera(chosen.target)
+        case "http":
+            return _open_http(chosen)
+        case "robot" | "simulated":
+            raise CameraError(
+                f"{chosen.kind} is not a camera that can be opened here.", "Choose it in the console, with --camera."
+            )
+
+
+def _open_http(chosen: ChosenCamera) -> CameraSource:
+    from caris_desktop.perception.cameras.http_camera import HttpCamera, NotMultipartError
+
+    try:
+        return HttpCamera(chosen)
+    except NotMultipartError:
+        # A video over HTTP, or a password that is asked for in another way.
+        from caris_desktop.perception.cameras.stream_camera import StreamCamera
+
+        return StreamCamera(chosen)

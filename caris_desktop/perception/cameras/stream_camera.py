@@ -1,0 +1,108 @@
+"""Video files and what a network sends as one stream of pictures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.pictures import PictureError, check_size, fitting_size
+from caris_desktop.perception.cameras.camera_source import (
+    OPEN_TIMEOUT_S,
+    SILENCE_S,
+    CameraError,
+    Picture,
+    cannot_be_reached,
+)
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+
+# A few broken pictures are a bad moment of the network, and so many a file or a camera that is of no use.
+_BROKEN_AT_MOST = 50
+
+
+class StreamCamera:
+    """Video files and network streams, through PyAV. What has a duration is played at its own rate."""
+
+    def __init__(self, chosen: ChosenCamera) -> None:
+        import av
+
+        self._errors: tuple[type[Exception], ...] = (av.FFmpegError, OSError)
+        self._torn: type[Exception] = av.error.InvalidDataError
+        self._chosen = chosen
+        live = not chosen.recorded
+        options = {"rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay"} if live else {}
+        try:
+            self._container = av.open(
+                chosen.target, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None
+            )
+        except self._errors as error:
+            raise self._cannot_open() from error
+        if not self._container.streams.video:
+            self._container.close()
+            raise self._cannot_open()
+        self._stream = self._container.streams.video[0]
+        self._recorded = chosen.recorded or self._container.duration is not None
+        # Decoding on several frames at once is faster, but holds back as many frames.
+        self._stream.thread_type = "AUTO" if self._recorded else "SLICE"
+        self.width_px, self.height_px = fitting_size(self._stream.width, self._stream.height)
+        self.fps = float(self._stream.average_rate) if self._stream.average_rate else None
+        self._frames: Iterator[Any] = iter(self._container.decode(self._stream))
+        self._first_pts_s: float | None = None
+        self._last_due_s = 0.0
+        self._round_began_s = 0.0
+        self._pictures_in_round = 0
+        self._broken = 0
+
+    def read(self) -> Picture | None:
+        try:
+            frame = next(self._frames, None)
+            if frame is None and self._chosen.loop and self._pictures_in_round:
+                self._rewind()
+                frame = next(self._frames, None)
+        except self._errors as error:
+            self._broken += 1
+            if isinstance(error, self._torn) and self._broken <= _BROKEN_AT_MOST:
+                self._frames = iter(self._container.decode(self._stream))
+                raise PictureError("is torn") from error
+            raise CameraError(
+                f"The video {self._chosen.name} broke off.", "Check the file, or the camera's network connection."
+            ) from error
+        if frame is None:
+            if self._recorded and self._pictures_in_round:
+                return None
+            raise CameraError(
+                f"The video {self._chosen.name} has no pictures (any more).",
+                "Check the file, or the camera's network connection.",
+            )
+        self._pictures_in_round += 1
+        self._broken = 0
+        check_size(frame.width, frame.height)
+        width_px, height_px = fitting_size(frame.width, frame.height)
+        image_bgr = frame.reformat(width=width_px, height=height_px, format="bgr24").to_ndarray()
+        return Picture(image_bgr, self._due_s(frame) if self._recorded else None)
+
+    def close(self) -> None:
+        self._container.close()
+
+    def _due_s(self, frame: Any) -> float:
+        period_s = 1.0 / (self.fps or 25.0)
+        if frame.time is None:
+            due_s = self._last_due_s + period_s
+        else:
+            if self._first_pts_s is None:
+                self._first_pts_s = frame.time
+            due_s = self._round_began_s + frame.time - self._first_pts_s
+        self._last_due_s = max(due_s, self._last_due_s)
+        return self._last_due_s
+
+    def _rewind(self) -> None:
+        self._container.seek(0)
+        self._frames = iter(self._container.decode(self._stream))
+        self._round_began_s = self._last_due_s + 1.0 / (self.fps or 25.0)
+        self._pictures_in_round = 0
+
+    def _cannot_open(self) -> CameraError:
+        if not self._chosen.recorded:
+            return cannot_be_reached(self._chosen.name)
+        path = Path(self._chosen.target)
+        if not path.exists():
+            return CameraError(f"The video file {path} does not exist.", "Check its path.")
+        return CameraError(f"{path} is not a video file that can be played.", "Choose another file.")
