@@ -141,11 +141,11 @@ WRONG: dict[str, tuple[str, str, list[str], str]] = {
 }
 
 
+@pytest.mark.logs(r"could not load short\.")
 @pytest.mark.parametrize("what", WRONG)
 def test_what_is_wrong_is_one_sentence_and_nothing_is_written(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
     what: str,
 ) -> None:
@@ -158,7 +158,6 @@ def test_what_is_wrong_is_one_sentence_and_nothing_is_written(
     monkeypatch.chdir(tmp_path)
     video, result, words, sentence = WRONG[what]
     status, said, told = track(capsys, Path(video), Path(result), *words)
-    caplog.clear()  # the details of a file that cannot be loaded
     assert (status, said) == (1, "")
     assert sentence in told
     assert len(told.strip().splitlines()) == 1, told
