@@ -1,0 +1,324 @@
+"""Looks for canaries in every byte of a file, also in what is compressed or packed in it, in bounded memory."""
+
+import bz2
+import gzip
+import io
+import lzma
+import sqlite3
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.recording.forgetting.canaries import Canaries, folded
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
+
+_BLOCK_BYTES = 1 << 22
+_AROUND_BYTES = 256
+_HEAD_BYTES = 16
+_DEEPEST = 4
+_SQLITE_MAGIC, _PARQUET_MAGIC, _ZIP_MAGIC = b"SQLite format 3\x00", b"PAR1", b"PK\x03\x04"
+_PNG_MAGIC, _BAG_MAGIC, _ZLIB_BEGINS = b"\x89PNG\r\n\x1a\n", b"#ROSBAG V2.0", b"\x78"
+_PNG_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
+# Film, sound and pictures are bytes without order, in which short words turn up by chance.
+_MEDIA = (".mp4", ".wav", ".png", ".jpg", ".jpeg", ".mkv", ".webm", ".flac", ".onnx")
+_SHORT = 6
+_TEXT_AROUND = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """Somebody was found: ``inside`` says in what of the file, empty for its own bytes, ``words`` the text around."""
+
+    offset: int
+    what: str  # "name" or "picture"
+    inside: str = ""
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """``closed`` says what could not be unpacked, a phrase each; it was searched as it lies there."""
+
+    hits: tuple[Hit, ...]
+    searched_bytes: int
+    closed: tuple[str, ...] = ()
+
+
+class _Readable(Protocol):
+    """What is searched: a file, or what is unpacked of one."""
+
+    def read(self, size: int = ..., /) -> Any: ...
+
+    def seek(self, offset: int, whence: int = ..., /) -> int: ...
+
+
+class ByteSearch:
+    """The search for one person. ``may_go_on`` is asked about every few megabytes; it raises where not."""
+
+    def __init__(self, canaries: Canaries, *, may_go_on: Callable[[], None] = lambda: None) -> None:
+        self._words = canaries.words
+        self._may_go_on = may_go_on
+        self._beginnings = canaries.words.beginnings
+        self._probes = canaries.probes
+        keys = [text[:2] for text, _ in self._beginnings] + [folded(probe[:2]) for probe in self._probes]
+        self._pairs = np.zeros(1 << 16, np.bool_)
+        self._pairs[[key[0] | key[1] << 8 for key in keys]] = True
+        self._of_pair: dict[bytes, list[tuple[bytes, str]]] = {}
+        for text, encoding in self._beginnings:
+            self._of_pair.setdefault(text[:2], []).append((text, encoding))
+        for probe in self._probes:
+            self._of_pair.setdefault(folded(probe[:2]), []).append((folded(probe), ""))
+        texts = [text for many in self._of_pair.values() for text, _ in many]
+        self._fours = np.unique(np.array([_number(text) for text in texts if len(text) >= 4], np.uint32))
+        self._shorter = np.unique(np.array([_number(text) for text in texts if len(text) < 4], np.uint32))
+        self._exact = set(self._probes)
+
+    def file(self, path: Path) -> Searched:
+        """Raises OSError."""
+        with path.open("rb") as file:
+            return self._opened(file, path.name.lower(), 0)
+
+    def data(self, content: bytes) -> Searched:
+        return self._opened(io.BytesIO(content), "", 0)
+
+    def _opened(self, file: _Readable, name: str, depth: int, inside: str = "") -> Searched:
+        head = file.read(_HEAD_BYTES)
+        hits, total = self._stream(head, file.read, inside, media=name.endswith(_MEDIA))
+        closed: list[str] = []
+        if _is_packed(head):
+            for part, opened in self._unpacked(file, head, inside or name, inside, closed):
+                if depth + 1 >= _DEEPEST:
+                    closed.append(f"{part}: it is packed too often")
+                    continue
+                found = self._opened(opened, part.lower(), depth + 1, part)
+                hits += found.hits
+                total += found.searched_bytes
+                closed += found.closed
+        return Searched(tuple(hits), total, tuple(closed))
+
+    def _unpacked(
+        self, file: Any, head: bytes, name: str, inside: str, closed: list[str]
+    ) -> Iterator[tuple[str, _Readable]]:
+        """Each thing that is packed in a file, unpacked; what cannot be is put on the list ``closed``."""
+        where = f"{inside}/" if inside else ""
+        try:
+            file.seek(0)
+            if head.startswith(MCAP_MAGIC):
+                for number, content in _mcap_blocks(file, closed, name):
+                    yield f"{where}block {number}", io.BytesIO(content)
+            elif head.startswith(_SQLITE_MAGIC):
+                yield f"{where}rows", _Row(_values_of(file))
+            elif head.startswith(_PARQUET_MAGIC):
+                yield f"{where}columns", _Row(_texts_of(file))
+            elif head.startswith(_PNG_MAGIC):
+                for content in _png_texts(file):
+                    yield f"{where}text", io.BytesIO(content)
+            elif head.startswith(_ZIP_MAGIC):
+                with zipfile.ZipFile(file) as archive:
+                    for info in archive.infolist():
+                        packed: Any
+                        with archive.open(info) as packed:
+                            stored = info.compress_type == zipfile.ZIP_STORED
+                            if not stored or _is_packed(packed.peek(_HEAD_BYTES)[:_HEAD_BYTES]):
+                                yield f"{where}{info.filename}", packed
+            elif head.startswith(_BAG_MAGIC):
+                if _bag_is_packed(file):
+                    closed.append(f"{name}: its blocks are compressed")
+            else:
+                with _opener(head)(file) as packed:
+                    yield f"{where}unpacked", packed
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError, sqlite3.Error, zlib.error) as error:
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
+            closed.append(f"{name}: {error}")
+
+    def _stream(self, head: bytes, read: Callable[[int], bytes], inside: str, *, media: bool) -> tuple[list[Hit], int]:
+        hits: list[Hit] = []
+        kept, at, total = b"", 0, len(head)
+        block = head
+        while True:
+            self._may_go_on()
+            more = read(_BLOCK_BYTES)
+            total += len(more)
+            data = kept + block + more
+            block = b""
+            # What is near the end is looked at once more follows: a word ends where its surroundings say so.
+            until = len(data) - _AROUND_BYTES if more else len(data)
+            for hit in self._in_block(data, _AROUND_BYTES if at else 0, until, media=media):
+                hits.append(replace(hit, offset=at + hit.offset, inside=inside))
+            if not more:
+                return hits, total
+            kept = data[-2 * _AROUND_BYTES :] if at or len(data) > 2 * _AROUND_BYTES else data
+            at += len(data) - len(kept)
+
+    def _in_block(self, data: bytes, begin: int, until: int, *, media: bool) -> Iterator[Hit]:
+        small = folded(data)
+        for place in self._candidates(small):
+            if not begin <= place < until:
+                continue
+            for text, encoding in self._of_pair.get(small[place : place + 2], ()):
+                if not small.startswith(text, place):
+                    continue
+                if not encoding:
+                    if data[place : place + len(text)] in self._exact:
+                        yield Hit(place, "picture")
+                        break
+                elif (words := self._named(data, place, encoding, media=media)) is not None:
+                    yield Hit(place, "name", words=words)
+                    break
+
+    def _candidates(self, small: bytes) -> list[int]:
+        """Where one of the canaries may begin."""
+        array = np.frombuffer(small + bytes(4), np.uint8)
+        places = []
+        for shift in (0, 1):
+            pairs = array[shift : shift + (len(array) - shift) // 2 * 2].view("<u2")
+            places.append(2 * np.flatnonzero(self._pairs[pairs]) + shift)
+        found: NDArray[np.int64] = np.sort(np.concatenate(places))
+        found = found[found < len(small)]
+        threes = array[found] | array[found + 1].astype(np.uint32) << 8 | array[found + 2].astype(np.uint32) << 16
+        good = np.isin(threes | array[found + 3].astype(np.uint32) << 24, self._fours)
+        if len(self._shorter):
+            good |= np.isin(threes, self._shorter) | np.isin(threes & 0xFFFF, self._shorter)
+        candidates: list[int] = found[good].tolist()
+        return candidates
+
+    def _named(self, data: bytes, place: int, encoding: str, *, media: bool) -> str | None:
+        """The words around a name that begins there; None where none does."""
+        wide = 1 if encoding == "utf-8" else 2
+        begin = max(place % wide, place - _AROUND_BYTES)
+        before = data[begin:place].decode(encoding, "ignore")
+        window = before + data[place : place + _AROUND_BYTES].decode(encoding, "ignore")
+        for start, end in self._words.spans(window):
+            if start == len(before):
+                length = len(window[start:end].encode(encoding, "ignore"))
+                by_chance = media and end - start < _SHORT and not _amid_text(data, place, length)
+                return None if by_chance else window[max(0, start - 40) : end + 40]
+        return None
+
+
+def _number(text: bytes) -> int:
+    return int.from_bytes(text[:4], "little")
+
+
+def _amid_text(data: bytes, place: int, length: int) -> bool:
+    """Whether more than chance surrounds it with letters."""
+    around = data[max(0, place - _TEXT_AROUND) : place] + data[place + length : place + length + _TEXT_AROUND]
+    return sum(32 <= byte < 127 or byte == 0 for byte in around) >= len(around) - 1
+
+
+def _is_packed(head: bytes) -> bool:
+    return head.startswith((MCAP_MAGIC, _SQLITE_MAGIC, _PARQUET_MAGIC, _PNG_MAGIC, _ZIP_MAGIC, _BAG_MAGIC, *_OPENERS))
+
+
+def _unzstd(file: Any) -> Any:
+    import zstandard
+
+    return zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True, closefd=False)
+
+
+_OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
+    b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file),
+    b"BZh": bz2.BZ2File,
+    b"\xfd7zXZ\x00": lzma.LZMAFile,
+    b"\x28\xb5\x2f\xfd": _unzstd,
+}
+
+
+def _opener(head: bytes) -> Callable[[IO[bytes]], Any]:
+    return next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
+
+
+def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[tuple[int, bytes]]:
+    index = mcap_blocks.scan(file, thorough=False)
+    for number in range(index.count):
+        try:
+            record = mcap_blocks.read_record(file, index, number)
+            if mcap_blocks.is_chunk(record):
+                yield number, mcap_blocks.unfolded(record)
+        except mcap_blocks.DamagedBlockError as error:
+            closed.append(f"{name}: the block at byte {index.offsets[number]}: {error}")
+
+
+def _png_texts(file: Any) -> Iterator[bytes]:
+    """What of a picture is compressed text."""
+    at = len(_PNG_MAGIC)
+    while True:
+        file.seek(at)
+        head = file.read(8)
+        if len(head) < 8:
+            return
+        (length,), kind = struct.unpack(">I", head[:4]), head[4:]
+        if kind in _PNG_TEXTS:
+            content = file.read(length)
+            begins = content.find(_ZLIB_BEGINS)
+            while begins >= 0:
+                try:
+                    yield zlib.decompressobj().decompress(content[begins:], _BLOCK_BYTES)
+                    break
+                except zlib.error:
+                    begins = content.find(_ZLIB_BEGINS, begins + 1)
+        at += 12 + length
+
+
+def _bag_is_packed(file: Any) -> bool:
+    head = file.read(1 << 16)
+    return b"compression=lz4" in head or b"compression=bz2" in head
+
+
+class _Row(io.RawIOBase):
+    """Values one after the other: in their file long ones do not lie in one piece."""
+
+    def __init__(self, parts: Iterator[bytes]) -> None:
+        self._parts = parts
+        self._rest = b""
+
+    def read(self, size: int = -1) -> bytes:
+        parts = [self._rest]
+        have = len(self._rest)
+        while size < 0 or have < size:
+            part = next(self._parts, None)
+            if part is None:
+                break
+            parts.append(part)
+            have += len(part)
+        whole = b"".join(parts)
+        taken, self._rest = (whole, b"") if size < 0 else (whole[:size], whole[size:])
+        return taken
+
+
+def _values_of(file: Any) -> Iterator[bytes]:
+    name = getattr(file, "name", None)
+    if not isinstance(name, str):
+        raise ValueError("it is a database inside of another file")  # noqa: TRY004 - of what lies in it
+    with closing(sqlite3.connect(f"{Path(name).absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        tables = [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        for table in tables:
+            quoted = table.replace('"', '""')
+            for row in database.execute(f'SELECT * FROM "{quoted}"'):  # noqa: S608 - a table of this very file
+                yield from map(_text_of, row)
+
+
+def _texts_of(file: Any) -> Iterator[bytes]:
+    from pyarrow import parquet
+
+    for batch in parquet.ParquetFile(file).iter_batches(batch_size=8192):
+        for column in batch.columns:
+            yield from map(_text_of, column.to_pylist())
+
+
+def _text_of(value: Any) -> bytes:
+    if isinstance(value, bytes):
+        return value + b"\n"
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace") + b"\n"
+    return repr(value).encode("utf-8", "replace") + b"\n" if isinstance(value, (list, dict)) else b""

@@ -1,0 +1,135 @@
+"""What a forgetting under way has done, so that a kill at any moment can be gone on from. Nothing in it is personal."""
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.file_replacement import bring_to_disk
+
+_log = logging.getLogger(__name__)
+FOLDER = "forgotten"
+PART = ".forgetting.part"
+_SHOWN_CHARACTERS = 50
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What became of one file: ``after`` is empty where it was removed. Checksums are SHA-256."""
+
+    file: str
+    what: str
+    before: str
+    after: str
+    count: int = 0
+
+
+class Journal:
+    """Lines of JSON in ``STUDY/forgotten``, each on the disk before what it tells of happens. Methods raise OSError."""
+
+    def __init__(self, study: Path, person_id: str, *, without_names: Callable[[str], str]) -> None:
+        """``without_names`` is what the names of files pass through, which may be anything."""
+        self._study = study
+        self._without_names = without_names
+        self.path = path_of(study, person_id)
+        self.resumed = self.path.exists()
+        self._lines: list[dict[str, Any]] = []
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self.resumed:
+            self._take_over()
+        else:
+            self.path.touch()
+            bring_to_disk(self.path.parent)
+
+    def note(self, **entry: Any) -> None:
+        with self.path.open("ab") as file:
+            file.write(json.dumps(entry, separators=(",", ":")).encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._lines.append(entry)
+
+    def noted(self, key: str) -> Any:
+        """The last that was noted of it; None where nothing was."""
+        return next((line[key] for line in reversed(self._lines) if key in line), None)
+
+    def changes(self) -> list[Change]:
+        """The last of each file and kind that really happened."""
+        found = {}
+        for line in self._lines:
+            if "file" in line:
+                change = Change(**line)
+                found[change.file, change.what] = change
+        return list(found.values())
+
+    def was_done(self, path: Path, what: str) -> bool:
+        """Whether this was done to the file, which is as that left it."""
+        name = self.name_of(path)
+        told = [change for change in self.changes() if (change.file, change.what) == (name, what)]
+        return bool(told) and _is_later(path, told[-1].after, [change.after for change in self.changes()])
+
+    def replace(self, path: Path, what: str, make: Callable[[Path], int]) -> None:
+        """Put what ``make`` writes, to the path that it is given, in the place of a file; it tells how much it changed.
+
+        The old file stays where that fails.
+        """
+        part = path.with_name(f".{path.name[:_SHOWN_CHARACTERS]}{PART}")
+        part.unlink(missing_ok=True)
+        try:
+            count = make(part)
+            before, after = digest_of(path), digest_of(part)
+            if before != after:
+                bring_to_disk(part)
+            part.chmod(path.stat().st_mode & 0o7777)
+            self.note(file=self.name_of(path), what=what, before=before, after=after, count=count)
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+        bring_to_disk(path.parent)
+
+    def remove(self, path: Path, what: str) -> None:
+        self.note(file=self.name_of(path), what=what, before=digest_of(path), after="", count=1)
+        path.unlink()
+
+    def name_of(self, path: Path) -> str:
+        return self._without_names(path.relative_to(self._study).as_posix())
+
+    def end(self) -> None:
+        self.path.unlink(missing_ok=True)
+        bring_to_disk(self.path.parent)
+
+    def _take_over(self) -> None:
+        content = self.path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        self._lines = [json.loads(line) for line in whole.splitlines()]
+        if len(whole) < len(content):
+            # A kill cut the last line off; what it tells of has not happened.
+            with self.path.open("r+b") as file:
+                file.truncate(len(whole))
+
+
+def path_of(study: Path, person_id: str) -> Path:
+    """Where the journal of forgetting this person lies, as long as it is under way."""
+    plain = hashlib.sha256(person_id.encode()).hexdigest()[:12]
+    return study / FOLDER / f"under-way-{plain}.jsonl"
+
+
+def digest_of(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _is_later(path: Path, after: str, known: list[str]) -> bool:
+    """Whether the file is as it was left then, or by a step that came later."""
+    try:
+        return digest_of(path) in {after, *known}
+    except FileNotFoundError:
+        return after == ""

@@ -1,0 +1,179 @@
+"""Film, sound and pictures without a person: covered where they were seen, silent where they were named."""
+
+import struct
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.forgetting.sightings import WHOLE, Area
+from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, add_stream, x264
+from caris_desktop.recording.session.frame_times import FrameTimes
+
+# One colour all over: what is under it cannot be guessed from it.
+_COVER_BGR = (112, 112, 112)
+ENCODER = x264("veryfast")
+_COPIED_BYTES = 1 << 20
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_KEPT_CHUNKS = (b"tEXt", b"iTXt", b"zTXt", b"tIME", b"pHYs")
+
+
+class UnreadableMediaError(Exception):
+    """A file that holds no film, sound or picture that can be read; the text is for people."""
+
+
+def covered_video(
+    source: Path,
+    target: Path,
+    times: FrameTimes,
+    first_stamp_ns: int,
+    areas_at: Callable[[int], tuple[Area, ...]],
+    *,
+    progress: Callable[[float], None],
+) -> int:
+    """Write ``source`` anew to ``target``: the same frames at the same times, and key frames where it had them.
+
+    Returns how many frames were covered, in part or whole. Raises OSError, UnreadableMediaError.
+    """
+    import av
+
+    covered = 0
+    file = DiskFile(target)
+    try:
+        with av.open(str(source)) as old:
+            stream = old.streams.video[0]
+            width_px, height_px = stream.codec_context.width, stream.codec_context.height
+            count = max(1, times.count)
+            new = av.open(file, "w", format="mp4", options=MUXER)
+            written = add_stream(new, ENCODER, width_px, height_px)
+            for number, frame in enumerate(old.decode(stream)):
+                at_s = float(frame.pts * frame.time_base)
+                areas = areas_at(_stamp_of(times, number, at_s, first_stamp_ns))
+                picture = frame
+                if areas:
+                    picture = av.VideoFrame.from_ndarray(_covered(frame.to_ndarray(format="bgr24"), areas), "bgr24")
+                    picture.pts, picture.time_base = frame.pts, frame.time_base
+                    covered += 1
+                picture.pts = round(at_s * TICKS_PER_S)
+                picture.time_base = Fraction(1, TICKS_PER_S)
+                kinds = av.video.frame.PictureType
+                picture.pict_type = kinds.I if frame.key_frame else kinds.NONE
+                new.mux(written.encode(picture))
+                progress(min(1.0, number / count))
+            new.mux(written.encode(None))
+            new.close()
+        file.sync()
+    except (av.error.FFmpegError, IndexError, ValueError) as error:
+        if isinstance(error, OSError) and no_room(error):
+            raise
+        raise UnreadableMediaError(f"{source.name} cannot be read as a video: {error}") from error
+    finally:
+        file.close()
+    return covered
+
+
+def _stamp_of(times: FrameTimes, number: int, at_s: float, first_stamp_ns: int) -> int:
+    """When a frame arrived, as its line of the index says; the last ones of a broken-off recording may lack theirs."""
+    if number < times.count:
+        return int(times.stamps_ns[number])
+    if times.count:
+        return int(times.stamps_ns[-1]) + round((at_s - float(times.video_s[-1])) * 1e9)
+    return first_stamp_ns + round(at_s * 1e9)
+
+
+def covered_picture(source: Path, target: Path, areas: Iterable[Area], may_stay: Callable[[bytes], bool]) -> None:
+    """Write a photo anew with these parts covered. What a PNG tells of itself in chunks that ``may_stay`` stays.
+
+    Raises OSError, UnreadableMediaError.
+    """
+    import cv2
+
+    content = source.read_bytes()
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise UnreadableMediaError(f"{source.name} cannot be read as a picture")
+    if image.dtype != np.uint8:
+        image = (image >> 8).astype(np.uint8)
+    done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))
+    if not done:
+        raise UnreadableMediaError(f"{source.name} cannot be written as a picture again")
+    written: bytes = coded.tobytes()
+    if content.startswith(_PNG_MAGIC):
+        kept = [chunk for kind, chunk in _chunks_of(content) if kind in _KEPT_CHUNKS and may_stay(chunk)]
+        head_end = len(_PNG_MAGIC) + 25
+        written = written[:head_end] + b"".join(kept) + written[head_end:]
+    file = DiskFile(target)
+    try:
+        file.write(written)
+        file.sync()
+    finally:
+        file.close()
+
+
+def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint8]:
+    height_px, width_px = image.shape[:2]
+    for area in areas:
+        left, top = int(area.left * width_px), int(area.top * height_px)
+        right, bottom = -int(-area.right * width_px // 1), -int(-area.bottom * height_px // 1)
+        if area == WHOLE:
+            left, top, right, bottom = 0, 0, width_px, height_px
+        part = image[max(0, top) : bottom, max(0, left) : right]
+        part[...] = _COVER_BGR[: part.shape[2]] if part.ndim == 3 and part.shape[2] <= 3 else _COVER_BGR[0]
+    return image
+
+
+def _chunks_of(content: bytes) -> Iterable[tuple[bytes, bytes]]:
+    at = len(_PNG_MAGIC)
+    while at + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, at)
+        yield content[at + 4 : at + 8], content[at : at + 12 + length]
+        at += 12 + length
+
+
+def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:
+    """Write a WAV anew, silent in these stretches. Raises OSError, UnreadableMediaError."""
+    with source.open("rb") as old:
+        begin, rate_hz, frame_bytes = _sound_of(old, source.name)
+        quiet = sorted(
+            (
+                begin + max(0, (from_ns - first_stamp_ns) * rate_hz // 1_000_000_000) * frame_bytes,
+                begin + max(0, -((first_stamp_ns - until_ns) * rate_hz // 1_000_000_000)) * frame_bytes,
+            )
+            for from_ns, until_ns in spans_ns
+        )
+        file = DiskFile(target)
+        try:
+            old.seek(0)
+            at = 0
+            while block := old.read(_COPIED_BYTES):
+                changed = bytearray(block)
+                for from_byte, until_byte in quiet:
+                    first, last = max(from_byte - at, 0), min(until_byte - at, len(block))
+                    if first < last:
+                        changed[first:last] = bytes(last - first)
+                file.write(bytes(changed))
+                at += len(block)
+            file.sync()
+        finally:
+            file.close()
+
+
+def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
+    """Where the sound begins, and its samples in a second and bytes of one."""
+    head = file.read(12)
+    if head[:4] != b"RIFF" or head[8:] != b"WAVE":
+        raise UnreadableMediaError(f"{name} is no WAV file")
+    rate_hz, frame_bytes = 0, 0
+    while len(part := file.read(8)) == 8:
+        kind, length = part[:4], int.from_bytes(part[4:], "little")
+        if kind == b"data" and rate_hz and frame_bytes:
+            return file.tell(), rate_hz, frame_bytes
+        content: Any = file.read(length + length % 2) if kind != b"data" else b""
+        if kind == b"fmt " and len(content) >= 16:
+            _, _, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", content[:16])
+    raise UnreadableMediaError(f"{name} holds no sound")

@@ -1,0 +1,81 @@
+"""The list of places that may name a forgotten person, as a file that somebody decides in and hands back."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.recording.forgetting.canaries import ForgettingStopped
+from caris_desktop.recording.forgetting.texts import Decision, Place
+
+_HEAD = """\
+# Texts that may name the person who is being forgotten. Write what is to become of each in place of the ?:
+#   redact   the name is replaced by [forgotten], and the sound in which it was spoken is silenced
+#   keep     it stays, since it names somebody else, or nobody
+#   remove   the whole file goes; for files that cannot be changed inside
+# Then run the same command again with --review THIS_FILE. The file holds the name: it is deleted once all is decided.
+"""
+_NAMES = "# names: "
+_ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
+_MAX_BYTES = 64 << 20
+_DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """What somebody wrote: the decisions by key of place, and the names that were looked for."""
+
+    names: tuple[str, ...]
+    decisions: Mapping[str, Decision]
+
+
+def write_review(path: Path, names: Iterable[str], places: Iterable[Place]) -> None:
+    """Raises OSError."""
+    lines = [_HEAD, _NAMES + " | ".join(names) + "\n"]
+    file = None
+    for place in places:
+        if place.file != file:
+            file = place.file
+            lines.append(f"\n# {_plain(file)}\n")
+        often = f" ({place.count} times)" if place.count > 1 else ""
+        words = f"{_plain(place.before)}»{_plain(place.name)}«{_plain(place.behind)}"
+        allowed = "  [the whole file: keep or remove]" if place.kind == "file" else ""
+        lines.append(f"?  {place.key}  {place.where}{often}: {words}{allowed}\n")
+    replace_file(path, "".join(lines).encode("utf-8", "replace"), durable=True)
+
+
+def read_review(path: Path) -> Review:
+    """Raises ForgettingStopped for a file that cannot be read, or with a line that nobody can understand."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MAX_BYTES).decode("utf-8", "replace")
+    except OSError as error:
+        raise ForgettingStopped(
+            f"{path} cannot be read: {error.strerror or error}.",
+            "Nothing was changed.",
+            "Name the list of texts again.",
+        ) from error
+    names: tuple[str, ...] = ()
+    decisions: dict[str, Decision] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.startswith(_NAMES):
+            names = tuple(name.strip() for name in line.removeprefix(_NAMES).split(" | ") if name.strip())
+        words = line.split(maxsplit=2)
+        if not words or line.startswith(("#", "?")):
+            continue
+        if len(words) < 2 or words[0] not in _DECISIONS:
+            raise ForgettingStopped(
+                f"Line {number} of {path} begins with {words[0]!r}, which is no decision.",
+                "Nothing was changed.",
+                f"Write one of {', '.join(_DECISIONS)} there, or leave the ? for later.",
+            )
+        decisions[words[1]] = words[0]  # type: ignore[assignment]
+    return Review(names, decisions)
+
+
+def _plain(text: str) -> str:
+    """In one line, with the letters that JSON escapes."""
+    text = _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text)
+    return "".join(letter if letter.isprintable() else " " for letter in text)

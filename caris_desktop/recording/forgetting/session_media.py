@@ -1,0 +1,205 @@
+"""The film, sound and photos of one session without a person."""
+
+import json
+import logging
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from caris_desktop.recording.forgetting import media
+from caris_desktop.recording.forgetting.canaries import Words
+from caris_desktop.recording.forgetting.journal import Journal
+from caris_desktop.recording.forgetting.media import UnreadableMediaError
+from caris_desktop.recording.forgetting.sightings import WHOLE, Area, Sightings, messages_of
+from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.session_header import inside
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
+
+_log = logging.getLogger(__name__)
+_PHOTO, _UTTERANCE = "/event/photo_taken", "/event/utterance_changed"
+_ROBOT_VOICE = "robot voice"
+# A photo is the newest picture when it is asked for, which is a little older than that.
+_PHOTO_FROM_NS, _PHOTO_UNTIL_NS, _PHOTO_STEP_NS = -700_000_000, 200_000_000, 100_000_000
+_SOUND_AROUND_NS = 300_000_000
+# How long somebody takes for a letter, where only the end of what they said is known.
+_SPEAKS_NS, _LEAST_SPOKEN_NS = 90_000_000, 2_000_000_000
+_FILM = (".mp4",)
+
+
+class SessionMedia:
+    """One session's, with its folder held. ``problems`` fills with sentences on what could not be done."""
+
+    def __init__(
+        self, session: Session, seen: Sightings, person_ids: frozenset[str], journal: Journal, words: Words
+    ) -> None:
+        self._session = session
+        self._folder = session.folder
+        self._seen = seen
+        self._ids = person_ids
+        self._journal = journal
+        self._words = words
+        self.problems: list[str] = []
+
+    def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
+        """Film and photos. Raises OSError."""
+        videos = [video for video in self._told("videos") if self._seen.seen_by(str(video.get("camera")))]
+        told = {str(video.get("file_name")) for video in self._told("videos")}
+        for number, video in enumerate(videos):
+            path = self._folder / str(video.get("file_name"))
+            if not path.is_file():
+                continue
+            if how == "remove":
+                self._remove_video(path)
+            else:
+
+                def tell(done: float, *, number: int = number, name: str = path.name) -> None:
+                    progress((number + done) / len(videos), name)
+
+                self._cover_video(path, video, tell)
+        if self._seen.any and isinstance(self._session.header.get("videos"), list):
+            self._treat_other_videos(told)
+        self._treat_photos(how)
+
+    def _told(self, what: str) -> list[dict[str, Any]]:
+        entries = self._session.header.get(what)
+        return [
+            entry
+            for entry in (entries if isinstance(entries, list) else ())
+            if isinstance(entry, dict) and inside(self._folder, str(entry.get("file_name")))
+        ]
+
+    # Film
+
+    def _cover_video(self, path: Path, video: dict[str, Any], progress: Callable[[float], None]) -> None:
+        if self._journal.was_done(path, "video"):
+            return
+        camera = str(video.get("camera"))
+        try:
+            times = read_frame_times(index_path(path))
+        except (OSError, ValueError) as error:
+            _log.warning("%s: %s", path, error)
+            times = FrameTimes.none()
+        first_stamp_ns = int(video.get("first_stamp_ns") or self._session.started_ns)
+        try:
+            self._journal.replace(
+                path,
+                "video",
+                lambda part: media.covered_video(
+                    path,
+                    part,
+                    times,
+                    first_stamp_ns,
+                    lambda at_ns: self._seen.areas_at(camera, at_ns),
+                    progress=progress,
+                ),
+            )
+        except UnreadableMediaError as error:
+            self.problems.append(f"{error}. It may show the person: remove it, or ask again with --remove-media.")
+
+    def _remove_video(self, path: Path) -> None:
+        self._journal.remove(path, "video")
+        index = index_path(path)
+        if index.is_file():
+            self._journal.remove(index, "video")
+
+    def _treat_other_videos(self, told: set[str]) -> None:
+        """Those that a repair kept aside: nothing tells when their pictures were taken."""
+        for path in sorted(self._folder.rglob("*")):
+            film = path.suffix.lower() in _FILM and path.is_file() and not path.is_symlink()
+            outside = path.relative_to(self._folder).parts[0].startswith("export-")
+            if film and not outside and not (path.parent == self._folder and path.name in told):
+                self._remove_video(path)
+
+    # Photos
+
+    def _treat_photos(self, how: Literal["mask", "remove"]) -> None:
+        for path, areas in self._photos():
+            if not areas or not path.is_file() or self._journal.was_done(path, "photo"):
+                continue
+            if how == "remove":
+                self._journal.remove(path, "photo")
+                continue
+            try:
+                self._journal.replace(path, "photo", partial(self._cover, path, areas))
+            except UnreadableMediaError as error:
+                self.problems.append(f"{error}; it was removed.")
+                self._journal.remove(path, "photo")
+
+    def _cover(self, path: Path, areas: tuple[Area, ...], part: Path) -> int:
+        def may_stay(chunk: bytes) -> bool:
+            return not any(True for _ in self._words.spans(chunk.decode("utf-8", "replace")))
+
+        media.covered_picture(path, part, areas, may_stay)
+        return len(areas)
+
+    def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
+        """Each photo, with where the person is in it."""
+        told: set[Path] = set()
+        for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _PHOTO):
+            try:
+                photo = json.loads(data)
+                path = self._folder / str(photo["file_name"])
+                stamp_ns, camera = int(photo["stamp_ns"]), str(photo["camera"])
+            except (ValueError, KeyError, TypeError):
+                continue
+            if not path.resolve().is_relative_to(self._folder.resolve()):
+                continue
+            told.add(path)
+            moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
+            areas = {area for at_ns in moments for area in self._seen.areas_at(camera, at_ns)}
+            if not areas and str(photo.get("person_id") or "") in self._ids:
+                areas = {WHOLE}
+            yield path, tuple(sorted(areas))
+        ids = [person_id.encode() for person_id in self._ids]
+        for path in sorted((self._folder / "photos").glob("*")):
+            if path not in told and path.is_file() and any(person_id in path.read_bytes() for person_id in ids):
+                yield path, (WHOLE,)
+
+    # Sound
+
+    def treat_sound(self, how: Literal["mask", "remove"], named_in: frozenset[str]) -> None:
+        """Nothing is heard where they were named, which is in these utterances, nor where they themselves spoke.
+
+        Raises OSError.
+        """
+        silent = named_in | self._spoken_by_them()
+        spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
+        for sound in self._told("audio"):
+            path = self._folder / str(sound.get("file_name"))
+            if not path.is_file():
+                continue
+            if how == "remove" and self._seen.any and sound.get("source") != _ROBOT_VOICE:
+                self._journal.remove(path, "sound")
+            elif spans:
+                first_stamp_ns = int(sound.get("first_stamp_ns") or self._session.started_ns)
+                try:
+                    self._journal.replace(path, "sound", partial(_silenced, path, first_stamp_ns, spans))
+                except UnreadableMediaError as error:
+                    self.problems.append(
+                        f"{error}. It may name the person: remove it, or ask again with --remove-media."
+                    )
+
+    def _spoken_by_them(self) -> frozenset[str]:
+        ids = [json.dumps(person_id).encode() for person_id in self._ids]
+        found = set()
+        for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _UTTERANCE):
+            if any(person_id in data for person_id in ids):
+                message = json.loads(data)
+                if message.get("speaker") == "participant" and message.get("person_id") in self._ids:
+                    found.add(str(message.get("utterance_id")))
+        return frozenset(found)
+
+
+def _silenced(path: Path, first_stamp_ns: int, spans: list[tuple[int, int]], part: Path) -> int:
+    media.silenced_sound(path, part, first_stamp_ns, spans)
+    return len(spans)
+
+
+def _span_of(utterance: SpokenUtterance) -> tuple[int, int]:
+    start_ns = utterance.start_ns if utterance.start_ns is not None else utterance.requested_ns or 0
+    end_ns = utterance.end_ns if utterance.end_ns is not None else start_ns
+    if end_ns <= start_ns:
+        start_ns = end_ns - max(_LEAST_SPOKEN_NS, len(utterance.text) * _SPEAKS_NS)
+    return start_ns - _SOUND_AROUND_NS, end_ns + _SOUND_AROUND_NS

@@ -1,0 +1,254 @@
+"""Where a person was in the pictures of a session, between the looks of perception too."""
+
+import json
+import logging
+import math
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from caris_desktop.recording.session import mcap_blocks
+
+_log = logging.getLogger(__name__)
+# Who was seen at both ends of such a gap was there in it. Longer ones that nobody looked into are covered whole.
+_GAP_NS = 3_000_000_000
+_QUICK_NS = 500_000_000
+_HOLD_NS = 1_500_000_000
+_VISIT_GAP_NS = 10_000_000_000
+# How much wider and higher than their box somebody is covered, and how far a person gets in a second.
+_PAD_WIDTH, _PAD_HEIGHT, _PAD_LEAST = 0.15, 0.08, 0.01
+_WALKS_PER_S, _NODS_PER_S = 0.2, 0.05
+_STAMP = re.compile(rb'"stamp_ns":\s*(-?\d+)')
+_NAMELESS = re.compile(rb'"person_id":\s*""')
+_CAMERA = re.compile(rb'"camera":\s*"((?:[^"\\]|\\.)*)"')
+_PEOPLE = "/people"
+_LINKS = ("/event/person_identified", "/event/people_merged")
+_UNLINKS = ("/event/person_rejected", "/event/people_undone")
+
+
+class Area(NamedTuple):
+    """A part of a picture, in shares of its width and height."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def joined(self, other: "Area") -> "Area":
+        return Area(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+        )
+
+    def padded(self, *, after_s: float) -> "Area":
+        wide = max(_PAD_LEAST, _PAD_WIDTH * (self.right - self.left)) + _WALKS_PER_S * after_s
+        high = max(_PAD_LEAST, _PAD_HEIGHT * (self.bottom - self.top)) + _NODS_PER_S * after_s
+        return Area(
+            max(0.0, self.left - wide),
+            max(0.0, self.top - high),
+            min(1.0, self.right + wide),
+            min(1.0, self.bottom + high),
+        )
+
+
+WHOLE = Area(0.0, 0.0, 1.0, 1.0)
+
+
+@dataclass(slots=True)
+class _Track:
+    stamps_ns: list[int] = field(default_factory=list)
+    areas: list[Area] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Sightings:
+    """Of one person in one session. Times are those of the session clock.
+
+    ``looks_ns`` are the moments at which each camera's picture was looked at for people.
+    """
+
+    tracks: dict[str, list[_Track]]
+    looks_ns: dict[str, list[int]]
+    visits_ns: list[tuple[int, int]]
+
+    @property
+    def any(self) -> bool:
+        return bool(self.visits_ns)
+
+    def seen_by(self, camera: str) -> bool:
+        """Whether a video of this camera may show the person. One that was never looked at may show anybody."""
+        return bool(self.tracks.get(camera)) or (self.any and not self.looks_ns.get(camera))
+
+    def areas_at(self, camera: str, at_ns: int) -> tuple[Area, ...]:
+        """What of the picture has to be covered."""
+        if self._unseen(camera, at_ns):
+            return (WHOLE,)
+        found = (self._area_of(track, camera, at_ns) for track in self.tracks.get(camera, ()))
+        return tuple(area for area in found if area is not None)
+
+    def _area_of(self, track: _Track, camera: str, at_ns: int) -> Area | None:
+        after = bisect_right(track.stamps_ns, at_ns)
+        before = after - 1
+        first = track.areas[before] if before >= 0 else None
+        second = track.areas[after] if after < len(track.areas) else None
+        first_ns = track.stamps_ns[before] if first is not None else 0
+        second_ns = track.stamps_ns[after] if second is not None else 0
+        if first is not None and second is not None and second_ns - first_ns <= _GAP_NS:
+            gap_ns = second_ns - first_ns
+            if gap_ns > _QUICK_NS:
+                return first.joined(second).padded(after_s=min(at_ns - first_ns, second_ns - at_ns) / 1e9)
+            share = (at_ns - first_ns) / gap_ns
+            between = (one + share * (other - one) for one, other in zip(first, second, strict=True))
+            return Area(*between).padded(after_s=0.0)
+        held = None
+        if first is not None and at_ns <= self._held_until(camera, first_ns):
+            held = first.padded(after_s=(at_ns - first_ns) / 1e9)
+        if second is not None and at_ns >= self._held_from(camera, second_ns):
+            coming = second.padded(after_s=(second_ns - at_ns) / 1e9)
+            held = coming if held is None else held.joined(coming)
+        return held
+
+    def _held_until(self, camera: str, seen_ns: int) -> int:
+        looks_ns = self.looks_ns.get(camera, [])
+        at = bisect_right(looks_ns, seen_ns)
+        next_ns = looks_ns[at] if at < len(looks_ns) else seen_ns
+        return min(max(seen_ns + _HOLD_NS, next_ns), seen_ns + _GAP_NS)
+
+    def _held_from(self, camera: str, seen_ns: int) -> int:
+        looks_ns = self.looks_ns.get(camera, [])
+        at = bisect_left(looks_ns, seen_ns) - 1
+        before_ns = looks_ns[at] if at >= 0 else seen_ns
+        return max(min(seen_ns - _HOLD_NS, before_ns), seen_ns - _GAP_NS)
+
+    def _unseen(self, camera: str, at_ns: int) -> bool:
+        """Whether nobody looked, and the person may have been there."""
+        looks_ns = self.looks_ns.get(camera, [])
+        if not looks_ns:
+            return any(begin_ns - _GAP_NS <= at_ns <= end_ns + _GAP_NS for begin_ns, end_ns in self.visits_ns)
+        after = bisect_right(looks_ns, at_ns)
+        before_ns = looks_ns[after - 1] if after else None
+        next_ns = looks_ns[after] if after < len(looks_ns) else None
+        if before_ns is None or next_ns is None:
+            edge_ns = looks_ns[0] if before_ns is None else looks_ns[-1]
+            return abs(at_ns - edge_ns) > _HOLD_NS and self._seen_near(camera, edge_ns)
+        if next_ns - before_ns <= _GAP_NS or at_ns == before_ns:
+            return False
+        return self._seen_near(camera, before_ns) or self._seen_near(camera, next_ns)
+
+    def _seen_near(self, camera: str, at_ns: int) -> bool:
+        for track in self.tracks.get(camera, ()):
+            at = bisect_left(track.stamps_ns, at_ns - _GAP_NS)
+            if at < len(track.stamps_ns) and track.stamps_ns[at] <= at_ns + _GAP_NS:
+                return True
+        return False
+
+
+def sightings_in(events: Path, person_ids: frozenset[str]) -> Sightings:
+    """Where anybody of these ids was seen, as ``events.mcap`` tells. Raises OSError."""
+    wanted = tuple(json.dumps(person_id).encode() for person_id in person_ids)
+    looks_ns: dict[str, list[int]] = {}
+    boxes: list[tuple[str, int, int, str, Area]] = []
+    for _, data in messages_of(events, lambda topic: topic == _PEOPLE):
+        stamp, camera = _STAMP.search(data), _CAMERA.search(data)
+        if stamp is not None and camera is not None:
+            looks_ns.setdefault(json.loads(b'"' + camera[1] + b'"'), []).append(int(stamp[1]))
+        if _NAMELESS.search(data) or any(person_id in data for person_id in wanted):
+            boxes += _boxes_in(data, person_ids)
+    return _put_together(boxes, looks_ns)
+
+
+def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
+    """Who was taken for whom, in the order in which it was decided: (whether, who, for whom). Raises OSError."""
+    for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
+        message = _read(data)
+        who = str(message.get("person_id") or "")
+        whom = str(message.get("is_person_id") or message.get("into_person_id") or "")
+        if who and whom:
+            yield topic in _LINKS, who, whom
+
+
+def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, str]]) -> frozenset[str]:
+    """These ids, and those that were found to be one of them."""
+    taken_for: dict[tuple[str, str], None] = {}
+    for holds, who, whom in links:
+        if holds:
+            taken_for[who, whom] = None
+        else:
+            taken_for.pop((who, whom), None)
+    found = set(person_ids)
+    while more := {who for who, whom in taken_for if whom in found} - found:
+        found |= more
+    return frozenset(found)
+
+
+def messages_of(events: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+    """Topic and data of the messages of some channels, in the order of recording. Raises OSError."""
+    index = mcap_blocks.read_index(events)
+    topics = {number: channel.topic for number, channel in index.channels.items() if wanted(channel.topic)}
+    numbers = sorted({int(block) for channel in topics for block in index.blocks_of.get(channel, ())})
+    with events.open("rb") as file:
+        for number in numbers:
+            try:
+                content = mcap_blocks.read_block(file, index, number)
+            except mcap_blocks.DamagedBlockError as error:
+                _log.warning("%s: the block at byte %d is left out: %s", events, index.offsets[number], error)
+                continue
+            for message in mcap_blocks.messages_of(content):
+                topic = topics.get(message.channel)
+                if topic is not None:
+                    yield topic, content[message.start : message.end]
+
+
+def _read(data: bytes) -> Mapping[str, Any]:
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return message if isinstance(message, dict) else {}
+
+
+def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
+    """Camera, track, moment, id and place of each box that is the person's, or nobody's yet."""
+    message = _read(data)
+    try:
+        stamp_ns, camera = int(message["stamp_ns"]), str(message["camera"])
+        width_px, height_px = float(message["frame_width_px"]), float(message["frame_height_px"])
+        for box in message["boxes"]:
+            person_id = str(box["person_id"])
+            if person_id and person_id not in person_ids:
+                continue
+            left, top = float(box["left_px"]), float(box["top_px"])
+            right, bottom = left + float(box["width_px"]), top + float(box["height_px"])
+            area = Area(left / width_px, top / height_px, right / width_px, bottom / height_px)
+            if all(map(math.isfinite, area)):
+                yield camera, int(box["track"]), stamp_ns, person_id, area
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        _log.warning("boxes that cannot be read are left out", exc_info=True)
+
+
+def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> Sightings:
+    theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
+    of_track: dict[tuple[str, int], _Track] = {}
+    visits: list[int] = []
+    for camera, track, stamp_ns, person_id, area in sorted(boxes):
+        # Before a track was anybody's, it was theirs already.
+        if person_id or (camera, track) in theirs:
+            known = of_track.setdefault((camera, track), _Track())
+            known.stamps_ns.append(stamp_ns)
+            known.areas.append(area)
+            visits.append(stamp_ns)
+    tracks: dict[str, list[_Track]] = {}
+    for (camera, _), known in of_track.items():
+        tracks.setdefault(camera, []).append(known)
+    visits_ns: list[tuple[int, int]] = []
+    for stamp_ns in sorted(visits):
+        if visits_ns and stamp_ns - visits_ns[-1][1] <= _VISIT_GAP_NS:
+            visits_ns[-1] = visits_ns[-1][0], stamp_ns
+        else:
+            visits_ns.append((stamp_ns, stamp_ns))
+    return Sightings(tracks, {camera: sorted(looks) for camera, looks in looks_ns.items()}, visits_ns)

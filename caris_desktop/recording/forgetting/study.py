@@ -1,0 +1,509 @@
+"""Forgets one person in everything that a study's folder holds, step by step; a kill at any moment leaves it resumable.
+
+Whoever knows the study's database hands over what to look for and how to erase the person there, which comes last:
+until then it tells what has to go, and with a kill in the middle the same command simply goes on.
+"""
+
+import contextlib
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.recording.forgetting import media, texts
+from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
+from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of
+from caris_desktop.recording.forgetting.exports import Exports
+from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, path_of
+from caris_desktop.recording.forgetting.review import write_review
+from caris_desktop.recording.forgetting.session_media import SessionMedia
+from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, sightings_in
+from caris_desktop.recording.forgetting.texts import Decision, TextWork
+from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
+from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_header import SessionError, is_session, read_header
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.studies.study_index import DATABASE_NAME
+
+_log = logging.getLogger(__name__)
+RECEIPT = "RECEIPT.json"
+_FORMAT, _FORMAT_VERSION = "caris-desktop forgetting", 1
+_PEOPLE = "people.sqlite"
+_NOT_CHANGED = "What was done up to now is kept, and nothing else was changed."
+
+
+@dataclass(frozen=True, slots=True)
+class ForgetRequest:
+    """Whom to forget, and how. ``names`` and ``pictures`` are what the study's database knows of the person.
+
+    ``recordings``: the person is masked in film and photos, or these are removed. ``decisions`` are those of a review
+    by key of place; ``otherwise`` holds for places without one, empty where they are to wait for somebody.
+    ``only_texts`` leaves film and photos as they are: the person is forgotten but for texts that waited for decisions.
+    """
+
+    study: Path
+    person_ids: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    pictures: tuple[bytes, ...] = field(default=(), repr=False)
+    recordings: Literal["mask", "remove"] = "mask"
+    otherwise: Decision = ""
+    decisions: Mapping[str, Decision] = field(default_factory=dict)
+    keep_exports: bool = False
+    only_texts: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Forgotten:
+    """What came of it. ``review`` lists ``waiting`` places of text that somebody has to decide on.
+
+    ``left`` names files in which the person is found although nobody decided so, ``problems`` what could not be done.
+    """
+
+    receipt: Path
+    review: Path | None
+    waiting: int
+    left: tuple[str, ...]
+    problems: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        return not (self.waiting or self.left or self.problems)
+
+
+def is_under_way(study: Path, person_id: str) -> bool:
+    """Whether forgetting this person was begun and not ended."""
+    return path_of(study, person_id).exists()
+
+
+def review_path(study: Path, person_id: str) -> Path:
+    """Where the list of texts lies that somebody has to decide on."""
+    journal = path_of(study, person_id)
+    return journal.with_name(f"{journal.stem.replace('under-way', 'review')}.txt")
+
+
+def forget_person(
+    request: ForgetRequest, erase: Callable[[], None], progress: Callable[[float, str], None] = lambda _f, _w: None
+) -> Forgotten:
+    """Do it, or go on with it. ``erase`` deletes the person from the study's database, and may be asked again.
+
+    Raises
+    ------
+    ForgettingStopped
+        If it cannot begin or go on: something is being recorded, the disk is full, a file cannot be read. The same
+        request goes on then.
+    """
+    with _explained(request.study):
+        recorded = next((folder for folder in _sessions_of(request.study) if is_held(folder)), None)
+        if recorded is not None:
+            raise ForgettingStopped(
+                f"{recorded.name} is being recorded or repaired at this moment.",
+                "Nobody was forgotten; nothing was changed.",
+                "End the recording first, then ask again.",
+            )
+        (request.study / FOLDER).mkdir(exist_ok=True)
+        try:
+            lock = hold(request.study / FOLDER)
+        except FolderHeldError as error:
+            raise ForgettingStopped(
+                "Somebody is being forgotten in this study already.",
+                "Nothing was changed.",
+                "Wait for the end of that.",
+            ) from error
+        with lock:
+            return _Forgetting(request, erase, progress).run()
+
+
+def _sessions_of(study: Path) -> list[Path]:
+    sessions = study / "sessions"
+    if not sessions.is_dir():
+        return []
+    return sorted(path for path in sessions.iterdir() if path.is_dir() and not path.is_symlink() and is_session(path))
+
+
+class _Forgetting:
+    """One run, with the study held."""
+
+    def __init__(
+        self, request: ForgetRequest, erase: Callable[[], None], progress: Callable[[float, str], None]
+    ) -> None:
+        self._request = request
+        self._study = request.study
+        self._erase = erase
+        self._progress = progress
+        self._canaries = all_of(request.names, request.pictures)
+        self._words: Words = self._canaries.words
+        self._search = ByteSearch(self._canaries)
+        self._texts = TextWork(self._words, request.decisions, request.otherwise)
+        self._journal = Journal(self._study, request.person_ids[0], without_names=self._without_names)
+        self._review = review_path(self._study, request.person_ids[0])
+        self._problems: list[str] = []
+        self._exports_named: list[str] = []
+        self._seen_in: dict[Path, Sightings] = {}
+
+    def run(self) -> Forgotten:
+        begun = self._journal.noted("begun")
+        if begun is None:
+            begun = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+            self._journal.note(begun=begun)
+        for part in self._study.rglob(f".*{PART}"):
+            part.unlink()
+        erasing = self._journal.noted("erasing")
+        if erasing is not None and not self._words.names:
+            # All else was done, and the database has forgotten them or was just doing so.
+            return self._finish(begun, erasing, int(self._journal.noted("waiting") or 0))
+        sessions = _sessions_of(self._study)
+        self._look_for_sightings(sessions)
+        self._tell(0.05, "Searching the study")
+        found = self._found_in(self._files())
+        if self._journal.noted("found") is None:
+            self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
+        found = self._without_exports(found, sessions)
+        for number, folder in enumerate(sessions):
+            self._tell(0.1 + 0.7 * number / len(sessions), f"Session {number + 1} of {len(sessions)}")
+            self._in_session(folder, found, 0.7 / len(sessions))
+        for path, searched in found.items():
+            if not any(path.is_relative_to(folder) for folder in sessions):
+                self._in_file(path, searched)
+        self._drop_index()
+        self._rename_files()
+        self._tell(0.85, "Searching every byte again")
+        proof = self._proof()
+        waiting = self._texts.open_places()
+        if waiting:
+            write_review(self._review, self._words.names, waiting)
+        self._journal.note(erasing=proof, waiting=len(waiting))
+        return self._finish(begun, proof, len(waiting))
+
+    # Where they were
+
+    def _look_for_sightings(self, sessions: list[Path]) -> None:
+        links: list[tuple[bool, str, str]] = []
+        for folder in sessions:
+            with self._told(folder):
+                # A record that was cut off is made whole first, as whenever a session is opened.
+                open_session(folder)
+                links += links_in(folder / "events.mcap")
+        self._ids = everyone_who_is(self._request.person_ids, links)
+        for number, folder in enumerate(sessions):
+            self._tell(0.05 * number / len(sessions), "Looking for where they were seen")
+            with self._told(folder):
+                self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
+
+    def _files(self) -> Iterator[Path]:
+        """All that is to be searched and changed: not the database, which erases its own, nor the list of texts."""
+        for path in sorted(self._study.rglob("*")):
+            if path.is_symlink() or not path.is_file() or path.name == LOCK_NAME:
+                continue
+            if path.parent == self._study and path.name.startswith(_PEOPLE):
+                continue
+            if path != self._review:
+                yield path
+
+    def _found_in(self, files: Iterator[Path]) -> dict[Path, Searched]:
+        return {path: self._search.file(path) for path in files}
+
+    # What was made of the recordings
+
+    def _without_exports(self, found: dict[Path, Searched], sessions: list[Path]) -> dict[Path, Searched]:
+        exports = Exports(self._study, [folder.name for folder in sessions])
+        named = {path for path, searched in found.items() if searched.hits}
+        seen_in = {folder.name for folder, seen in self._seen_in.items() if seen.any}
+        concerned = exports.concerned(found, named, seen_in)
+        self._exports_named = [self._journal.name_of(path) for path in concerned]
+        for export in concerned:
+            inside = [path for path in found if path == export or path.is_relative_to(export)]
+            if self._request.keep_exports:
+                for path in inside:
+                    if found[path].hits:
+                        self._texts.note_file(self._journal.name_of(path), "an export", count=len(found[path].hits))
+            else:
+                for path in inside:
+                    self._journal.remove(path, "export")
+                _remove_empty(export)
+            found = {path: searched for path, searched in found.items() if path not in inside}
+        return found
+
+    # One session
+
+    def _in_session(self, folder: Path, found: dict[Path, Searched], share: float) -> None:
+        mine = {path: searched for path, searched in found.items() if path.is_relative_to(folder)}
+        named = {path: searched for path, searched in mine.items() if searched.hits}
+        seen = self._seen_in.get(folder)
+        if not named and (seen is None or not seen.any) and not self._touched(folder):
+            return
+        try:
+            session = open_session(folder, repair=False)
+        except SessionError as error:
+            self._problems.append(f"{folder.name}: {error}")
+            session = None
+        with hold(folder):
+            events = {
+                path: texts.look_at_events(self._texts, path, self._journal.name_of(path), _moments_of(session))
+                for path in named
+                if path.suffix == ".mcap"
+            }
+            if session is not None and seen is not None:
+                of_media = SessionMedia(session, seen, self._ids, self._journal, self._words)
+                before = self._progress_at
+                if not self._request.only_texts:
+                    of_media.treat_pictures(
+                        self._request.recordings,
+                        progress=lambda done, what: self._tell(before + 0.9 * share * done, f"{folder.name}: {what}"),
+                    )
+                # Before their words are taken away, which tell where to be silent.
+                of_media.treat_sound(
+                    self._request.recordings, frozenset().union(*(found.utterances for found in events.values()))
+                )
+                self._problems += [f"{folder.name}: {problem}" for problem in of_media.problems]
+            for path, searched in named.items():
+                if path.exists():
+                    self._in_file(path, searched, events.get(path))
+            self._rename_files(folder)
+            if self._touched(folder):
+                self._seal(folder)
+
+    def _touched(self, folder: Path) -> bool:
+        inside = self._journal.name_of(folder) + "/"
+        return any(change.file.startswith(inside) for change in self._journal.changes())
+
+    def _in_file(self, path: Path, searched: Searched, events: texts.EventTexts | None = None) -> None:
+        """Replace what is to go of a file that names the person, or list it."""
+        if not searched.hits:
+            return
+        work, file = self._texts, self._journal.name_of(path)
+        if path.suffix == ".mcap":
+            events = events or texts.look_at_events(work, path, file, str)
+            if events.to_change:
+                self._journal.replace(path, "text", lambda part: texts.rewrite_events(work, path, file, part))
+            return
+        encoding = texts.encoding_of(path)
+        if encoding is not None and all(hit.what == "name" and not hit.inside for hit in searched.hits):
+            if texts.look_at_text(work, path, file, encoding):
+                self._journal.replace(path, "text", lambda part: texts.rewrite_text(work, path, file, encoding, part))
+            return
+        hit = searched.hits[0]
+        if work.note_file(file, hit.words or f"a {hit.what}", count=len(searched.hits)) == "remove":
+            self._journal.remove(path, "text")
+
+    def _seal(self, folder: Path) -> None:
+        """What heads the session tells that somebody was forgotten, and its checksums are those of the files now."""
+        header = folder / "session.json"
+        try:
+            told = read_header(folder)
+        except SessionError as error:
+            self._problems.append(f"{folder.name}: {error}")
+            return
+        if header.is_file():
+            begun = self._journal.noted("begun")
+            removed = {change.file.rpartition("/")[2] for change in self._journal.changes() if not change.after}
+            covered = {
+                change.file.rpartition("/")[2]
+                for change in self._journal.changes()
+                if change.what == "video" and change.after and change.file.startswith(self._journal.name_of(folder))
+            }
+            data = _sealed(told, folder, begun, removed=removed, covered=covered)
+            content = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+            if content != header.read_bytes():
+                self._journal.replace(header, "header", lambda part: part.write_bytes(content) and 1)
+        if (folder / MANIFEST_NAME).exists():
+            write_manifest(folder)
+
+    # The rest of the study
+
+    def _drop_index(self) -> None:
+        """It is made anew from the sessions when somebody searches them."""
+        for suffix in ("", "-wal", "-shm", "-journal"):
+            (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
+
+    def _rename_files(self, folder: Path | None = None) -> None:
+        """Files and folders whose names name the person; the deepest first."""
+        for path in sorted((folder or self._study).rglob("*"), key=lambda path: -len(path.parts)):
+            new = self._without_names(path.name)
+            if new == path.name:
+                continue
+            place = self._texts.note_name(self._journal.name_of(path), path.name)
+            if place == "redact" and not path.with_name(new).exists():
+                path.rename(path.with_name(new))
+
+    def _without_names(self, text: str) -> str:
+        changed, _ = texts.redacted(
+            text, [(start, end, "redact") for start, end in self._words.spans(text)], yaml=False
+        )
+        return changed
+
+    # The end
+
+    def _proof(self) -> dict[str, Any]:
+        """Every byte of the study but the database, which is searched once it has erased them."""
+        found = self._found_in(self._files())
+        waiting = {place.file for place in self._texts.open_places()}
+        left, kept, still = [], 0, 0
+        for path, searched in found.items():
+            if not searched.hits:
+                continue
+            file = self._journal.name_of(path)
+            if file in waiting:
+                still += len(searched.hits)
+            elif self._texts.kept(file):
+                kept += len(searched.hits)
+            else:
+                left.append(file)
+        return {
+            **_counts(found.values()),
+            "files": len(found),
+            "bytes": sum(searched.searched_bytes for searched in found.values()),
+            "kept_by_decision": kept,
+            "waiting_for_decision": still,
+            "left": left,
+            "not_unpacked": [
+                f"{self._journal.name_of(path)}: {self._without_names(what)}"
+                for path, searched in found.items()
+                for what in searched.closed
+            ],
+        }
+
+    def _finish(self, begun: str, proof: dict[str, Any], waiting: int) -> Forgotten:
+        self._tell(0.97, "Erasing them from the study's database")
+        self._erase()
+        database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
+        in_database = sum(len(self._search.file(path).hits) for path in database)
+        left = [*proof["left"], *([_PEOPLE] if in_database else [])]
+        receipt = self._write_receipt(begun, proof, in_database, waiting=waiting)
+        if not waiting:
+            self._review.unlink(missing_ok=True)
+        self._journal.end()
+        self._tell(1.0, "Done")
+        return Forgotten(
+            receipt, self._review if waiting else None, waiting, tuple(left), tuple(dict.fromkeys(self._problems))
+        )
+
+    def _write_receipt(self, begun: str, proof: dict[str, Any], in_database: int, *, waiting: int) -> Path:
+        path = self._study / FOLDER / RECEIPT
+        changes = self._journal.changes()
+        receipt = {
+            "begun_utc": begun,
+            "ended_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+            "resumed": self._journal.resumed,
+            "recordings": self._request.recordings,
+            "steps": _steps(changes),
+            "texts_waiting_for_decision": waiting,
+            "exports_concerned": self._exports_named,
+            "problems": [self._without_names(problem) for problem in self._problems],
+            "search_before": self._journal.noted("found"),
+            "search_after": {**proof, "in_people_database": in_database},
+            "files": [asdict(change) for change in sorted(changes, key=lambda change: (change.file, change.what))],
+        }
+        told = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "receipts": [*_receipts_in(path), receipt]}
+        replace_file(path, (json.dumps(told, indent=2, ensure_ascii=False) + "\n").encode(), durable=True)
+        return path
+
+    _progress_at = 0.0
+
+    def _tell(self, fraction: float, what: str) -> None:
+        self._progress_at = fraction
+        self._progress(min(1.0, fraction), self._without_names(what))
+
+    @contextlib.contextmanager
+    def _told(self, folder: Path) -> Iterator[None]:
+        """What is wrong with one session is told, and the others are gone on with."""
+        try:
+            yield
+        except SessionError as error:
+            self._problems.append(f"{folder.name}: {error}")
+        except FileNotFoundError as error:
+            self._problems.append(f"{folder.name}: {error.filename} is missing")
+
+
+def _moments_of(session: Session | None) -> Callable[[int], str]:
+    if session is None:
+        return str
+    clock = session.clock
+    return lambda stamp_ns: clock_text(clock.session_s(stamp_ns))
+
+
+def _sealed(
+    header: Mapping[str, Any], folder: Path, begun: str, *, removed: set[str], covered: set[str]
+) -> dict[str, Any]:
+    data = dict(header)
+    videos = data.get("videos")
+    if isinstance(videos, list):
+        data["videos"] = [
+            {**video, "encoder": media.ENCODER.title} if video.get("file_name") in covered else video
+            for video in videos
+            if isinstance(video, dict) and video.get("file_name") not in removed
+        ]
+    sounds = data.get("audio")
+    if isinstance(sounds, list):
+        data["audio"] = [one for one in sounds if isinstance(one, dict) and one.get("file_name") not in removed]
+    files = data.get("files")
+    if isinstance(files, list):
+        data["files"] = [
+            {**one, "bytes": (folder / str(one["name"])).stat().st_size}
+            for one in files
+            if isinstance(one, dict) and (folder / str(one.get("name"))).is_file()
+        ]
+    forgotten = data.get("forgotten")
+    dates = [str(date) for date in forgotten] if isinstance(forgotten, list) else []
+    data["forgotten"] = [*dates, *([] if begun in dates else [begun])]
+    return data
+
+
+def _steps(changes: list[Change]) -> dict[str, dict[str, int]]:
+    """How many files each kind of step changed or removed, and how many places or pictures those were."""
+    steps: dict[str, dict[str, int]] = {}
+    for change in changes:
+        step = steps.setdefault(change.what, {"changed": 0, "removed": 0, "places": 0})
+        step["changed" if change.after else "removed"] += 1
+        step["places"] += change.count
+    return steps
+
+
+def _counts(found: Any) -> dict[str, int]:
+    hits = [hit.what for searched in found for hit in searched.hits]
+    return {"names": hits.count("name"), "pictures": hits.count("picture")}
+
+
+def _receipts_in(path: Path) -> list[Any]:
+    try:
+        told = json.loads(path.read_bytes())["receipts"]
+    except FileNotFoundError:
+        return []
+    except (ValueError, KeyError, TypeError):
+        _log.warning("%s cannot be read and is begun anew", path, exc_info=True)
+        return []
+    return told if isinstance(told, list) else []
+
+
+def _remove_empty(folder: Path) -> None:
+    """A folder whose files are gone, with those inside of it."""
+    if folder.is_dir():
+        for path in sorted((path for path in folder.rglob("*") if path.is_dir()), key=lambda path: -len(path.parts)):
+            path.rmdir()
+        folder.rmdir()
+
+
+@contextlib.contextmanager
+def _explained(study: Path) -> Iterator[None]:
+    try:
+        yield
+    except FolderHeldError as error:
+        raise ForgettingStopped(
+            f"{error.filename} is in use at this moment.", _NOT_CHANGED, "Ask again once that has ended."
+        ) from error
+    except OSError as error:
+        if no_room(error):
+            raise ForgettingStopped(
+                "The disk is full.",
+                f"Forgetting stopped in the middle: {_NOT_CHANGED[0].lower()}{_NOT_CHANGED[1:]}",
+                "Free as much room as the study's largest video takes, then ask again: it goes on where it stopped.",
+            ) from error
+        raise ForgettingStopped(
+            f"{error.filename or study} cannot be read or written: {error.strerror or error}.",
+            f"Forgetting stopped in the middle: {_NOT_CHANGED[0].lower()}{_NOT_CHANGED[1:]}",
+            "Make it possible, then ask again: it goes on where it stopped.",
+        ) from error

@@ -1,0 +1,146 @@
+"""Names and pictures are found in every form and packing in which files hold them, and nothing else is."""
+
+import base64
+import gzip
+import io
+import json
+import sqlite3
+import zipfile
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import zstandard
+from pyarrow import parquet
+
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.forgetting import byte_search
+from caris_desktop.recording.forgetting.byte_search import ByteSearch, Hit
+from caris_desktop.recording.forgetting.canaries import all_of
+from caris_desktop.recording.session.mcap_file import McapFile
+from tests.recording.forgetting.named_study import NAME, portrait
+
+FACE = portrait()
+VECTOR = np.random.default_rng(3).normal(size=128).astype("<f4").tobytes()
+SENTENCE = f"Hello {NAME}, welcome."
+
+
+@pytest.fixture(scope="module")
+def search() -> ByteSearch:
+    return ByteSearch(all_of([NAME], [FACE, VECTOR]))
+
+
+def whats(hits: tuple[Hit, ...]) -> set[str]:
+    return {hit.what for hit in hits}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SENTENCE.encode(),
+        SENTENCE.upper().encode(),
+        SENTENCE.encode("utf-16"),
+        b"\0" + SENTENCE.encode("utf-16-be"),
+        json.dumps([SENTENCE]).encode(),
+        json.dumps([f"\n{NAME}"]).encode(),
+        json.dumps([f"“{NAME}”"]).encode(),
+        SENTENCE.encode("ascii", "xmlcharrefreplace"),
+        b"https://example.org/Zo%C3%AB%20Quillfeather",
+        "Zoe\u0308 Quillfeather".encode(),
+        b"Quillfeather's cup, and no first name",
+    ],
+)
+def test_a_name_is_found_however_a_text_writes_it(search: ByteSearch, text: bytes) -> None:
+    assert whats(search.data(b"\xff\x00 before " + text).hits) == {"name"}
+
+
+def test_pictures_are_found_as_they_are_and_as_base64_at_any_place(search: ByteSearch) -> None:
+    for content in (FACE, VECTOR):
+        assert whats(search.data(b"before" + content + b"behind").hits) == {"picture"}
+        for shift in range(3):
+            coded = base64.b64encode(b"x" * shift + content)
+            assert whats(search.data(b'{"jpeg":"' + coded + b'"}').hits) == {"picture"}
+
+
+def test_pictures_of_others_and_words_that_only_contain_a_part_are_not_taken_for_them() -> None:
+    search = ByteSearch(all_of(["Ann Ada"], [FACE]))
+    others = portrait() + np.random.default_rng(5).normal(size=128).astype("<f4").tobytes()
+    assert not search.data(others).hits
+    assert not search.data(b"An annual canada, bannister; sha256 0ada" + b"4ada7" * 20).hits
+    assert len(search.data(b"Ann, ADA and Ann_Ada; ann's").hits) == 4
+
+
+def _packed_zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        inner = io.BytesIO()
+        with gzip.GzipFile(fileobj=inner, mode="wb") as packed:
+            packed.write(SENTENCE.encode())
+        archive.writestr("inside/words.gz", inner.getvalue())
+
+
+def _mcap(path: Path) -> None:
+    writer = McapFile(DiskFile(path), library="test")
+    channel = writer.add_channel("/said", "json", writer.add_schema("said", "jsonschema", b"{}"))
+    for number in range(200):
+        data = json.dumps({"text": SENTENCE if number == 150 else "nobody" * 50}).encode()
+        writer.add_message(channel, data, log_time=number, publish_time=number, sequence=number)
+    writer.finish()
+
+
+def _sqlite(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE said (text TEXT, picture BLOB)")
+        # So long that it does not lie in one piece.
+        database.execute("INSERT INTO said VALUES (?, ?)", ("x " * 3000 + SENTENCE, FACE))
+        database.commit()
+
+
+def _parquet(path: Path) -> None:
+    parquet.write_table(pa.table({"text": ["nobody", SENTENCE] * 20}), path, compression="zstd")
+
+
+def _png(path: Path) -> None:
+    import struct
+    import zlib
+
+    import cv2
+
+    coded = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
+    body = b"zTXtComment\0\0" + zlib.compress(SENTENCE.encode())
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    path.write_bytes(coded[:33] + chunk + coded[33:])
+
+
+def _zstd(path: Path) -> None:
+    path.write_bytes(zstandard.ZstdCompressor().compress(SENTENCE.encode() * 3))
+
+
+@pytest.mark.parametrize("make", [_packed_zip, _mcap, _sqlite, _parquet, _png, _zstd])
+def test_what_is_packed_is_unpacked(search: ByteSearch, tmp_path: Path, make: Callable[[Path], None]) -> None:
+    path = tmp_path / "file"
+    make(path)
+    found = search.file(path)
+    assert "name" in whats(found.hits)
+    assert not found.closed
+
+
+def test_a_name_across_two_blocks_is_found_once_and_half_a_word_is_none(
+    search: ByteSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(byte_search, "_BLOCK_BYTES", 1024)
+    for begin in range(980, 1040):
+        content = b"." * begin + NAME.encode() + b"." * 3000
+        assert [hit.offset for hit in search.data(content).hits] == [begin]
+    short = ByteSearch(all_of(["Ann"], []))
+    for begin in range(1000, 1030):
+        assert not short.data(b"." * begin + b"Annual" + b"." * 3000).hits
+
+
+def test_what_cannot_be_unpacked_is_told(search: ByteSearch, tmp_path: Path) -> None:
+    path = tmp_path / "torn.zip"
+    _packed_zip(path)
+    path.write_bytes(path.read_bytes()[:60])
+    assert search.file(path).closed
