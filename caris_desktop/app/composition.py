@@ -33,8 +33,10 @@ from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.services.scenario import ScenarioParts
 from caris_desktop.live.services.session import SessionParts
 from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence
-from caris_desktop.people.register import PeopleRegister, PeopleStoreError
+from caris_desktop.people.store import PeopleStore
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference import InferenceSettings
@@ -264,7 +266,7 @@ def export_session(folder: Path) -> Path:
 
 def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
     try:
-        return Presence(PeopleRegister(study.people_database)), []
+        return Presence(KnownPeople(PeopleStore(study.people_database))), []
     except PeopleStoreError as error:
         problem = Problem(
             clock.now_ns(),

@@ -28,7 +28,8 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
-from caris_desktop.people.register import PeopleRegister, PeopleStoreError
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.store import PeopleStore
 from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -101,7 +102,7 @@ class ReplayRun:
         self.settings = own_settings() if settings is None else settings
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
-        self._register = _register_of(session)
+        self._people = _people_of(session)
         self.console = ReplayConsole(parts_of(session, self._videos, self._name_of), session)
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=lambda: ())
@@ -116,8 +117,8 @@ class ReplayRun:
         with ExitStack() as rest:  # what is entered first ends last, whatever else fails
             if self._garbage is not None:
                 rest.callback(self._garbage.stop)
-            if self._register is not None:
-                rest.callback(self._register.close)
+            if self._people is not None:
+                rest.callback(self._people.close)
             rest.callback(self._videos.close)
             rest.callback(self.console.shutdown)
             rest.callback(self.window.close)
@@ -131,14 +132,13 @@ class ReplayRun:
             self.console.seek(self.console.session.started_ns + round(self._arguments.at * 1e9))
 
     def _name_of(self, person_id: str) -> str | None:
-        if self._register is None:
+        if self._people is None:
             return None
         try:
-            person = self._register.get(person_id)
+            return self._people.name_of(person_id)
         except PeopleStoreError:
             _log.warning("the name of a person cannot be read", exc_info=True)
             return None
-        return None if person is None else person.name
 
 
 def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str | None]) -> ReplayParts:
@@ -300,13 +300,13 @@ def _robot_in(text: str, name: str) -> RobotProfile | ValueError:
         return ValueError(str(error))
 
 
-def _register_of(session: Session) -> PeopleRegister | None:
+def _people_of(session: Session) -> PeopleStore | None:
     """Names of people, where the session lies in its study."""
     database = session.folder.resolve().parent.parent / "people.sqlite"
     if not database.is_file():
         return None
     try:
-        return PeopleRegister(database)
+        return PeopleStore(database)
     except PeopleStoreError:
         _log.warning("names of people are not shown", exc_info=True)
         return None

@@ -2,6 +2,8 @@
 
 ``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names live only in the study's database.
 ``actor`` is who asked for what the event tells of; what merely happens, such as somebody's coming, has none.
+
+Long because every kind of event is declared here, and nowhere else.
 """
 
 from dataclasses import dataclass
@@ -27,6 +29,10 @@ MarkKind = Literal["mark", "wizard_error", "note"]
 MarkState = Literal["done", "open", "withdrawn"]
 MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
 RequestState = Literal["requested", "succeeded", "failed"]
+IdentifiedBy = Literal["wizard", "console"]
+ConsentKind = Literal["face", "photo", "video", "sound"]
+PersonDetail = Literal["group", "tags", "note"]
+PeopleDecision = Literal["named", "group", "tags", "note", "identified", "rejected", "merged", "split", "consent"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +243,8 @@ class GamepadChanged:
 class UtteranceChanged:
     """Something is said. The same ``utterance_id`` returns with each new state.
 
-    ``actor`` had the robot say it, and where it is interrupted, silenced it.
+    ``actor`` had the robot say it, and where it is interrupted, silenced it. ``person_id`` is to whom it is said, or
+    who says it; empty where that is not known.
     """
 
     stamp_ns: int
@@ -249,6 +256,7 @@ class UtteranceChanged:
     voice: str = ""
     detail: str = ""
     actor: Actor = ""
+    person_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,14 +333,131 @@ class PersonRenamed:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonSuggested:
+    """Who is here looks like somebody known; nothing is decided. ``confidence`` is how often such a look is right.
+
+    ``runner_up_id`` is who comes next, empty where nobody does. ``kind`` is what told: clothing or face.
+    """
+
+    stamp_ns: int
+    person_id: str
+    is_person_id: str
+    confidence: float
+    runner_up_id: str = ""
+    runner_up: float = 0.0
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonIdentified:
+    """Who was ``person_id`` so far in this visit is ``is_person_id``, whose id rows and boxes bear from now on.
+
+    ``runner_up`` is the confidence of whom it was next likely to be. ``actor`` confirmed it; the console, where it was
+    sure by itself.
+    """
+
+    stamp_ns: int
+    person_id: str
+    is_person_id: str
+    by: IdentifiedBy
+    confidence: float
+    runner_up: float = 0.0
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRejected:
+    """Who is here is not ``is_person_id``. Where that was taken for granted, the visit is ``person_id``'s again."""
+
+    stamp_ns: int
+    person_id: str
+    is_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonDescribed:
+    """A person's group, tags or note changed. What they are now is only in the study's database."""
+
+    stamp_ns: int
+    person_id: str
+    detail: PersonDetail
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleMerged:
+    """``person_id`` is ``into_person_id`` from now on, in the past too."""
+
+    stamp_ns: int
+    person_id: str
+    into_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonSplit:
+    """A visit that was ``from_person_id``'s belongs to ``person_id``."""
+
+    stamp_ns: int
+    person_id: str
+    from_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ConsentNoted:
+    """A person gave consent of this kind, or took it back."""
+
+    stamp_ns: int
+    person_id: str
+    kind: ConsentKind
+    given: bool
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonAttended:
+    """Whom the wizard deals with from now on; empty: whoever is nearest."""
+
+    stamp_ns: int
+    person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleUndone:
+    """The last decision about people was taken back: ``person_id`` is as before it."""
+
+    stamp_ns: int
+    person_id: str
+    decision: PeopleDecision
+    is_person_id: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonForgotten:
+    """Everything that the study's database knew of a person was erased."""
+
+    stamp_ns: int
+    person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
 class PhotoTaken:
-    """``file_name`` is relative to the session folder, and without a recording to the study's."""
+    """``file_name`` is relative to the session folder, and without a recording to the study's.
+
+    ``person_id`` is whom the wizard attended to, or who was nearest; empty where nobody was.
+    """
 
     stamp_ns: int
     camera: str
     frame_sequence: int
     file_name: str
     actor: Actor = ""
+    person_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -466,6 +591,16 @@ Event = (
     | PersonAppeared
     | PersonLeft
     | PersonRenamed
+    | PersonSuggested
+    | PersonIdentified
+    | PersonRejected
+    | PersonDescribed
+    | PeopleMerged
+    | PersonSplit
+    | ConsentNoted
+    | PersonAttended
+    | PeopleUndone
+    | PersonForgotten
     | PhotoTaken
     | Marked
     | RecordingPaused

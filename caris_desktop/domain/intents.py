@@ -13,7 +13,7 @@ from typing import Literal
 
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.controls import ControlValue
-from caris_desktop.domain.events import CommandSource, MarkKind, UtteranceOrigin
+from caris_desktop.domain.events import CommandSource, ConsentKind, MarkKind, UtteranceOrigin
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
 
@@ -228,6 +228,8 @@ class Say(Intent):
 
     text: str
     origin: UtteranceOrigin
+    person_id: str = ""
+    """To whom; empty: to whom the wizard attends, or else to whoever is nearest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +265,90 @@ class NamePerson(Intent):
 
     person_id: str
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class AttendPerson(Intent):
+    """What is said from now on is said to this person; empty: to whoever is nearest."""
+
+    person_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmPerson(Intent):
+    """Who is here is somebody known: ``is_person_id``."""
+
+    person_id: str
+    is_person_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class RejectPerson(Intent):
+    """Who is here is not ``is_person_id``, whether that was suggested or taken for granted already. Remembered."""
+
+    person_id: str
+    is_person_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SetPersonGroup(Intent):
+    """Somebody belongs to this group, or with an empty one to none."""
+
+    person_id: str
+    group: str
+
+
+@dataclass(frozen=True, slots=True)
+class TagPerson(Intent):
+    """Somebody has these tags and no others."""
+
+    person_id: str
+    tags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NotePerson(Intent):
+    """What the wizard wants to remember about somebody, instead of what was noted before."""
+
+    person_id: str
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class MergePeople(Intent):
+    """Two who were taken for different people are one: ``into_person_id``."""
+
+    person_id: str
+    into_person_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SplitPerson(Intent):
+    """Who is here now is somebody else: of this visit, or of the one named, nothing belongs to ``person_id``."""
+
+    person_id: str
+    visit_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NoteConsent(Intent):
+    """Somebody gave their consent, or took it back."""
+
+    person_id: str
+    kind: ConsentKind
+    given: bool
+
+
+@dataclass(frozen=True, slots=True)
+class UndoPeople(Intent):
+    """Take back the last decision about people; forgetting cannot be."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForgetPerson(Intent):
+    """Erase everything that the study's database knows of somebody, for good."""
+
+    person_id: str
 
 
 # The session
@@ -439,6 +525,18 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
     CancelAnswer: IntentSpec("Cancelling the answer"),
     SayAnswer: IntentSpec("Saying the answer", "assistant"),
     NamePerson: IntentSpec("Naming the person", "naming_people"),
+    AttendPerson: IntentSpec("Attending to the person"),
+    ConfirmPerson: IntentSpec("Confirming who it is", "naming_people"),
+    RejectPerson: IntentSpec("Saying who it is not", "naming_people"),
+    SetPersonGroup: IntentSpec("Putting the person into a group", "naming_people"),
+    TagPerson: IntentSpec("Tagging the person", "naming_people"),
+    NotePerson: IntentSpec("Noting something about the person", "naming_people"),
+    MergePeople: IntentSpec("Merging the two people", "naming_people"),
+    SplitPerson: IntentSpec("Splitting the person", "naming_people"),
+    # What a person agrees to, and that they are forgotten, is theirs to decide in every scenario.
+    NoteConsent: IntentSpec("Noting the consent"),
+    UndoPeople: IntentSpec("Undoing the last decision about people"),
+    ForgetPerson: IntentSpec("Forgetting the person"),
     StartRecording: IntentSpec("Starting a recording"),
     StopRecording: IntentSpec("Ending the recording"),
     PauseRecording: IntentSpec("Pausing the recording"),

@@ -16,7 +16,7 @@ _NOT_PERMITTED: dict[Permission, tuple[str, str]] = {
     "video_recording": ("This scenario records no video.", "No picture was kept."),
     "audio_recording": ("This scenario records no sound.", "Nothing was listened to."),
     "assistant": ("This scenario has no assistant.", "The language model was not asked."),
-    "naming_people": ("In this scenario people get no names.", "They stay as they are called."),
+    "naming_people": ("In this scenario people get no names.", "Nothing about them was changed."),
     "robot_controls": ("This scenario does not use the robot's controls.", "Nothing was sent to the robot."),
 }
 

@@ -14,16 +14,18 @@ from typing import Any
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import Event, Problem
+from caris_desktop.domain.events import Event, PhotoTaken, Problem, SessionEnded, SessionStarted, UtteranceChanged
+from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
-from caris_desktop.people.presence import PersonRow, Presence
+from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.presence import PersonRow, Presence, RecognitionSettings
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.turning import CameraTurning
@@ -33,21 +35,28 @@ _log = logging.getLogger(__name__)
 _TICK_S = 0.2
 _ANSWER_WITHIN_NS = 5_000_000_000
 _PACE_TOLD_EVERY_NS = 1_000_000_000
+_EVERYBODY_TOLD_EVERY_NS = 1_000_000_000
 
 
 class PerceptionWorker(QObject):
     """Everything but ``run``, which is the thread's whole life, may be called from any thread."""
 
     status_changed = Signal(object)  # PerceptionStatus
-    persons_changed = Signal(object)  # tuple[PersonRow, ...]
+    persons_changed = Signal(object)  # tuple[PersonRow, ...]: who is here
+    everybody_changed = Signal(object)  # tuple[PersonRow, ...]: who was here, too, and who is known
 
     def __init__(
-        self, body: ProcessBody, open_presence: Callable[[], tuple[Presence, list[Event]]], publish: ValueSink
+        self,
+        body: ProcessBody,
+        open_presence: Callable[[], tuple[Presence, list[Event]]],
+        publish: ValueSink,
+        portraits: Portraits | None = None,
     ) -> None:
         super().__init__()
         self._body = body
         self._open_presence = open_presence
         self._publish = publish
+        self._portraits = Portraits() if portraits is None else portraits
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._turns_lock = threading.Lock()
         self._turns = CameraTurns()
@@ -56,6 +65,8 @@ class PerceptionWorker(QObject):
         self._pace_told_ns = 0
         self._look_every_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
+        self._everybody_told_ns = 0
+        self._everybody: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
         self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
@@ -102,8 +113,17 @@ class PerceptionWorker(QObject):
         """What a camera itself tells of its lens counts more than the profile."""
         self._cameras = {**self._cameras, lens.camera: lens.model}
 
-    def rename(self, person_id: str, name: str, actor: Actor = CONSOLE) -> None:
-        self._inputs.put(_Rename(person_id, name, actor))
+    def ask(self, intent: PeopleIntent) -> None:
+        """A decision about people."""
+        self._inputs.put(_Asked(intent))
+
+    def recognise(self, settings: RecognitionSettings, *, may_decide: bool) -> None:
+        """Whom the scenario lets the console recognise, and whether it lets the wizard name them."""
+        self._inputs.put(_Recognise(settings, may_decide))
+
+    def note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+        """What belongs into the history of the people here."""
+        self._inputs.put(event)
 
     def stop(self) -> None:
         self._inputs.put(_STOP)
@@ -122,6 +142,7 @@ class PerceptionWorker(QObject):
 
     def _run(self) -> None:
         presence, problems = self._open_presence()
+        presence.portraits = self._portraits
         self._publish_all(problems)
         child: ChildProcess | None = self._start_child()
         restarts = Restarts()
@@ -139,8 +160,16 @@ class PerceptionWorker(QObject):
                 asked = None
                 self._turning.forget()
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
-            elif isinstance(item, _Rename):
-                self._publish_all(presence.rename(item.person_id, item.name, now_ns=clock.now_ns(), actor=item.actor))
+            elif isinstance(item, _Asked):
+                self._publish_all(presence.do(item.intent, clock.now_ns()))
+            elif isinstance(item, _Recognise):
+                presence.use_settings(item.settings, may_decide=item.may_decide)
+            elif isinstance(item, UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded):
+                presence.note(item)
+            elif isinstance(item, PersonLooks):
+                self._publish_all(presence.take_looks(item))
+            elif isinstance(item, PersonPortrait):
+                presence.take_portrait(item)
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus(state="ready", model=item.model))
@@ -154,7 +183,7 @@ class PerceptionWorker(QObject):
                     people, events = presence.update(item)
                     self._publish(people)
                     self._publish_all(events)
-                    self._locate(people)
+                    self._locate(people, presence)
                 self._tell_pace(item.inference_ms)
             elif isinstance(item, FrameSkipped):
                 busy = False
@@ -210,14 +239,19 @@ class PerceptionWorker(QObject):
         self._child = child
         return child
 
-    def _locate(self, people: People) -> None:
+    def _locate(self, people: People, presence: Presence) -> None:
         camera = self._cameras.get(people.camera)
         places = self._locator.locate(people, camera) if camera is not None else None
-        if places is not None:
-            self._publish(places)
+        if places is None:
+            return
+        self._publish(places)
+        pose = self._locator.pose_at(people.stamp_ns)
+        if pose is not None:
+            presence.take_places(places, pose.pose_in_map)
 
     def _publish_all(self, events: Iterable[Event]) -> None:
         for event in events:
+            self._everybody_told_ns = 0
             self._publish(event)
 
     def _set_status(self, status: PerceptionStatus) -> None:
@@ -239,11 +273,23 @@ class PerceptionWorker(QObject):
         if shown != self._shown_persons:
             self._shown_persons = shown
             self.persons_changed.emit(rows)
+        now_ns = clock.now_ns()
+        if now_ns - self._everybody_told_ns >= _EVERYBODY_TOLD_EVERY_NS:
+            self._everybody_told_ns = now_ns
+            everybody = tuple(replace(row, last_seen_ns=0) if row.here else row for row in presence.everybody())
+            if everybody != self._everybody:
+                self._everybody = everybody
+                self.everybody_changed.emit(everybody)
 
 
-class _Rename:
-    def __init__(self, person_id: str, name: str, actor: Actor) -> None:
-        self.person_id, self.name, self.actor = person_id, name, actor
+class _Asked:
+    def __init__(self, intent: PeopleIntent) -> None:
+        self.intent = intent
+
+
+class _Recognise:
+    def __init__(self, settings: RecognitionSettings, may_decide: bool) -> None:
+        self.settings, self.may_decide = settings, may_decide
 
 
 class _ChildEnded:

@@ -26,6 +26,7 @@ from caris_desktop.live.status import (
     RecordingStatus,
     SpeechStatus,
 )
+from caris_desktop.people.portraits import Portraits
 
 LOST_AFTER_S = 2.0
 # A stamp that is further off than this is not of the clock that the robot tells.
@@ -157,6 +158,8 @@ class LiveState(QObject):
     and ``persons`` of all of them. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
     ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
     for nobody.
+    ``everybody`` (tuple of PersonRow) has who was here, too, and who is known; ``portraits`` is where the pictures of
+    people are fetched by the key in their row.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -190,6 +193,8 @@ class LiveState(QObject):
         self.perception = LiveValue(PerceptionStatus(), self)
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)
+        self.everybody = LiveValue((), self)
+        self.portraits = Portraits()
         self.selected_person = LiveValue("", self)
         self.robot = LiveValue(None, self)
         self.scenario = LiveValue(None, self)

@@ -119,5 +119,14 @@ def _for_the_record(value: Any) -> Any:
     if isinstance(value, RecordingStatus):
         return replace(value, folder=None)
     if isinstance(value, tuple) and value and isinstance(value[0], PersonRow):
-        return tuple(row if is_unnamed_label(row.name) else replace(row, name="") for row in value)
+        return tuple(map(_without_words, value))
     return value
+
+
+def _without_words(row: PersonRow) -> PersonRow:
+    """A row as opaque ids, places and times."""
+    name = row.name if is_unnamed_label(row.name) else ""
+    suggestions = tuple(
+        suggested if is_unnamed_label(suggested.name) else replace(suggested, name="") for suggested in row.suggestions
+    )
+    return replace(row, name=name, group="", tags=(), note="", summary="", portrait="", suggestions=suggestions)

@@ -125,6 +125,10 @@ class PeopleLocator:
         else:
             self._heads.append(value)
 
+    def pose_at(self, stamp_ns: int) -> RobotPose | None:
+        """Where the robot was at that moment; None where nobody told."""
+        return _nearest(tuple(self._poses), stamp_ns)
+
     def locate(self, people: People, camera: CameraModel) -> PeopleInMap | None:
         """None where there is no scan or pose of that moment."""
         scan = _nearest(tuple(self._scans), people.stamp_ns)

@@ -1,25 +1,43 @@
-"""Who is here: turns tracks into people, by pure logic on injected time."""
+"""Who is here: turns tracks into people, and finds out which of the known ones they are, on injected time."""
 
 import itertools
-import logging
+import math
 import re
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
-from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
-from caris_desktop.domain.sensing import People
-from caris_desktop.people.register import PeopleRegister, PeopleStoreError, new_person_id
-
-log = logging.getLogger(__name__)
+from caris_desktop.domain.events import (
+    ConsentKind,
+    Event,
+    PersonAppeared,
+    PersonLeft,
+    PersonSuggested,
+    PhotoTaken,
+    SessionEnded,
+    SessionStarted,
+    UtteranceChanged,
+)
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.sensing import People, PeopleInMap
+from caris_desktop.people.decisions import Decisions, PeopleIntent
+from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
-MAX_NAME_LENGTH = 80
 # Of how many looks the longest pause counts, and how many pauses of that length without somebody are a leaving.
 _LOOKS, _LOOKS_MISSED = 5, 2.5
 _MOST_PATIENCE_NS = 6_000_000_000
+# Who looks like nobody known after so many looks is somebody new.
+_STRANGER_AFTER_LOOKS = 8
+_STRANGER_FROM = 0.7
+# A row is news to the panels only if somebody could see the difference.
+_MOVED_M, _TURNED_RAD, _MOVED_EVERY_NS = 0.2, 0.15, 500_000_000
+
+Recognise = Literal["nobody", "clothing", "faces"]
 
 
 def unnamed_label(number: int) -> str:
@@ -33,11 +51,26 @@ def is_unnamed_label(name: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
+class Suggestion:
+    """Who somebody may be: one of the known people, and how often such a suggestion is right."""
+
+    person_id: str
+    name: str
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class PersonRow:
     """One row of the People panel. ``name`` is what to show: the given name, or "Person 3".
 
     ``since_ns`` is when this visit began, on the session clock. ``camera`` is the one that sees them, empty in older
     recordings. ``number`` is the 3 of "Person 3", which they keep when they have a name too; 0 in older recordings.
+
+    ``visit_id`` is the id with which this visit began; it differs from ``person_id`` where it is known who it is, by
+    the console or the wizard, with ``confidence``. ``suggestions`` are the two likeliest while it is not. ``known``:
+    something was written down about them. ``portrait`` is the key of their picture in ``state.portraits``, empty
+    without one. ``distance_m`` and ``bearing_rad`` (left positive) are seen from the robot; None where not known.
+    ``summary`` is what there was with them before this visit. Nothing but ids, places and times of it is recorded.
     """
 
     person_id: str
@@ -48,9 +81,38 @@ class PersonRow:
     last_seen_ns: int
     camera: str = ""
     number: int = 0
+    visit_id: str = ""
+    known: bool = False
+    group: str = ""
+    tags: tuple[str, ...] = ()
+    note: str = ""
+    portrait: str = ""
+    suggestions: tuple[Suggestion, ...] = ()
+    confidence: float = 0.0
+    consents: tuple[ConsentKind, ...] = ()
+    distance_m: float | None = None
+    bearing_rad: float | None = None
+    speaking: bool = False
+    posture: str = ""
+    hand_raised: bool | None = None
+    facing: bool | None = None
+    summary: str = ""
+    cameras: tuple[str, ...] = ()
+
+    @property
+    def suggestion(self) -> Suggestion | None:
+        return self.suggestions[0] if self.suggestions else None
 
 
-_Track = tuple[str, int]  # camera, and its tracker's number
+@dataclass(frozen=True, slots=True)
+class RecognitionSettings:
+    """Whom the console recognises: nobody, people by their clothes within a day, or by their faces too.
+
+    It decides by itself from a confidence of ``confirm_at`` on; at 1 it never does.
+    """
+
+    recognise: Recognise = "clothing"
+    confirm_at: float = 0.95
 
 
 @dataclass(slots=True)
@@ -66,27 +128,46 @@ class Presence:
 
     A track becomes a person once it was seen in ``confirm_frames`` frames, and leaves after ``leave_after_s`` without
     being seen, or later where its camera is looked at rarely: who was not looked for is not gone. A track number that
-    returns is the same person again, until :meth:`restart_tracks`. Each camera has tracks of its own.
+    returns is the same visit again, until :meth:`restart_tracks`. Each camera has tracks of its own.
 
-    Without a ``register`` names last for this object only. A register that fails never costs a person: the failure
-    is reported once as a Problem, and names are kept here.
+    What is known lasts for this object only where ``known`` has no database.
     """
 
     def __init__(
         self,
-        register: PeopleRegister | None = None,
+        known: KnownPeople | None = None,
         *,
         confirm_frames: int = CONFIRM_FRAMES,
         leave_after_s: float = LEAVE_AFTER_S,
+        portraits: Portraits | None = None,
+        settings: RecognitionSettings = RecognitionSettings(),
     ) -> None:
-        self._register = register
+        self.portraits = Portraits() if portraits is None else portraits
+        self._known = KnownPeople() if known is None else known
         self._confirm_frames = confirm_frames
         self._leave_after_ns = round(leave_after_s * 1e9)
-        self._candidates: dict[_Track, _Candidate] = {}
-        self._id_of_track: dict[_Track, str] = {}
-        self._rows: dict[str, PersonRow] = {}
+        self._settings = settings
+        self._candidates: dict[Track, _Candidate] = {}
+        self._visits = Visits()
+        self._decisions = Decisions(self._known, self._visits, self.portraits)
         self._looks_ns: dict[str, deque[int]] = {}
-        self._problem_reported = False
+        self._session = ""
+        self._speaking = ""
+        self._portraits_fetched: dict[str, bool] = {}
+
+    def use_settings(self, settings: RecognitionSettings, *, may_decide: bool = True) -> None:
+        """Another scenario may recognise less, and then nothing that was learned is used any more.
+
+        Where it does not name people (``may_decide``), what was decided before cannot be taken back either.
+        """
+        if settings.recognise == "nobody":
+            for visit in self._visits:
+                visit.suggested_id = ""
+        if not may_decide:
+            self._decisions.forget_decisions()
+        self._settings = settings
+
+    # What is seen
 
     def update(self, people: People) -> tuple[People, list[Event]]:
         """Take in one frame's tracks.
@@ -98,10 +179,9 @@ class Presence:
         events: list[Event] = []
         for box in people.boxes:
             events += self._see((people.camera, box.track), now_ns)
+            self._note_state((people.camera, box.track), box)
         events += self.tick(now_ns)
-        boxes = tuple(
-            replace(box, person_id=self._id_of_track.get((people.camera, box.track), "")) for box in people.boxes
-        )
+        boxes = tuple(replace(box, person_id=self._id_of((people.camera, box.track))) for box in people.boxes)
         return replace(people, boxes=boxes), events
 
     def tick(self, now_ns: int) -> list[Event]:
@@ -112,114 +192,302 @@ class Presence:
             if now_ns - candidate.last_seen_ns <= self._patience_ns(track[0])
         }
         overdue = [
-            row for row in self._rows.values() if row.here and now_ns - row.last_seen_ns > self._patience_ns(row.camera)
+            visit for visit in self._visits.here() if now_ns - visit.last_seen_ns > self._patience_ns(visit.camera)
         ]
-        return [event for row in overdue for event in self._leave(row, now_ns)]
+        events = [event for visit in overdue for event in self._leave(visit, now_ns)]
+        self._known.turn_day()
+        return [*events, *self._known.problems(now_ns)]
+
+    def take_looks(self, looks: PersonLooks) -> list[Event]:
+        """How somebody looked: to learn, and to find out who it is."""
+        visit = self._visits.of_track((looks.camera, looks.track))
+        if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
+            return []
+        if not self._known.identities.see(visit.visit_id, looks):
+            return []
+        visit.looks += 1
+        return [] if visit.identified or self._known.is_known(visit.person_id) else self._recognise(visit, looks)
+
+    def take_portrait(self, portrait: PersonPortrait) -> None:
+        """The best view of somebody so far in this visit."""
+        visit = self._visits.of_track((portrait.camera, portrait.track))
+        if visit is None or visit.forgotten or self._settings.recognise == "nobody":
+            return
+        if portrait.quality > visit.portrait_quality:
+            visit.portrait_quality = portrait.quality
+            self.portraits.drop(_portrait_key(visit))
+            visit.portraits += 1
+            self.portraits.put(_portrait_key(visit), portrait.jpeg)
+            self._known.keep_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
+
+    def take_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
+        """Where people stand, seen from where the robot is."""
+        for place in places.people:
+            visit = self._visits.find(place.person_id)
+            if visit is None or not visit.here:
+                continue
+            in_robot = map_from_robot.inverse() @ Pose2D(place.x_m, place.y_m, 0.0)
+            distance_m, bearing_rad = math.hypot(in_robot.x_m, in_robot.y_m), math.atan2(in_robot.y_m, in_robot.x_m)
+            moved = (
+                visit.distance_m is None
+                or visit.bearing_rad is None
+                or abs(distance_m - visit.distance_m) >= _MOVED_M
+                or abs(bearing_rad - visit.bearing_rad) >= _TURNED_RAD
+            )
+            if moved and places.stamp_ns - visit.placed_ns >= _MOVED_EVERY_NS:
+                visit.distance_m, visit.bearing_rad = round(distance_m, 2), round(bearing_rad, 3)
+                visit.placed_ns = places.stamp_ns
+
+    def note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+        """What happens with people becomes their history."""
+        match event:
+            case SessionStarted():
+                self._session = event.folder
+            case SessionEnded():
+                self._session = ""
+            case PhotoTaken(person_id=person_id, file_name=file_name) if person_id:
+                self._known.add_history(self._visit_id(person_id), "photo", file_name, session=self._session)
+            case UtteranceChanged(speaker="participant", state=state, person_id=person_id):
+                self._speaking = person_id if state in ("requested", "started") else ""
+                if state == "finished" and person_id:
+                    self._known.add_history(self._visit_id(person_id), "heard", event.text, session=self._session)
+            case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
+                self._known.add_history(self._visit_id(person_id), "said", event.text, session=self._session)
+
+    # What is decided
+
+    def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
+        """What follows from it; a Problem where it cannot be done."""
+        return [*self._decisions.do(asked, now_ns), *self._known.problems(now_ns)]
+
+    # What is shown
+
+    def persons(self, *, include_left: bool = False) -> tuple[PersonRow, ...]:
+        """Who is here, in the order in which they first appeared; with ``include_left`` also who was."""
+        of_person: dict[str, list[Visit]] = {}
+        for visit in self._visits:
+            if visit.here or include_left:
+                of_person.setdefault(visit.person_id, []).append(visit)
+        return tuple(self._row(visits) for visits in of_person.values())
+
+    def everybody(self) -> tuple[PersonRow, ...]:
+        """Who is here, who was, and who is known from before, each once and in this order."""
+        rows = self.persons(include_left=True)
+        seen = {row.person_id for row in rows}
+        before = tuple(
+            PersonRow(
+                known.person_id, -1, known.about.name, here=False, since_ns=0, last_seen_ns=0,
+                known=True, group=known.about.group, tags=known.about.tags, note=known.about.note,
+                portrait=self._portrait_of(known.person_id), consents=self._known.consents(known.person_id),
+            )
+            for known in self._known.everybody() if known.person_id not in seen
+        )  # fmt: skip
+        return (*sorted(rows, key=lambda row: not row.here), *before)
+
+    def restart_tracks(self, now_ns: int) -> list[Event]:
+        """The tracker began to count anew: its numbers no longer mean the people that they meant."""
+        self._candidates.clear()
+        events = [event for visit in self._visits.here() for event in self._leave(visit, now_ns)]
+        self._visits.forget_tracks()
+        return events
+
+    def close(self) -> None:
+        for visit in self._visits.here():
+            self._end(visit)
+        self._known.close()
+
+    # Tracks
 
     def _patience_ns(self, camera: str) -> int:
         looks_ns = self._looks_ns.get(camera, ())
         apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
         return max(self._leave_after_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_PATIENCE_NS))
 
-    def rename(self, person_id: str, name: str, *, now_ns: int, actor: Actor = "") -> list[Event]:
-        """Give a person a name, or take it away with an empty one. The event does not carry it."""
-        row = self._rows.get(person_id)
-        if row is None:
-            return [
-                Problem(
-                    now_ns,
-                    "warning",
-                    "That person is not known any more.",
-                    "The name was not kept.",
-                    "Choose a person from the People panel.",
-                )
-            ]
-        name = " ".join(name.split())[:MAX_NAME_LENGTH]
-        events = self._store(now_ns, lambda register: register.rename(person_id, name))
-        self._rows[person_id] = replace(row, name=name or unnamed_label(row.number))
-        return [PersonRenamed(now_ns, person_id, actor), *events]
-
-    def persons(self, *, include_left: bool = False) -> tuple[PersonRow, ...]:
-        """Who is here, in the order in which they first appeared; with ``include_left`` also who was."""
-        return tuple(row for row in self._rows.values() if row.here or include_left)
-
-    def restart_tracks(self, now_ns: int) -> list[Event]:
-        """The tracker began to count anew: its numbers no longer mean the people that they meant."""
-        self._candidates.clear()
-        self._id_of_track.clear()
-        return [event for row in self.persons() for event in self._leave(row, now_ns)]
-
-    def close(self) -> None:
-        if self._register is not None:
-            self._register.close()
-
-    def _see(self, track: _Track, now_ns: int) -> list[Event]:
-        person_id = self._id_of_track.get(track)
-        if person_id is None:
+    def _see(self, track: Track, now_ns: int) -> list[Event]:
+        visit = self._visits.of_track(track)
+        if visit is None:
             candidate = self._candidates.setdefault(track, _Candidate(0, now_ns))
             candidate.frames += 1
             candidate.last_seen_ns = now_ns
             return self._appear(track, now_ns) if candidate.frames >= self._confirm_frames else []
-        row = self._rows[person_id]
-        if row.here:
-            self._rows[person_id] = replace(row, last_seen_ns=now_ns)
+        visit.last_seen_ns = now_ns
+        visit.camera, visit.track = track
+        if visit.here:
             return []
-        self._rows[person_id] = replace(row, here=True, since_ns=now_ns, last_seen_ns=now_ns)
-        return [PersonAppeared(now_ns, person_id, row.track, row.number)]
+        alone = not self._is_here(visit.person_id)
+        visit.here, visit.since_ns = True, now_ns
+        visit.from_utc_ns = self._known.utc_now_ns()
+        number = self._visits.number_of(visit.person_id)
+        return [PersonAppeared(now_ns, visit.person_id, visit.track, number)] if alone else []
 
-    def _appear(self, track: _Track, now_ns: int) -> list[Event]:
+    def _appear(self, track: Track, now_ns: int) -> list[Event]:
         del self._candidates[track]
-        person_id = new_person_id()
-        problems: list[Event] = []
-        if self._register is not None:
-            try:
-                person_id = self._register.add().person_id
-            except PeopleStoreError as error:
-                problems = self._report(error, now_ns)
-        self._id_of_track[track] = person_id
-        camera, its_track = track
-        number = len(self._rows) + 1
-        self._rows[person_id] = PersonRow(
-            person_id,
-            its_track,
-            unnamed_label(number),
-            here=True,
-            since_ns=now_ns,
-            last_seen_ns=now_ns,
-            camera=camera,
-            number=number,
+        person_id = self._known.add()
+        visit = Visit(person_id, person_id, *track, now_ns, now_ns, self._known.utc_now_ns())
+        self._visits.begin(visit, track)
+        number = self._visits.number_of(person_id)
+        return [PersonAppeared(now_ns, person_id, track[1], number), *self._known.problems(now_ns)]
+
+    def _leave(self, visit: Visit, now_ns: int) -> list[Event]:
+        visit.here = False
+        self._end(visit)
+        for old in self._visits.too_many():
+            self._visits.drop(old)
+            self._known.drop_visit(old.visit_id)
+            self.portraits.drop(_portrait_key(old))
+        return [] if self._is_here(visit.person_id) else [PersonLeft(now_ns, visit.person_id, visit.track)]
+
+    def _end(self, visit: Visit) -> None:
+        """What there is to keep of a visit that is over."""
+        self._known.note_visit(
+            visit.visit_id,
+            from_utc_ns=visit.from_utc_ns,
+            to_utc_ns=self._known.utc_now_ns(),
+            session=self._session,
         )
-        return [PersonAppeared(now_ns, person_id, its_track, number), *problems]
+        if not visit.settled and not visit.suggested_id:
+            self._settle(visit)
+        if visit.settled or visit.identified:
+            self._known.keep_looks(visit.visit_id)
+        self._known.identities.end_visit(visit.visit_id)
+        visit.distance_m = visit.bearing_rad = None
 
-    def _leave(self, row: PersonRow, now_ns: int) -> list[Event]:
-        self._rows[row.person_id] = replace(row, here=False)
-        return [
-            PersonLeft(now_ns, row.person_id, row.track),
-            *self._store(now_ns, lambda register: register.seen(row.person_id)),
-        ]
+    def _is_here(self, person_id: str) -> bool:
+        return any(visit.here for visit in self._visits.of_person(person_id))
 
-    def _store(self, now_ns: int, write: Callable[[PeopleRegister], None]) -> list[Event]:
-        if self._register is None:
+    def _id_of(self, track: Track) -> str:
+        visit = self._visits.of_track(track)
+        return "" if visit is None else visit.person_id
+
+    def _visit_id(self, person_id: str) -> str:
+        """Under what something that happens with a person now is kept: taking back who they are takes it along."""
+        visit = self._visits.find(person_id)
+        return person_id if visit is None or not visit.here else visit.visit_id
+
+    def _note_state(self, track: Track, box: object) -> None:
+        visit = self._visits.of_track(track)
+        if visit is not None:
+            visit.posture = getattr(box, "posture", "")
+            visit.hand_raised = getattr(box, "hand_raised", None)
+            visit.facing = getattr(box, "facing", None)
+
+    # Who it is
+
+    def _may_look(self, visit: Visit, looks: PersonLooks) -> bool:
+        """A face of somebody who was decided on is learned only with their consent."""
+        if self._settings.recognise == "nobody":
+            return False
+        if looks.kind == "clothing":
+            return True
+        decided = visit.identified or visit.settled or self._known.is_known(visit.person_id)
+        return self._settings.recognise == "faces" and (not decided or "face" in self._known.consents(visit.person_id))
+
+    def _recognise(self, visit: Visit, looks: PersonLooks) -> list[Event]:
+        here = self._visits.here()
+        impossible = {other.person_id for other in here} | self._known.rejected_for(visit.visit_id)
+        visit.judgement = judgement = self._known.identities.judge(
+            visit.visit_id, impossible=impossible, confused=self._known.confused()
+        )
+        best, second = judgement.best, judgement.runner_up
+        if best is None:
+            visit.suggested_id = ""
+            if visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
+                self._settle(visit)
             return []
-        try:
-            write(self._register)
-        except PeopleStoreError as error:
-            return self._report(error, now_ns)
-        except KeyError:
-            # Appeared while the register could not be written, or was erased meanwhile: known to this session only.
-            log.warning("a person of this session is not in %s", self._register.path)
-        return []
-
-    def _report(self, error: PeopleStoreError, now_ns: int) -> list[Event]:
-        if self._problem_reported:
+        sure = judgement.sure and best.confidence >= self._settings.confirm_at and self._settings.confirm_at < 1.0
+        if sure and not self._contested(visit, here):
+            visit.suggested_id = ""
+            return self._decisions.identify(visit, best.person_id, looks.stamp_ns)
+        if best.person_id == visit.suggested_id:
             return []
-        self._problem_reported = True
+        visit.suggested_id = best.person_id
         return [
-            Problem(
-                now_ns,
-                "error",
-                str(error),
-                "People are still followed, but their names are kept for this session only.",
-                "Choose another study folder, or repair this one, before the next session.",
+            PersonSuggested(
+                looks.stamp_ns,
+                visit.visit_id,
+                best.person_id,
+                round(best.confidence, 3),
+                "" if second is None else second.person_id,
+                0.0 if second is None else round(second.confidence, 3),
+                best.kind,
             )
         ]
+
+    def _contested(self, visit: Visit, here: list[Visit]) -> bool:
+        """Whether somebody else who is here may be the same person: then it takes a wizard to tell them apart."""
+        best = visit.judgement.best
+        return best is not None and any(
+            guess.person_id == best.person_id
+            for other in here
+            if other is not visit and not other.identified
+            for guess in other.judgement.guesses
+        )
+
+    def _settle(self, visit: Visit) -> None:
+        """Nobody known: somebody new, to be recognised from now on."""
+        if visit.looks and not visit.forgotten:
+            visit.settled = True
+            if "face" not in self._known.consents(visit.person_id):
+                self._known.identities.drop("face", [visit.visit_id])
+            self._known.identities.settle(visit.visit_id)
+
+    # Rows
+
+    def _row(self, visits: list[Visit]) -> PersonRow:
+        visit = max(visits, key=lambda each: (each.here, each.last_seen_ns))
+        about = self._known.about(visit.person_id)
+        number = self._visits.number_of(visit.person_id)
+        here = [each for each in visits if each.here]
+        return PersonRow(
+            visit.person_id,
+            visit.track,
+            about.name or unnamed_label(number),
+            here=visit.here,
+            since_ns=min((each.since_ns for each in here), default=visit.since_ns),
+            last_seen_ns=visit.last_seen_ns,
+            camera=visit.camera,
+            number=number,
+            visit_id=visit.visit_id,
+            known=self._known.is_known(visit.person_id),
+            group=about.group,
+            tags=about.tags,
+            note=about.note,
+            portrait=_portrait_key(visit) if visit.portraits else self._portrait_of(visit.person_id),
+            suggestions=() if visit.identified else self._suggestions(visit),
+            confidence=round(visit.confidence, 2),
+            consents=self._known.consents(visit.person_id),
+            distance_m=visit.distance_m,
+            bearing_rad=visit.bearing_rad,
+            speaking=visit.here and self._speaking == visit.person_id,
+            posture=visit.posture,
+            hand_raised=visit.hand_raised,
+            facing=visit.facing,
+            summary=visit.summary,
+            cameras=tuple(dict.fromkeys(camera for each in here for camera, _ in sorted(each.tracks))),
+        )
+
+    def _suggestions(self, visit: Visit) -> tuple[Suggestion, ...]:
+        if not visit.suggested_id or self._known.is_known(visit.person_id):
+            return ()
+        return tuple(
+            Suggestion(guess.person_id, self._name_of(guess.person_id), round(guess.confidence, 2))
+            for guess in visit.judgement.guesses[:2]
+        )
+
+    def _name_of(self, person_id: str) -> str:
+        return self._known.about(person_id).name or unnamed_label(self._visits.number_of(person_id))
+
+    def _portrait_of(self, person_id: str) -> str:
+        """The key of a known person's picture, which is fetched from the database the first time."""
+        key = f"{person_id}/0"
+        if key not in self._portraits_fetched:
+            self._portraits_fetched[key] = False
+            jpeg = self._known.portrait(person_id)
+            if jpeg:
+                self.portraits.put(key, jpeg)
+                self._portraits_fetched[key] = True
+        return key if self._portraits_fetched[key] else ""
+
+
+def _portrait_key(visit: Visit) -> str:
+    return f"{visit.visit_id}/{visit.portraits}"

@@ -167,6 +167,27 @@ class RecordingSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class PerceptionSettings:
+    """What is found out about the people that the cameras see."""
+
+    recognise: Annotated[
+        Literal["nobody", "clothing", "faces"],
+        Rule(
+            "Who returns is recognised by their clothes until midnight; with `faces` also by the face of those for "
+            "whom consent is noted, where the study has a network for faces. Never without `naming_people`."
+        ),
+    ] = "clothing"
+    confirm_at: Annotated[
+        float,
+        Rule(
+            "How sure the console has to be, over several looks, to decide by itself who it is; at 1 it never does.",
+            at_least=0.5,
+            at_most=1,
+        ),
+    ] = 0.95
+
+
+@dataclass(frozen=True, slots=True)
 class BlurSettings:
     """Who is made unrecognisable, by flat blocks, in every picture that is kept: videos, photos, what is made of them.
 
@@ -232,6 +253,7 @@ class Scenario:
     ] = ()
     permissions: Permissions = field(default_factory=Permissions)
     recording: Annotated[RecordingSettings, Rule(quiet=True)] = field(default_factory=RecordingSettings)
+    perception: Annotated[PerceptionSettings, Rule(quiet=True)] = field(default_factory=PerceptionSettings)
     blur: Annotated[BlurSettings, Rule(quiet=True)] = field(default_factory=BlurSettings)
     driving: DrivingLimits = field(default_factory=DrivingLimits)
     assistant: AssistantSettings = field(default_factory=AssistantSettings)

@@ -144,7 +144,20 @@ def tell(story: Story) -> None:
     ask(intents.CancelAnswer(), events.LlmExchange, WIZARD, detail="cancelled by another wizard")
 
     persons = story.until(lambda: state.persons.value, "somebody is here")
-    ask(intents.NamePerson(persons[0].person_id, "Ada"), events.PersonRenamed)
+    here = persons[0].person_id
+    ask(intents.NamePerson(here, "Ada"), events.PersonRenamed)
+    ask(intents.AttendPerson(here), events.PersonAttended)
+    ask(intents.SetPersonGroup(here, "Control"), events.PersonDescribed, detail="group")
+    ask(intents.TagPerson(here, ("shy",)), events.PersonDescribed, detail="tags")
+    ask(intents.NotePerson(here, "Likes trains"), events.PersonDescribed, detail="note")
+    ask(intents.NoteConsent(here, "photo", given=True), events.ConsentNoted)
+    ask(intents.SplitPerson(here), events.PersonSplit)
+    other = story.until(lambda: next((row for row in state.persons.value if row.person_id != here), None), "another")
+    ask(intents.RejectPerson(other.person_id, here), events.PersonRejected)
+    ask(intents.ConfirmPerson(other.person_id, here), events.PersonIdentified)
+    ask(intents.UndoPeople(), events.PeopleUndone)
+    ask(intents.MergePeople(other.person_id, here), events.PeopleMerged)
+    ask(intents.ForgetPerson(here), events.PersonForgotten)
     ask(intents.TakePhoto(), events.PhotoTaken)
     ask(intents.KeepLayout("{}"), events.LayoutChanged)
 

@@ -27,7 +27,7 @@ from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import AssistantStatus
-from caris_desktop.people.register import PeopleRegister
+from caris_desktop.people.store import PeopleStore
 from caris_desktop.recording.foreign.bag_import import ImportReport
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.messages import SessionHeader, StartRecording
@@ -187,7 +187,7 @@ def _part(run: ReplayRun, name: str) -> QWidget:
 @pytest.mark.logs(r"app\.replay_command: ")
 def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tmp_path: Path, qtbot: QtBot) -> None:
     _record(tmp_path / "sessions" / "one", [(0.0, lambda at_ns: ScenarioOpened(at_ns, "new.yaml", "", "", NEWER))])
-    PeopleRegister(tmp_path / "people.sqlite").close()
+    PeopleStore(tmp_path / "people.sqlite").close()
     run = ReplayRun(_arguments(tmp_path / "sessions" / "one"))
     qtbot.addWidget(run.window)
     assert run.window.windowTitle().startswith("Replay of one · Tour guide"), "what it cannot read stands in for it"
@@ -198,11 +198,11 @@ def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tm
         assert _part(run, name).isHidden(), f"{name} would do nothing"
     for name in ("assistant_ask", "assistant_say"):
         assert not _part(run, name).isEnabled(), f"{name} would do nothing"
-    register = run._register
-    assert register is not None
+    people = run._people
+    assert people is not None
     run.close()
     with pytest.raises(sqlite3.ProgrammingError, match="closed"):
-        register._database.execute("SELECT 1")
+        people._database.execute("SELECT 1")
 
 
 class Ends:

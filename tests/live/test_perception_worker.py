@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonAppeared, PersonLeft, PersonRenamed, Problem
+from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
@@ -70,7 +71,7 @@ def test_a_person_appears_is_named_and_leaves_when_the_camera_goes_black(qtbot: 
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     person = setup.rows[-1][0]
     assert setup.of(PersonAppeared)[0].person_id == person.person_id
-    setup.worker.rename(person.person_id, "Mara")
+    setup.worker.ask(NamePerson(person.person_id, "Mara"))
     qtbot.waitUntil(lambda: setup.rows[-1][0].name == "Mara", timeout=5000)
     assert "Mara" not in repr(setup.of(PersonRenamed)), "names stay out of events"
     _show_until(qtbot, setup, 200, lambda: setup.people()[-1].boxes[0].person_id == person.person_id)

@@ -9,9 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
+from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence
-from caris_desktop.people.register import PeopleRegister, PeopleStoreError, RegisteredPerson
+from caris_desktop.people.sealing import About
+from caris_desktop.people.store import PeopleStore, StoredPerson
 
 FRAME_NS = 100_000_000
 
@@ -30,14 +34,14 @@ def _watch(presence: Presence, frames: list[list[int]], *, start: int = 0) -> li
 
 
 @pytest.fixture
-def register(tmp_path: Path) -> Iterator[PeopleRegister]:
-    register = PeopleRegister(tmp_path / "people.db")
-    yield register
-    register.close()
+def store(tmp_path: Path) -> Iterator[PeopleStore]:
+    store = PeopleStore(tmp_path / "people.db")
+    yield store
+    store.close()
 
 
-def test_a_track_becomes_a_person_in_its_third_frame(register: PeopleRegister) -> None:
-    presence = Presence(register)
+def test_a_track_becomes_a_person_in_its_third_frame(store: PeopleStore) -> None:
+    presence = Presence(KnownPeople(store))
     assert _watch(presence, [[4], [4]]) == []
     assert presence.persons() == ()
     people, events = presence.update(_seen(2 * FRAME_NS, 4))
@@ -45,16 +49,16 @@ def test_a_track_becomes_a_person_in_its_third_frame(register: PeopleRegister) -
     assert isinstance(event, PersonAppeared)
     assert (event.stamp_ns, event.track) == (2 * FRAME_NS, 4)
     assert people.boxes[0].person_id == event.person_id
-    assert [person.person_id for person in register.everybody()] == [event.person_id]
+    assert [person.person_id for person in store.everybody()] == [event.person_id]
     (row,) = presence.persons()
     assert (row.person_id, row.track, row.name, row.here) == (event.person_id, 4, "Person 1", True)
 
 
-def test_an_unconfirmed_box_has_no_person(register: PeopleRegister) -> None:
-    presence = Presence(register)
+def test_an_unconfirmed_box_has_no_person(store: PeopleStore) -> None:
+    presence = Presence(KnownPeople(store))
     people, _ = presence.update(_seen(0, 4))
     assert people.boxes[0].person_id == ""
-    assert register.everybody() == ()
+    assert store.everybody() == ()
 
 
 def test_each_camera_has_people_of_its_own() -> None:
@@ -111,8 +115,8 @@ def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
     assert isinstance(event, PersonLeft)
 
 
-def test_a_track_that_returns_is_the_same_person_at_once(register: PeopleRegister) -> None:
-    presence = Presence(register)
+def test_a_track_that_returns_is_the_same_person_at_once(store: PeopleStore) -> None:
+    presence = Presence(KnownPeople(store))
     _watch(presence, [[7]] * 3 + [[]] * 20)
     (row,) = presence.persons(include_left=True)
     assert not row.here
@@ -121,7 +125,7 @@ def test_a_track_that_returns_is_the_same_person_at_once(register: PeopleRegiste
     assert people.boxes[0].person_id == row.person_id
     (again,) = presence.persons()
     assert again.since_ns == 40 * FRAME_NS
-    assert len(register.everybody()) == 1
+    assert len(store.everybody()) == 1
 
 
 def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
@@ -136,42 +140,42 @@ def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
     assert after.name == "Person 2"
 
 
-def test_a_name_is_in_the_register_and_the_panel_but_not_in_the_event(register: PeopleRegister) -> None:
-    presence = Presence(register)
+def test_a_name_is_in_the_database_and_the_panel_but_not_in_the_event(store: PeopleStore) -> None:
+    presence = Presence(KnownPeople(store))
     _watch(presence, [[1]] * 3)
     (row,) = presence.persons()
-    events = presence.rename(row.person_id, "  Ada   Lovelace ", now_ns=5)
-    assert events == [PersonRenamed(5, row.person_id)]
+    events = presence.do(NamePerson(row.person_id, "  Ada   Lovelace "), 5)
+    assert events == [PersonRenamed(5, row.person_id, "wizard")]
     assert presence.persons()[0].name == "Ada Lovelace"
-    assert [person.name for person in register.everybody()] == ["Ada Lovelace"]
-    presence.rename(row.person_id, "", now_ns=6)
+    assert [person.name for person in store.everybody()] == ["Ada Lovelace"]
+    presence.do(NamePerson(row.person_id, ""), 6)
     assert presence.persons()[0].name == "Person 1"
 
 
 def test_naming_somebody_unknown_is_refused_in_words() -> None:
-    (event,) = Presence().rename("p-unknown", "Ada", now_ns=5)
+    (event,) = Presence().do(NamePerson("p-unknown", "Ada"), 5)
     assert isinstance(event, Problem)
 
 
-class FullDisk(PeopleRegister):
-    """A register whose disk is full."""
+class FullDisk(PeopleStore):
+    """A database whose disk is full."""
 
-    def add(self) -> RegisteredPerson:
+    def add(self) -> StoredPerson:
         raise PeopleStoreError("The disk is full.")
 
-    def rename(self, person_id: str, name: str) -> None:
+    def describe(self, person_id: str, about: About) -> None:
         raise PeopleStoreError("The disk is full.")
 
-    def seen(self, person_id: str) -> None:
+    def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int, session: str = "") -> None:
         raise PeopleStoreError("The disk is full.")
 
 
-def test_a_register_that_fails_costs_no_person_and_is_reported_once(tmp_path: Path) -> None:
-    presence = Presence(FullDisk(tmp_path / "people.db"))
+def test_a_database_that_fails_costs_no_person_and_is_reported_once(tmp_path: Path) -> None:
+    presence = Presence(KnownPeople(FullDisk(tmp_path / "people.db")))
     events = _watch(presence, [[1, 2]] * 3)
     assert [type(event) for event in events] == [PersonAppeared, Problem, PersonAppeared]
     row, _ = presence.persons()
-    assert presence.rename(row.person_id, "Ada", now_ns=5) == [PersonRenamed(5, row.person_id)]
+    assert presence.do(NamePerson(row.person_id, "Ada"), 5) == [PersonRenamed(5, row.person_id, "wizard")]
     assert presence.persons()[0].name == "Ada"
     assert [type(event) for event in _watch(presence, [[]] * 20, start=3)] == [PersonLeft, PersonLeft]
     presence.close()

@@ -3,22 +3,32 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 from PySide6.QtCore import QObject, Qt, QThread
 
-from caris_desktop.domain import intents
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import Event
+from caris_desktop.domain.events import (
+    Event,
+    PersonAttended,
+    PhotoTaken,
+    SessionEnded,
+    SessionStarted,
+    UtteranceChanged,
+)
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
-from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.decisions import PeopleIntent
+from caris_desktop.people.presence import Presence, RecognitionSettings
 from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
 _ENDS_WITHIN_MS = 5000
@@ -52,13 +62,27 @@ class PeopleService(Service):
         self._thread = QThread(self)
         self._thread.setObjectName("perception")
         self._worker: PerceptionWorker | None = None
+        self._recognition = RecognitionSettings()
+        self._may_decide = True
         state.robot.changed.connect(self._on_cameras_changed)
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens))
 
     def handlers(self) -> Handlers:
-        return {intents.NamePerson: self._name}
+        return dict.fromkeys(get_args(PeopleIntent), self._decide) | {intents.AttendPerson: self._attend}
+
+    def follows(self) -> Follows:
+        return dict.fromkeys((UtteranceChanged, PhotoTaken, SessionStarted, SessionEnded), self._note)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        names = scenario.permissions.naming_people
+        asked = scenario.perception
+        # Where people get no names there is nobody to recognise, so nothing is learned about them.
+        self._recognition = RecognitionSettings(asked.recognise if names else "nobody", asked.confirm_at)
+        self._may_decide = names
+        if self._worker is not None:
+            self._worker.recognise(self._recognition, may_decide=names)
 
     @property
     def inference_pid(self) -> int | None:
@@ -69,11 +93,16 @@ class PeopleService(Service):
         if body is None:
             return
         worker = PerceptionWorker(
-            replace(body, arguments=(self._rings, *body.arguments)), self._parts.open_presence, self._bus.publish
+            replace(body, arguments=(self._rings, *body.arguments)),
+            self._parts.open_presence,
+            self._bus.publish,
+            self._state.portraits,
         )
         worker.moveToThread(self._thread)
         worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)
         worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
+        worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
+        worker.recognise(self._recognition, may_decide=self._may_decide)
         self._thread.started.connect(worker.run)
         self._worker = worker
         self._on_cameras_changed(None)
@@ -110,9 +139,20 @@ class PeopleService(Service):
         else:
             worker.offer_evidence(value)
 
-    def _name(self, asked: intents.NamePerson) -> None:
+    def _decide(self, asked: PeopleIntent) -> None:
+        if self._worker is None:
+            raise ToldFailure(
+                "People are not looked for here.", "Nothing about them was changed.", "Start with people detection."
+            )
+        self._worker.ask(asked)
+
+    def _attend(self, asked: intents.AttendPerson) -> None:
+        self._state.selected_person.set(asked.person_id)
+        self._bus.publish(PersonAttended(clock.now_ns(), asked.person_id, asked.actor))
+
+    def _note(self, event: Any) -> None:
         if self._worker is not None:
-            self._worker.rename(asked.person_id, asked.name, asked.actor)
+            self._worker.note(event)
 
     def _on_cameras_changed(self, _value: object) -> None:
         if self._worker is None:

@@ -1,0 +1,221 @@
+"""The file of the study's people: opened, checked and raised to the present version, or left untouched."""
+
+import logging
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from caris_desktop.people.sealing import About, about_bytes, new_key, seal
+
+_log = logging.getLogger(__name__)
+
+# Recognised by `file` and by us: a database of another program is never written to. Reads "CaPe".
+_APPLICATION_ID = 0x43615065
+_BUSY_TIMEOUT_S = 2.0
+
+
+class PeopleStoreError(Exception):
+    """The study's people cannot be read or written; the text is a sentence for the wizard."""
+
+
+def _wrap_names(database: sqlite3.Connection) -> None:
+    for person_id, name, created_utc_ns, last_seen_utc_ns in database.execute("SELECT * FROM people_in_clear"):
+        key = new_key()
+        wrapped = seal(key, person_id, "about", about_bytes(About(name=name)))
+        database.execute("INSERT INTO keys VALUES (?, ?)", (person_id, key))
+        database.execute(
+            "INSERT INTO people VALUES (?, '', ?, ?, ?)", (person_id, created_utc_ns, last_seen_utc_ns, wrapped)
+        )
+
+
+Step = tuple[str | Callable[[sqlite3.Connection], None], ...]
+# Each step raises a database by one version; one that was once released is never changed.
+STEPS: tuple[Step, ...] = (
+    (
+        """CREATE TABLE people (
+            person_id TEXT PRIMARY KEY NOT NULL,
+            name TEXT NOT NULL DEFAULT '',
+            created_utc_ns INTEGER NOT NULL,
+            last_seen_utc_ns INTEGER NOT NULL
+        ) STRICT, WITHOUT ROWID""",
+        f"PRAGMA application_id = {_APPLICATION_ID}",
+    ),
+    (
+        "ALTER TABLE people RENAME TO people_in_clear",
+        "CREATE TABLE keys (person_id TEXT PRIMARY KEY NOT NULL, key BLOB NOT NULL) STRICT, WITHOUT ROWID",
+        """CREATE TABLE people (
+            person_id TEXT PRIMARY KEY NOT NULL,
+            is_person_id TEXT NOT NULL DEFAULT '',
+            created_utc_ns INTEGER NOT NULL,
+            last_seen_utc_ns INTEGER NOT NULL,
+            about BLOB
+        ) STRICT, WITHOUT ROWID""",
+        "CREATE INDEX people_linked ON people (is_person_id) WHERE is_person_id <> ''",
+        """CREATE TABLE looks (
+            person_id TEXT NOT NULL,
+            kind TEXT NOT NULL,
+            model TEXT NOT NULL,
+            day TEXT NOT NULL,
+            expires_utc_ns INTEGER,
+            vectors BLOB NOT NULL,
+            PRIMARY KEY (person_id, kind, model, day)
+        ) STRICT, WITHOUT ROWID""",
+        """CREATE TABLE portraits (
+            person_id TEXT PRIMARY KEY NOT NULL,
+            quality REAL NOT NULL,
+            jpeg BLOB NOT NULL
+        ) STRICT, WITHOUT ROWID""",
+        """CREATE TABLE visits (
+            person_id TEXT NOT NULL,
+            from_utc_ns INTEGER NOT NULL,
+            to_utc_ns INTEGER NOT NULL,
+            session TEXT NOT NULL,
+            PRIMARY KEY (person_id, from_utc_ns)
+        ) STRICT, WITHOUT ROWID""",
+        """CREATE TABLE rejections (
+            person_id TEXT NOT NULL,
+            is_not_person_id TEXT NOT NULL,
+            utc_ns INTEGER NOT NULL,
+            actor TEXT NOT NULL,
+            PRIMARY KEY (person_id, is_not_person_id)
+        ) STRICT, WITHOUT ROWID""",
+        """CREATE TABLE consents (
+            consent_id INTEGER PRIMARY KEY,
+            person_id TEXT NOT NULL,
+            kind TEXT NOT NULL,
+            given INTEGER NOT NULL,
+            utc_ns INTEGER NOT NULL,
+            actor TEXT NOT NULL
+        ) STRICT""",
+        "CREATE INDEX consents_of ON consents (person_id)",
+        """CREATE TABLE history (
+            entry_id INTEGER PRIMARY KEY,
+            person_id TEXT NOT NULL,
+            kind TEXT NOT NULL,
+            utc_ns INTEGER NOT NULL,
+            session TEXT NOT NULL,
+            text BLOB NOT NULL
+        ) STRICT""",
+        "CREATE INDEX history_of ON history (person_id, utc_ns)",
+        _wrap_names,
+        "DROP TABLE people_in_clear",
+    ),
+)
+
+
+class PeopleDatabase:
+    """Opens the database at ``path``, or creates it and its folder. Use from the thread that created it.
+
+    Everything raises PeopleStoreError, after which it remains usable.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self.explained("opened"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.connection = sqlite3.connect(path, timeout=_BUSY_TIMEOUT_S, isolation_level=None)
+        try:
+            with self.explained("opened"):
+                self._prepare()
+        except PeopleStoreError:
+            self.connection.close()
+            raise
+
+    def empty_log_and_free_pages(self) -> None:
+        with self.explained("written"):
+            self.connection.execute("VACUUM")
+            busy = self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
+        if busy:
+            raise PeopleStoreError(
+                f"Another program is using {self.path}, so its log still holds what was deleted. "
+                "Close that program and ask again."
+            )
+
+    def _prepare(self) -> None:
+        database = self.connection
+        application_id = database.execute("PRAGMA application_id").fetchone()[0]
+        version = database.execute("PRAGMA user_version").fetchone()[0]
+        tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        if tables and application_id != _APPLICATION_ID:
+            raise PeopleStoreError(f"{self.path} is a database of another program and was left untouched.")
+        if version > len(STEPS):
+            raise PeopleStoreError(
+                f"{self.path} was written by a newer version of this program and was left untouched. "
+                "Update the program."
+            )
+        if tables and database.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+            raise PeopleStoreError(_damaged(self.path))
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA synchronous = NORMAL")
+        database.execute("PRAGMA secure_delete = ON")
+        # A file beside it in a folder for all users would hold what VACUUM turns over.
+        database.execute("PRAGMA temp_store = MEMORY")
+        if version < len(STEPS):
+            self._migrate()
+            if version:
+                # Names stood in the clear before.
+                self.empty_log_and_free_pages()
+
+    def _migrate(self) -> None:
+        """All steps or none. No copy of the old database is kept: whoever is forgotten later would stay in it."""
+        database = self.connection
+        with self._transaction():
+            # Another console may have been here since the version was looked at.
+            version = database.execute("PRAGMA user_version").fetchone()[0]
+            for number, step in enumerate(STEPS[version:], start=version + 1):
+                for statement in step:
+                    if isinstance(statement, str):
+                        database.execute(statement)
+                    else:
+                        statement(database)
+                database.execute(f"PRAGMA user_version = {number}")
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        with self.explained("written"), self._transaction():
+            yield
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self.connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self.connection.execute("COMMIT")
+        except BaseException:
+            if self.connection.in_transaction:
+                self.connection.execute("ROLLBACK")
+            raise
+
+    @contextmanager
+    def explained(self, verb: str) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            _log.exception("people database %s could not be %s", self.path, verb)
+            raise PeopleStoreError(_explanation(self.path, verb, error)) from error
+        except OSError as error:
+            _log.exception("people database %s could not be %s", self.path, verb)
+            raise PeopleStoreError(
+                f"The study's people in {self.path} cannot be {verb}: {error.strerror or error}."
+            ) from error
+
+
+def _damaged(path: Path) -> str:
+    return (
+        f"{path} is not a people database or is damaged; it was left untouched. "
+        "Move it away to start an empty one, or put a backup in its place."
+    )
+
+
+def _explanation(path: Path, verb: str, error: sqlite3.DatabaseError) -> str:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
+        return _damaged(path)
+    if code == sqlite3.SQLITE_FULL:
+        return f"The disk is full: the study's people in {path} cannot be {verb}. Make room on the disk."
+    if code == sqlite3.SQLITE_BUSY:
+        return f"Another program is using {path}. Close it; the study's people cannot be {verb} meanwhile."
+    if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR):
+        return f"The study's people in {path} cannot be {verb}. Choose a study folder that you may write to."
+    return f"The study's people in {path} cannot be {verb}: {error}."

@@ -1,0 +1,333 @@
+"""What is decided about people, by the wizard or by the console: each decision is an event, and can be taken back."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import (
+    ConsentNoted,
+    Event,
+    IdentifiedBy,
+    PeopleDecision,
+    PeopleMerged,
+    PeopleUndone,
+    PersonAppeared,
+    PersonDescribed,
+    PersonDetail,
+    PersonForgotten,
+    PersonIdentified,
+    PersonLeft,
+    PersonRejected,
+    PersonRenamed,
+    PersonSplit,
+    Problem,
+)
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.identities import UNDECIDED
+from caris_desktop.people.known import KnownPeople, Undo, merged
+from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.sealing import About
+from caris_desktop.people.visits import Visit, Visits
+
+MAX_NAME_LENGTH = 80
+MAX_NOTE_LENGTH = 4000
+MAX_TAGS = 20
+MOST_UNDONE = 50
+
+PeopleIntent = (
+    intents.NamePerson
+    | intents.ConfirmPerson
+    | intents.RejectPerson
+    | intents.SetPersonGroup
+    | intents.TagPerson
+    | intents.NotePerson
+    | intents.MergePeople
+    | intents.SplitPerson
+    | intents.NoteConsent
+    | intents.UndoPeople
+    | intents.ForgetPerson
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """A decision, and how it is taken back. ``concerns`` are all ids that it is about."""
+
+    decision: PeopleDecision
+    person_id: str
+    is_person_id: str
+    concerns: frozenset[str]
+    take_back: Undo
+
+
+class Decisions:
+    """For one thread."""
+
+    def __init__(self, known: KnownPeople, visits: Visits, portraits: Portraits) -> None:
+        self._known = known
+        self._visits = visits
+        self._portraits = portraits
+        self._done: deque[_Done] = deque(maxlen=MOST_UNDONE)
+
+    def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
+        """What follows from it; a Problem where it cannot be done."""
+        match asked:
+            case intents.NamePerson(person_id=person_id, name=name):
+                return self._name(person_id, _one_line(name), now_ns, asked.actor)
+            case intents.SetPersonGroup(person_id=person_id, group=group):
+                return self._describe(person_id, "group", {"group": _one_line(group)}, now_ns, asked.actor)
+            case intents.TagPerson(person_id=person_id, tags=tags):
+                wanted = tuple(dict.fromkeys(filter(None, map(_one_line, tags))))[:MAX_TAGS]
+                return self._describe(person_id, "tags", {"tags": wanted}, now_ns, asked.actor)
+            case intents.NotePerson(person_id=person_id, note=note):
+                kept = note.strip()[:MAX_NOTE_LENGTH]
+                return self._describe(person_id, "note", {"note": kept}, now_ns, asked.actor)
+            case intents.ConfirmPerson(person_id=person_id, is_person_id=is_person_id):
+                visit = self._visits.find(person_id)
+                if visit is None or not self._exists(is_person_id):
+                    return [_unknown(now_ns)]
+                return self.identify(visit, is_person_id, now_ns, asked.actor)
+            case intents.RejectPerson(person_id=person_id, is_person_id=is_person_id):
+                return self._reject(person_id, is_person_id, now_ns, asked.actor)
+            case intents.MergePeople(person_id=person_id, into_person_id=into_person_id):
+                return self._merge(person_id, into_person_id, now_ns, asked.actor)
+            case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
+                return self._split(person_id, visit_id, now_ns, asked.actor)
+            case intents.NoteConsent():
+                return self._note_consent(asked, now_ns)
+            case intents.UndoPeople():
+                return self._undo(now_ns, asked.actor)
+            case intents.ForgetPerson(person_id=person_id):
+                return self._forget(person_id, now_ns, asked.actor)
+
+    def identify(self, visit: Visit, is_person_id: str, now_ns: int, actor: Actor = CONSOLE) -> list[Event]:
+        """Of this visit everything is ``is_person_id``'s from now on."""
+        root = self._known.root_of(is_person_id)
+        if root == visit.person_id:
+            return []
+        if root == visit.visit_id:
+            return self._split(visit.visit_id, visit.visit_id, now_ns, actor)
+        if any(other.here for other in self._visits.of_person(root)) and visit.here:
+            return [_here_already(now_ns)]
+        told = next((guess for guess in visit.judgement.guesses if guess.person_id == root), None)
+        others = [guess for guess in visit.judgement.guesses if guess.person_id != root]
+        runner_up = others[0].confidence if others else 0.0
+        before, confidence = visit.person_id, 0.0 if told is None else told.confidence
+        concerned = [visit] if visit.identified else self._visits.of_person(visit.visit_id)
+        back = [self._given_to(each, root) for each in concerned] + [self._known.link(visit.visit_id, root)]
+        visit.confidence = confidence
+        visit.summary = self._known.summary(root)
+        self._remember("identified", visit.visit_id, root, _all(back[::-1]))
+        self._known.keep_looks(visit.visit_id)
+        by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
+        return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]
+
+    def forget_decisions(self) -> None:
+        """Nothing of before can be taken back."""
+        self._done.clear()
+
+    def __len__(self) -> int:
+        return len(self._done)
+
+    def _name(self, person_id: str, name: str, now_ns: int, actor: Actor) -> list[Event]:
+        if not self._exists(person_id):
+            return [_unknown(now_ns)]
+        root = self._root(person_id)
+        back = self._known.describe(root, replace(self._known.about(root), name=name))
+        self._remember("named", root, "", back)
+        self._keep_what_is_known(root)
+        events: list[Event] = [PersonRenamed(now_ns, root, actor)]
+        if self._known.namesakes(root, name):
+            events.append(
+                Problem(
+                    now_ns,
+                    "info",
+                    "Two people have the same name now.",
+                    "They stay two, with what is known of each.",
+                    "Merge them in the People panel if they are one person, or give one another name.",
+                )
+            )
+        return events
+
+    def _describe(
+        self, person_id: str, detail: PersonDetail, changes: dict[str, object], now_ns: int, actor: Actor
+    ) -> list[Event]:
+        if not self._exists(person_id):
+            return [_unknown(now_ns)]
+        root = self._root(person_id)
+        about: About = replace(self._known.about(root), **changes)  # type: ignore[arg-type]
+        if about == self._known.about(root):
+            return []
+        self._remember(detail, root, "", self._known.describe(root, about))
+        self._keep_what_is_known(root)
+        return [PersonDescribed(now_ns, root, detail, actor)]
+
+    def _reject(self, person_id: str, is_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
+        visit = self._visits.find(person_id)
+        if visit is None:
+            return [_unknown(now_ns)]
+        root = self._known.root_of(is_person_id)
+        if root == visit.visit_id:
+            return [_unknown(now_ns)]
+        back: list[Undo] = [self._known.reject(visit.visit_id, root, actor)]
+        if visit.person_id == root:
+            back.append(self._given_to(visit, visit.visit_id))
+            back.append(self._known.link(visit.visit_id, ""))
+            visit.summary, visit.confidence = "", 0.0
+        visit.judgement, visit.suggested_id = UNDECIDED, ""
+        self._remember("rejected", visit.visit_id, root, _all(back[::-1]))
+        return [PersonRejected(now_ns, visit.visit_id, root, actor)]
+
+    def _merge(self, person_id: str, into_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
+        if not (self._exists(person_id) and self._exists(into_person_id)):
+            return [_unknown(now_ns)]
+        root, into = self._root(person_id), self._root(into_person_id)
+        if root == into:
+            return []
+        back = [self._given_to(visit, into) for visit in self._visits.of_person(root)]
+        about = merged(self._known.about(into), self._known.about(root))
+        back.append(self._known.link(root, into))
+        if about != self._known.about(into):
+            back.append(self._known.describe(into, about))
+        self._remember("merged", root, into, _all(back[::-1]))
+        return [PeopleMerged(now_ns, root, into, actor)]
+
+    def _split(self, person_id: str, visit_id: str, now_ns: int, actor: Actor) -> list[Event]:
+        visit = self._visits.find(visit_id or person_id)
+        if visit is None:
+            return [_unknown(now_ns)]
+        root = visit.person_id
+        if visit.identified:
+            back = [self._given_to(visit, visit.visit_id), self._known.link(visit.visit_id, "")]
+            visit.summary, visit.confidence = "", 0.0
+            self._remember("split", visit.visit_id, root, _all(back[::-1]))
+            return [PersonSplit(now_ns, visit.visit_id, root, actor)]
+        if not visit.here:
+            return [_unknown(now_ns)]
+        # Somebody else stands there now: the visit ends, and another one begins on the same tracks.
+        tracks = tuple(visit.tracks)
+        new_id = self._known.add()
+        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        visit.here = False
+        for track in tracks:
+            self._visits.begin(other, track)
+
+        def back_again() -> None:
+            for track in tuple(other.tracks):
+                self._visits.attach(visit, track)
+            visit.here, other.here = visit.here or other.here, False
+            self._visits.drop(other)
+
+        self._remember("split", new_id, root, back_again)
+        number = self._visits.number_of(new_id)
+        return [
+            PersonLeft(now_ns, root, visit.track),
+            PersonSplit(now_ns, new_id, root, actor),
+            PersonAppeared(now_ns, new_id, visit.track, number),
+        ]
+
+    def _note_consent(self, asked: intents.NoteConsent, now_ns: int) -> list[Event]:
+        if not self._exists(asked.person_id):
+            return [_unknown(now_ns)]
+        root = self._root(asked.person_id)
+        back = self._known.note_consent(root, asked.kind, given=asked.given, actor=asked.actor)
+        self._remember("consent", root, "", back)
+        return [ConsentNoted(now_ns, root, asked.kind, asked.given, asked.actor)]
+
+    def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
+        if not self._done:
+            return [
+                Problem(now_ns, "info", "There is nothing to undo.", "Nothing was changed.", "Forgetting is for good.")
+            ]
+        done = self._done.pop()
+        done.take_back()
+        return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, actor)]
+
+    def _forget(self, person_id: str, now_ns: int, actor: Actor) -> list[Event]:
+        if not self._exists(person_id):
+            return [_unknown(now_ns)]
+        root = self._root(person_id)
+        visits = [visit for visit in self._visits if self._root(visit.person_id) == root]
+        try:
+            ids = set(self._known.forget(root)) | {visit.visit_id for visit in visits}
+        except PeopleStoreError as error:
+            return [
+                Problem(
+                    now_ns, "error", str(error), "The person is not forgotten yet.", "Ask again when that is mended."
+                )
+            ]
+        self._done = deque((done for done in self._done if not done.concerns & ids), maxlen=MOST_UNDONE)
+        for each in ids:
+            self._portraits.drop_all_of(each)
+        events: list[Event] = [PersonForgotten(now_ns, root, actor)]
+        for visit in visits:
+            self._visits.drop(visit)
+            if visit.here:
+                # Still there to be seen, as somebody of whom nothing is known.
+                new_id = self._known.add()
+                other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+                other.forgotten = True
+                for track in tuple(visit.tracks):
+                    self._visits.begin(other, track)
+                events.append(PersonAppeared(now_ns, new_id, visit.track, self._visits.number_of(new_id)))
+        return events
+
+    def _given_to(self, visit: Visit, person_id: str) -> Undo:
+        before = (visit.person_id, visit.summary, visit.confidence)
+        visit.person_id = person_id
+        self._visits.number_of(person_id)
+
+        def back() -> None:
+            visit.person_id, visit.summary, visit.confidence = before
+
+        return back
+
+    def _keep_what_is_known(self, person_id: str) -> None:
+        """Who is known now is so after a power cut too, looks included."""
+        for visit in self._visits.of_person(person_id):
+            visit.settled = True
+            self._known.keep_looks(visit.visit_id)
+
+    def _remember(self, decision: PeopleDecision, person_id: str, is_person_id: str, take_back: Undo) -> None:
+        concerns = {*self._known.ids_of(person_id), *(self._known.ids_of(is_person_id) if is_person_id else ())}
+        self._done.append(_Done(decision, person_id, is_person_id, frozenset(concerns), take_back))
+
+    def _root(self, person_id: str) -> str:
+        return self._known.root_of(person_id)
+
+    def _exists(self, person_id: str) -> bool:
+        return self._visits.find(person_id) is not None or self._known.is_known(person_id)
+
+
+def _all(undos: list[Undo]) -> Callable[[], None]:
+    def back() -> None:
+        for undo in undos:
+            undo()
+
+    return back
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())[:MAX_NAME_LENGTH]
+
+
+def _here_already(now_ns: int) -> Problem:
+    return Problem(
+        now_ns,
+        "info",
+        "That person is here already.",
+        "Nobody can be here twice, so nothing was changed.",
+        "Say of the other one that it is not them; or merge the two, if they are one person.",
+    )
+
+
+def _unknown(now_ns: int) -> Problem:
+    return Problem(
+        now_ns,
+        "warning",
+        "That person is not known any more.",
+        "Nothing was kept of what was asked.",
+        "Choose a person from the People panel.",
+    )

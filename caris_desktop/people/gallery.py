@@ -1,0 +1,99 @@
+"""How known people look: a mean and a few views of each, and how much somebody resembles each of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vectors = NDArray[np.float32]
+
+KEEP = 0.95
+GOOD_QUALITY = 0.5
+MOST_VIEWS = 7
+_ALIKE = 0.93  # a view that is closer than this to one that is kept tells nothing new
+
+
+class Views:
+    """How one person looked in one visit, by one network: a running mean of the good views, and a few diverse ones.
+
+    Bounded: however long somebody stays, it is :data:`MOST_VIEWS` vectors and their mean.
+    """
+
+    def __init__(self, vectors: Vectors | None = None) -> None:
+        """``vectors`` is what :meth:`vectors` gave."""
+        self.count = 0
+        self._mean: Vectors | None = None
+        self._views: list[Vectors] = []
+        if vectors is not None and len(vectors):
+            self.count = len(vectors)
+            self._mean = vectors[0].copy()
+            self._views = [view.copy() for view in vectors[1 : MOST_VIEWS + 1]]
+
+    def add(self, vector: Vectors, quality: float) -> bool:
+        """Whether it was good enough to be learned from."""
+        if quality < GOOD_QUALITY:
+            return False
+        self.count += 1
+        # The first ones count alike: a mean that begins with a bad one would keep it for long.
+        keep = min(KEEP, 1.0 - 1.0 / self.count)
+        self._mean = vector.copy() if self._mean is None else unit(keep * self._mean + (1.0 - keep) * vector)
+        self._keep_diverse(vector)
+        return True
+
+    def _keep_diverse(self, vector: Vectors) -> None:
+        if not self._views:
+            self._views.append(vector.copy())
+            return
+        views = np.stack(self._views)
+        if float((views @ vector).max()) > _ALIKE:
+            return
+        if len(self._views) < MOST_VIEWS:
+            self._views.append(vector.copy())
+            return
+        # Of the two that are closest to one another one is spared, where the new one is farther from all.
+        alike = views @ views.T
+        np.fill_diagonal(alike, -1.0)
+        if float((views @ vector).max()) < float(alike.max()):
+            self._views[int(alike.max(axis=1).argmax())] = vector.copy()
+
+    def vectors(self) -> Vectors:
+        """float32, shape (1 + views, length): the mean first. (0, 0) before the first good view."""
+        if self._mean is None:
+            return np.zeros((0, 0), np.float32)
+        return np.stack([self._mean, *self._views]).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gallery:
+    """Vectors of many people by one network. ``vectors`` is (n, length), ``begins`` where each person's begin."""
+
+    person_ids: tuple[str, ...]
+    vectors: Vectors
+    begins: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, vectors: Mapping[str, Sequence[Vectors]]) -> "Gallery":
+        """Of each person any number of arrays, shape (n, length); empty ones do not count."""
+        known = {person_id: [each for each in arrays if len(each)] for person_id, arrays in vectors.items()}
+        known = {person_id: arrays for person_id, arrays in known.items() if arrays}
+        if not known:
+            return cls((), np.zeros((0, 0), np.float32), np.zeros(0, np.int64))
+        stacked = [np.concatenate(arrays) for arrays in known.values()]
+        begins = np.cumsum([0, *(len(array) for array in stacked[:-1])])
+        return cls(tuple(known), np.concatenate(stacked).astype(np.float32), begins)
+
+    def likeness(self, seen: Vectors) -> NDArray[np.float64]:
+        """How much each of ``person_ids`` looks like each of ``seen``, (m, length): the cosine of the view that comes
+        closest. Shape (people, m).
+        """
+        if not self.person_ids or self.vectors.shape[1] != seen.shape[1]:
+            return np.zeros((0, len(seen)))
+        alike = (self.vectors @ seen.T).astype(np.float64)
+        return np.maximum.reduceat(alike, self.begins, axis=0)
+
+
+def unit(vector: Vectors) -> Vectors:
+    """The same direction, of unit length."""
+    length = float(np.linalg.norm(vector))
+    return (vector / length).astype(np.float32) if length > 0.0 else vector.astype(np.float32)

@@ -1,0 +1,357 @@
+"""What is known of the study's people, in memory and written through to the study's database where there is one."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import datetime, time, timedelta
+from typing import TypeVar
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.events import ConsentKind, Event, Problem
+from caris_desktop.domain.people import LooksKind
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.identities import Identities
+from caris_desktop.people.sealing import About
+from caris_desktop.people.store import (
+    Consent,
+    HistoryEntry,
+    HistoryKind,
+    PeopleStore,
+    StoredLooks,
+    StoredPerson,
+    new_person_id,
+)
+
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+_NOBODY_KNOWN = About()
+_SUMMARY_CHARACTERS = 300
+
+Undo = Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPerson:
+    """Somebody of whom something is known. ``person_id`` is their own id."""
+
+    person_id: str
+    about: About
+    last_seen_utc_ns: int = 0
+
+
+class KnownPeople:
+    """For one thread. A database that fails costs nobody: the failure is told once, and what is known stays here.
+
+    ``now`` is this computer's local time.
+    """
+
+    def __init__(self, store: PeopleStore | None = None, *, now: Callable[[], datetime] = datetime.now) -> None:
+        self.store = store
+        self.identities = Identities()
+        self._now = now
+        self._abouts: dict[str, About] = {}
+        self._roots: dict[str, str] = {}
+        self._consents: dict[str, dict[ConsentKind, Consent]] = {}
+        self._rejections: set[tuple[str, str]] = set()
+        self._last_seen_utc_ns: dict[str, int] = {}
+        self._problem: str = ""
+        self._problem_told = False
+        self._day = self.today()
+        if store is not None:
+            self._load(store)
+
+    def _load(self, store: PeopleStore) -> None:
+        try:
+            store.expire()
+            everybody = store.everybody()
+            consents, rejections, looks = store.consents(), store.rejections(), store.looks()
+        except PeopleStoreError as error:
+            self._problem = str(error)
+            return
+        self._consents = consents
+        self._rejections = set(rejections)
+        for person in everybody:
+            self._take_in(person)
+        for each in looks:
+            self.identities.remember(each.person_id, each.kind, each.model, each.vectors)
+        for person_id, root in self._roots.items():
+            self.identities.link(person_id, root)
+        for person_id in self._abouts:
+            self.identities.settle(person_id, lasting=True)
+
+    def _take_in(self, person: StoredPerson) -> None:
+        if person.is_person_id:
+            self._roots[person.person_id] = person.is_person_id
+        elif person.about != _NOBODY_KNOWN:
+            self._abouts[person.person_id] = person.about
+        root = person.is_person_id or person.person_id
+        self._last_seen_utc_ns[root] = max(person.last_seen_utc_ns, self._last_seen_utc_ns.get(root, 0))
+
+    # Time
+
+    def today(self) -> str:
+        return self._now().date().isoformat()
+
+    def utc_now_ns(self) -> int:
+        return round(self._now().timestamp() * 1e9)
+
+    def _end_of_day_utc_ns(self) -> int:
+        return round(datetime.combine(self._now().date() + timedelta(days=1), time.min).timestamp() * 1e9)
+
+    def turn_day(self) -> bool:
+        """Whether midnight has passed: clothes of yesterday tell nothing any more."""
+        if self.today() == self._day:
+            return False
+        self._day = self.today()
+        self.identities.drop("clothing")
+        self._write(lambda store: store.expire())
+        return True
+
+    # Who
+
+    def add(self) -> str:
+        """The id of somebody new."""
+        if self.store is not None:
+            try:
+                return self.store.add().person_id
+            except PeopleStoreError as error:
+                self._report(error)
+        return new_person_id()
+
+    def root_of(self, person_id: str) -> str:
+        return self._roots.get(person_id, person_id)
+
+    def ids_of(self, person_id: str) -> tuple[str, ...]:
+        root = self.root_of(person_id)
+        return (root, *(each for each, its_root in self._roots.items() if its_root == root))
+
+    def about(self, person_id: str) -> About:
+        return self._abouts.get(self.root_of(person_id), _NOBODY_KNOWN)
+
+    def is_known(self, person_id: str) -> bool:
+        """Whether the wizard wrote anything down about them."""
+        return self.root_of(person_id) in self._abouts
+
+    def everybody(self) -> tuple[KnownPerson, ...]:
+        """All who are known, whoever was seen last first."""
+        known = (KnownPerson(each, about, self._last_seen_utc_ns.get(each, 0)) for each, about in self._abouts.items())
+        return tuple(sorted(known, key=lambda person: -person.last_seen_utc_ns))
+
+    def namesakes(self, person_id: str, name: str) -> bool:
+        """Whether somebody else has that name."""
+        root = self.root_of(person_id)
+        return bool(name) and any(each != root and about.name == name for each, about in self._abouts.items())
+
+    def describe(self, person_id: str, about: About) -> Undo:
+        """Instead of what was written down before; gives how to take that back."""
+        root, before = self.root_of(person_id), self.about(person_id)
+        self._describe(root, about)
+        return lambda: self._describe(root, before)
+
+    def _describe(self, root: str, about: About) -> None:
+        if about == _NOBODY_KNOWN:
+            self._abouts.pop(root, None)
+        else:
+            self._abouts[root] = about
+            self.identities.settle(root, lasting=True)
+        self._write(lambda store: store.describe(root, about))
+
+    def link(self, person_id: str, root: str) -> Undo:
+        """That id, with all that are linked to it, is ``root``'s, or with an empty one its own; gives the way back."""
+        before = {each: self._roots.get(each, "") for each in self.ids_of(person_id) if root} | {
+            person_id: self._roots.get(person_id, "")
+        }
+        self._link(person_id, root)
+
+        def back() -> None:
+            for each, its_root in before.items():
+                self._link(each, its_root)
+
+        return back
+
+    def _link(self, person_id: str, root: str) -> None:
+        if root:
+            for each in [each for each, its_root in self._roots.items() if its_root == person_id]:
+                self._roots[each] = root
+            self._roots[person_id] = root
+        else:
+            self._roots.pop(person_id, None)
+        self.identities.link(person_id, root)
+        self._write(lambda store: store.link(person_id, root))
+
+    # What they agreed to, and who they are not
+
+    def consents(self, person_id: str) -> tuple[ConsentKind, ...]:
+        """What the person agrees to now."""
+        held = self._consents.get(self.root_of(person_id), {})
+        return tuple(kind for kind, consent in held.items() if consent.given)
+
+    def note_consent(self, person_id: str, kind: ConsentKind, *, given: bool, actor: Actor = "") -> Undo:
+        root = self.root_of(person_id)
+        before = kind in self.consents(root)
+        self._note_consent(root, kind, given, actor)
+        return lambda: self._note_consent(root, kind, before, actor)
+
+    def _note_consent(self, root: str, kind: ConsentKind, given: bool, actor: Actor) -> None:
+        consent = Consent(kind, given, self.utc_now_ns(), actor)
+        self._consents.setdefault(root, {})[kind] = consent
+        self._write(lambda store: store.note_consent(root, kind, given=given, actor=actor))
+        if kind == "face" and not given:
+            self.drop_faces(root)
+
+    def drop_faces(self, person_id: str) -> None:
+        ids = self.ids_of(person_id)
+        self.identities.drop("face", ids)
+        for each in ids:
+            self._write(lambda store, each=each: store.drop_looks(each, "face"))  # type: ignore[misc]
+
+    def reject(self, person_id: str, is_not_person_id: str, actor: Actor = "") -> Undo:
+        pair = (person_id, self.root_of(is_not_person_id))
+        if pair in self._rejections:
+            return lambda: None
+        self._rejections.add(pair)
+        self._write(lambda store: store.reject(*pair, actor))
+
+        def back() -> None:
+            self._rejections.discard(pair)
+            self._write(lambda store: store.take_back_rejection(*pair))
+
+        return back
+
+    def rejected_for(self, person_id: str) -> set[str]:
+        """Who that visit, or that person in any visit, is not."""
+        ids = set(self.ids_of(person_id)) | {person_id}
+        return {self.root_of(other) for each, other in self._rejections if each in ids}
+
+    def confused(self) -> set[frozenset[str]]:
+        """Pairs of people who were taken for one another before."""
+        return {frozenset((self.root_of(each), self.root_of(other))) for each, other in self._rejections}
+
+    # What is kept
+
+    def keep_looks(self, person_id: str) -> None:
+        """What was learned in the visit of this id: clothes until midnight, a face where that was agreed to."""
+        may_keep_face = "face" in self.consents(person_id)
+        for (kind, model), vectors in self.identities.views_of(person_id).items():
+            if kind == "face" and not may_keep_face:
+                self.identities.drop("face", [person_id])
+                continue
+            looks = StoredLooks(person_id, kind, model, self._day_of(kind), vectors)
+            expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
+            self._write(
+                lambda store, looks=looks, expires=expires_utc_ns: store.keep_looks(looks, expires_utc_ns=expires)  # type: ignore[misc]
+            )
+
+    def _day_of(self, kind: LooksKind) -> str:
+        return self._day if kind == "clothing" else ""
+
+    def keep_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
+        self._write(lambda store: store.keep_portrait(person_id, jpeg, quality))
+
+    def portrait(self, person_id: str) -> bytes | None:
+        return self._read(lambda store: store.portrait(person_id), None)
+
+    def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int, session: str) -> None:
+        root = self.root_of(person_id)
+        self._last_seen_utc_ns[root] = to_utc_ns
+        self._write(
+            lambda store: store.note_visit(person_id, from_utc_ns=from_utc_ns, to_utc_ns=to_utc_ns, session=session)
+        )
+
+    def add_history(self, person_id: str, kind: HistoryKind, text: str, *, session: str) -> None:
+        self._write(lambda store: store.add_history(person_id, kind, text, utc_ns=self.utc_now_ns(), session=session))
+
+    def summary(self, person_id: str) -> str:
+        """In a sentence or two what there was with this person before; empty for somebody new."""
+        nothing: tuple[HistoryEntry, ...] = ()
+        entries = self._read(lambda store: store.history(person_id), nothing)
+        visits = [entry for entry in entries if entry.kind == "visit"]
+        words = [entry.text for entry in entries if entry.kind in ("said", "heard")]
+        about = self.about(person_id)
+        told = []
+        if visits:
+            last = datetime.fromtimestamp(visits[0].utc_ns / 1e9).strftime("%d %B, %H:%M").lstrip("0")
+            times = "once" if len(visits) == 1 else f"{len(visits)} times"
+            told.append(f"was here {times} before, last on {last}")
+        if about.group:
+            told.append(f"group: {about.group}")
+        if about.tags:
+            told.append(", ".join(about.tags))
+        if about.note:
+            told.append(about.note)
+        if words:
+            told.append(f"last words: “{words[0]}”")
+        return "; ".join(told)[:_SUMMARY_CHARACTERS]
+
+    def forget(self, person_id: str) -> tuple[str, ...]:
+        """Erase a person here and in the database; gives all ids that they had. Raises PeopleStoreError."""
+        ids = self.ids_of(person_id)
+        if self.store is not None:
+            ids = tuple(dict.fromkeys((*ids, *self.store.forget(ids[0]))))
+        self.identities.forget(ids)
+        for each in ids:
+            for held in (self._abouts, self._roots, self._consents, self._last_seen_utc_ns):
+                held.pop(each, None)
+        self._rejections = {pair for pair in self._rejections if not set(pair) & set(ids)}
+        return ids
+
+    def drop_visit(self, person_id: str) -> None:
+        """Somebody of whom nothing is known left long ago."""
+        if person_id not in self._abouts and person_id not in self._roots:
+            self._last_seen_utc_ns.pop(person_id, None)
+            self._rejections = {pair for pair in self._rejections if pair[0] != person_id}
+
+    def close(self) -> None:
+        if self.store is not None:
+            self.store.close()
+
+    # Trouble
+
+    def problems(self, now_ns: int) -> list[Event]:
+        """What there is to tell of the database, once."""
+        if not self._problem or self._problem_told:
+            return []
+        self._problem_told = True
+        return [
+            Problem(
+                now_ns,
+                "error",
+                self._problem,
+                "People are still followed, but their names are kept for this session only.",
+                "Choose another study folder, or repair this one, before the next session.",
+            )
+        ]
+
+    def _read(self, read: Callable[[PeopleStore], _T], otherwise: _T) -> _T:
+        if self.store is None:
+            return otherwise
+        try:
+            return read(self.store)
+        except PeopleStoreError as error:
+            self._report(error)
+            return otherwise
+
+    def _write(self, write: Callable[[PeopleStore], None]) -> None:
+        if self.store is None:
+            return
+        try:
+            write(self.store)
+        except PeopleStoreError as error:
+            self._report(error)
+        except KeyError:
+            # Appeared while the database could not be written, or was forgotten meanwhile: known to this session only.
+            _log.warning("a person of this session is not in %s", self.store.path)
+
+    def _report(self, error: PeopleStoreError) -> None:
+        self._problem = self._problem or str(error)
+
+
+def merged(about: About, other: About) -> About:
+    """What is known of two who are one; where both say something, the first one's."""
+    return replace(
+        about,
+        name=about.name or other.name,
+        group=about.group or other.group,
+        tags=tuple(dict.fromkeys((*about.tags, *other.tags))),
+        note="\n".join(dict.fromkeys(filter(None, (about.note, other.note)))),
+    )

@@ -1,0 +1,57 @@
+"""What is wrapped in a person's own data key (AES-256-GCM), so that deleting the key is deleting what it wraps."""
+
+import json
+import logging
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+_log = logging.getLogger(__name__)
+_NONCE_BYTES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What the wizard wrote down about somebody. A person without any of it is not known, but was only seen."""
+
+    name: str = ""
+    group: str = ""
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+
+def new_key() -> bytes:
+    return AESGCM.generate_key(256)
+
+
+def seal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
+    """Bound to whose and what it is, so that nothing can be passed off as somebody else's."""
+    nonce = secrets.token_bytes(_NONCE_BYTES)
+    return nonce + AESGCM(key).encrypt(nonce, content, f"{person_id}/{what}".encode())
+
+
+def unseal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
+    """Empty where it was damaged: one person's trouble must not hide the others."""
+    try:
+        return AESGCM(key).decrypt(content[:_NONCE_BYTES], content[_NONCE_BYTES:], f"{person_id}/{what}".encode())
+    except (InvalidTag, ValueError):
+        _log.warning("%s of %s cannot be read", what, person_id)
+        return b""
+
+
+def about_bytes(about: About) -> bytes:
+    return json.dumps({each.name: getattr(about, each.name) for each in fields(About)}, ensure_ascii=False).encode()
+
+
+def about_of(written: bytes) -> About:
+    content = json.loads(written)
+    tags = content.get("tags")
+    return About(
+        str(content.get("name", "")),
+        str(content.get("group", "")),
+        tuple(map(str, tags)) if isinstance(tags, Iterable) else (),
+        str(content.get("note", "")),
+    )

@@ -1,0 +1,114 @@
+"""Who is here and who was: each visit with the tracks that it was seen as."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from caris_desktop.people.identities import UNDECIDED, Judgement
+
+MOST_LEFT = 200
+"""So many visits that are over are kept in memory, the newest ones."""
+
+Track = tuple[str, int]  # camera, and its tracker's number
+
+
+@dataclass(slots=True, eq=False)
+class Visit:
+    """Somebody's stay. ``visit_id`` is the id with which it began, ``person_id`` whose it is as far as is known."""
+
+    visit_id: str
+    person_id: str
+    camera: str
+    track: int
+    since_ns: int
+    last_seen_ns: int
+    from_utc_ns: int = 0
+    here: bool = True
+    looks: int = 0
+    settled: bool = False
+    forgotten: bool = False  # asked to be: nothing about how they look is learned or kept any more
+    judgement: Judgement = UNDECIDED
+    suggested_id: str = ""
+    confidence: float = 0.0
+    portrait_quality: float = 0.0
+    portraits: int = 0
+    distance_m: float | None = None
+    bearing_rad: float | None = None
+    placed_ns: int = 0
+    posture: str = ""
+    hand_raised: bool | None = None
+    facing: bool | None = None
+    summary: str = ""
+    tracks: set[Track] = field(default_factory=set)
+
+    @property
+    def identified(self) -> bool:
+        return self.person_id != self.visit_id
+
+
+class Visits:
+    """Bounded: of those that are over the newest :data:`MOST_LEFT` stay."""
+
+    def __init__(self) -> None:
+        self._visits: dict[str, Visit] = {}
+        self._of_track: dict[Track, Visit] = {}
+        self._numbers: dict[str, int] = {}
+        self._numbered = 0
+
+    def __iter__(self) -> Iterator[Visit]:
+        return iter(tuple(self._visits.values()))
+
+    def __len__(self) -> int:
+        return len(self._visits)
+
+    def begin(self, visit: Visit, track: Track) -> None:
+        self._visits[visit.visit_id] = visit
+        self.attach(visit, track)
+        self.number_of(visit.person_id)
+
+    def attach(self, visit: Visit, track: Track) -> None:
+        """That track is of this visit from now on."""
+        before = self._of_track.get(track)
+        if before is not None:
+            before.tracks.discard(track)
+        self._of_track[track] = visit
+        visit.tracks.add(track)
+
+    def of_track(self, track: Track) -> Visit | None:
+        return self._of_track.get(track)
+
+    def here(self) -> list[Visit]:
+        return [visit for visit in self._visits.values() if visit.here]
+
+    def find(self, person_id: str) -> Visit | None:
+        """The visit of a person, or with that id: of several who is here, and of those the newest."""
+        found = [visit for visit in self._visits.values() if person_id in (visit.visit_id, visit.person_id)]
+        return max(found, key=lambda visit: (visit.here, visit.since_ns), default=None)
+
+    def of_person(self, person_id: str) -> list[Visit]:
+        return [visit for visit in self._visits.values() if visit.person_id == person_id]
+
+    def number_of(self, person_id: str) -> int:
+        """The 3 of "Person 3"."""
+        if person_id not in self._numbers:
+            self._numbered += 1
+            self._numbers[person_id] = self._numbered
+        return self._numbers[person_id]
+
+    def forget_tracks(self) -> None:
+        """Their numbers mean nobody any more."""
+        self._of_track.clear()
+        for visit in self._visits.values():
+            visit.tracks.clear()
+
+    def drop(self, visit: Visit) -> None:
+        self._visits.pop(visit.visit_id, None)
+        for track in visit.tracks:
+            self._of_track.pop(track, None)
+        if not self.of_person(visit.person_id):
+            self._numbers.pop(visit.person_id, None)
+        self._numbers.pop(visit.visit_id, None)
+
+    def too_many(self) -> list[Visit]:
+        """Those that are over and not to be kept any longer, oldest first."""
+        left = sorted((visit for visit in self._visits.values() if not visit.here), key=lambda each: each.last_seen_ns)
+        return left[: max(0, len(left) - MOST_LEFT)]
