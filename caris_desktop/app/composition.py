@@ -147,6 +147,7 @@ def parts(
             expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
             free_bytes=functools.partial(free_bytes, study),
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
+            study=study.path,
         ),
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", bodies.microphone), lambda: None, _forget),
     )

@@ -4,6 +4,7 @@ Long because two dialects of one API are told apart in one place.
 """
 
 import asyncio
+import base64
 import importlib
 import json
 import logging
@@ -122,12 +123,14 @@ async def stream_chat(
     seed: int | None = None,
     told_version: Callable[[str], None] | None = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
+    jpeg: bytes | None = None,
 ) -> AsyncGenerator[str]:
     """Yield the answer piece by piece as the model writes it.
 
     ``seed`` makes the same model answer the same question alike; it is sent only to servers of which
     :func:`takes_seed` knows that they take it. ``told_version`` is called with what the server tells of the model in
-    the stream, when it does and differently from before; Ollama tells nothing there, see `model_version`.
+    the stream, when it does and differently from before; Ollama tells nothing there, see `model_version`. ``jpeg`` is a
+    picture that goes with the last message; the embedded model takes none.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
     stop generating.
@@ -141,7 +144,7 @@ async def stream_chat(
 
     loop = asyncio.get_running_loop()
     api_key = await _api_key(endpoint)
-    url, body = _request(endpoint, messages, max_tokens=max_tokens, temperature=temperature, seed=seed)
+    url, body = _request(endpoint, messages, max_tokens=max_tokens, temperature=temperature, seed=seed, jpeg=jpeg)
     headers = {"Accept-Encoding": "identity"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
     limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
     parse = _parse_ollama if endpoint.provider == "ollama" else _parse_openai
@@ -307,10 +310,18 @@ def _is_openai(endpoint: ModelEndpoint) -> bool:
 
 
 def _request(
-    endpoint: ModelEndpoint, messages: Sequence[ChatMessage], *, max_tokens: int, temperature: float, seed: int | None
+    endpoint: ModelEndpoint,
+    messages: Sequence[ChatMessage],
+    *,
+    max_tokens: int,
+    temperature: float,
+    seed: int | None,
+    jpeg: bytes | None = None,
 ) -> tuple[str, dict[str, Any]]:
     seeded: dict[str, Any] = {"seed": seed} if seed is not None and takes_seed(endpoint) else {}
-    written = [{"role": message.role, "content": message.content} for message in messages]
+    written: list[dict[str, Any]] = [{"role": message.role, "content": message.content} for message in messages]
+    if jpeg is not None:
+        _attach(endpoint, written[-1], jpeg)
     if endpoint.provider == "ollama":
         return endpoint.base_url.rstrip("/") + "/api/chat", {
             "model": endpoint.model,
@@ -330,6 +341,24 @@ def _request(
         "temperature": temperature,
         **seeded,
     }
+
+
+def _attach(endpoint: ModelEndpoint, message: dict[str, Any], jpeg: bytes) -> None:
+    """Put a picture to a message, as each of the two dialects has it. Raises LanguageModelError."""
+    if endpoint.provider == "embedded":
+        raise LanguageModelError(
+            "The language model of this program cannot see pictures.",
+            "The assistant cannot answer.",
+            "Ask without the photo, or choose another model in the scenario.",
+        )
+    picture = base64.b64encode(jpeg).decode("ascii")
+    if endpoint.provider == "ollama":
+        message["images"] = [picture]
+    else:
+        message["content"] = [
+            {"type": "text", "text": message["content"]},
+            {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{picture}"}},
+        ]
 
 
 @asynccontextmanager

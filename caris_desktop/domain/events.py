@@ -272,7 +272,8 @@ class LlmExchange:
     """One finished exchange with a language model.
 
     ``server`` is the host that was asked, with its port and without credentials; ``seed`` what its choice of words
-    began with, None where the server was not told one. ``actor`` asked the question.
+    began with, None where the server was not told one. ``actor`` asked the question. ``photo`` is the file name of the
+    picture that went with it, as in PhotoTaken.
     """
 
     stamp_ns: int
@@ -290,6 +291,7 @@ class LlmExchange:
     server: str = ""
     seed: int | None = None
     actor: Actor = ""
+    photo: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -449,7 +451,8 @@ class PersonForgotten:
 class PhotoTaken:
     """``file_name`` is relative to the session folder, and without a recording to the study's.
 
-    ``person_id`` is whom the wizard attended to, or who was nearest; empty where nobody was.
+    ``person_id`` is whom the wizard attended to, or who was nearest; empty where nobody was. ``person_ids`` are all who
+    were seen then, ``pose_in_map`` is where the robot was, None where that was not known.
     """
 
     stamp_ns: int
@@ -458,6 +461,28 @@ class PhotoTaken:
     file_name: str
     actor: Actor = ""
     person_id: str = ""
+    person_ids: tuple[str, ...] = ()
+    pose_in_map: Pose2D | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoTagged:
+    """From now on a photo has these tags and no others."""
+
+    stamp_ns: int
+    file_name: str
+    tags: tuple[str, ...]
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoDeleted:
+    """A photo was taken out of the folder, or brought back (``restored``), which can be done until the session ends."""
+
+    stamp_ns: int
+    file_name: str
+    restored: bool = False
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -602,6 +627,8 @@ Event = (
     | PeopleUndone
     | PersonForgotten
     | PhotoTaken
+    | PhotoTagged
+    | PhotoDeleted
     | Marked
     | RecordingPaused
     | ScenarioOpened

@@ -386,6 +386,36 @@ class TakePhoto(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class TagPhoto(Intent):
+    """Give a photo these tags and no others. Photos go by their file names, as in PhotoTaken."""
+
+    file_name: str
+    tags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DeletePhoto(Intent):
+    """Take a photo away. It can be brought back until the session ends."""
+
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestorePhoto(Intent):
+    """Bring a photo back that was deleted."""
+
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class AskAboutPhoto(Intent):
+    """Ask the language model about a photo, which it gets with the question."""
+
+    file_name: str
+    question: str
+
+
+@dataclass(frozen=True, slots=True)
 class KeepLayout(Intent):
     """The wizard arranged the panels: for the record. ``layout`` is an arrangement as in scenario files, as JSON."""
 
@@ -542,6 +572,10 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
     PauseRecording: IntentSpec("Pausing the recording"),
     UseMicrophone: IntentSpec("Choosing a microphone"),
     TakePhoto: IntentSpec("Taking a photo", "photos", proposable=True),
+    TagPhoto: IntentSpec("Tagging the photo", "photos"),
+    DeletePhoto: IntentSpec("Deleting the photo", "photos"),
+    RestorePhoto: IntentSpec("Bringing the photo back", "photos"),
+    AskAboutPhoto: IntentSpec("Asking about the photo", "assistant"),
     KeepLayout: IntentSpec("Keeping the arrangement of the panels", quiet=True),
     OpenScenario: IntentSpec("Opening another scenario"),
     Mark: IntentSpec("Marking the moment", bounds=_MOMENT),

@@ -31,6 +31,7 @@ from caris_desktop.live.services.head import HeadService
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.services.microphone import MicrophoneParts, MicrophoneService
 from caris_desktop.live.services.people import PeopleParts, PeopleService
+from caris_desktop.live.services.photos import PhotosService
 from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
@@ -107,6 +108,7 @@ class Console(QObject):
             asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario, parent=self,
         )  # fmt: skip
         marks = MarksService(state, bus.publish, self)
+        photos = PhotosService(state, bus, slow_work, recording, assistant, study=parts.session.study, parent=self)
         self._session = SessionService(
             state, parts.session,
             Concerned(recording, self._microphone, marks, assistant, self._robot, self._scenario), self,
@@ -116,7 +118,7 @@ class Console(QObject):
 
         # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
         self._services: tuple[Service, ...] = (
-            recording, self._microphone, cameras, self._people, self._speech, marks, self._session, assistant,
+            recording, self._microphone, cameras, self._people, self._speech, marks, self._session, assistant, photos,
             self._robot, head, self._drive, self._scenario, governor,
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)

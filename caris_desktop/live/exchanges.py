@@ -46,6 +46,8 @@ class _Asked:
     asked_ns: int
     seed: int | None
     actor: Actor
+    photo: str
+    jpeg: bytes | None
 
 
 @dataclass(slots=True)
@@ -123,8 +125,12 @@ class Exchanges(QObject):
         max_tokens: int,
         temperature: float,
         actor: Actor = CONSOLE,
+        photo: str = "",
+        jpeg: bytes | None = None,
     ) -> bool:
-        """False when no model is ready. A question under way is cancelled, an answer not used is dismissed."""
+        """False when no model is ready. A question under way is cancelled, an answer not used is dismissed. ``jpeg`` is
+        a picture that goes with the question, ``photo`` its file name.
+        """
         if self._endpoint is None:
             return False
         self._put_away("cancelled by the next question", actor)
@@ -138,6 +144,8 @@ class Exchanges(QObject):
             clock.now_ns(),
             secrets.randbelow(_SEEDS) if takes_seed(self._endpoint) else None,
             actor,
+            photo,
+            jpeg,
         )
         self._state.assistant.set(
             AssistantStatus(state="answering", model=self._shown_as, exchange_id=asked.exchange_id, question=question)
@@ -211,6 +219,7 @@ class Exchanges(QObject):
                 temperature=asked.temperature,
                 seed=asked.seed,
                 told_version=take_version,
+                **({} if asked.jpeg is None else {"jpeg": asked.jpeg}),
             ):
                 now_ns = clock.now_ns()
                 heard.first_token_ns = heard.first_token_ns or now_ns
@@ -247,6 +256,7 @@ class Exchanges(QObject):
             server=server_of(asked.endpoint),
             seed=asked.seed,
             actor=asked.actor,
+            photo=asked.photo,
         )
 
     def _on_answer_grew(self, exchange_id: str, answer: str) -> None:

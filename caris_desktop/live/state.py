@@ -153,7 +153,8 @@ class LiveState(QObject):
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus. ``cameras`` are the names of those that send
+    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus, ``photos`` a tuple of
+    PhotoEntry, newest first. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
     and ``persons`` of all of them. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
     ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
@@ -210,6 +211,7 @@ class LiveState(QObject):
         self.camera = LiveValue("", self)
         self.own_cameras = LiveValue({}, self)
         self.microphone = LiveValue(MicrophoneStatus(), self)
+        self.photos = LiveValue((), self)
         self._camera_by_hand = False
         self._places_by_camera: dict[str, PeopleInMap] = {}
         self._aging = QTimer(self)

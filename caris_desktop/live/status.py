@@ -6,6 +6,7 @@ from typing import Literal
 
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import GuardState, LinkState, Marked, RequestState, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
@@ -123,6 +124,26 @@ class MarksStatus:
 
     last: Marked | None = None
     open: tuple[Marked, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoEntry:
+    """One photo at hand. ``preview_jpeg`` and ``thumbnail_jpeg`` are pictures of it for the window.
+
+    ``deleted``: it can still be brought back. ``changeable``: tags and deleting are possible, as its session runs, or
+    it is of none.
+    """
+
+    file_name: str
+    utc_ns: int
+    camera: str = ""
+    person_ids: tuple[str, ...] = ()
+    pose_in_map: Pose2D | None = None
+    tags: tuple[str, ...] = ()
+    preview_jpeg: bytes = b""
+    thumbnail_jpeg: bytes = b""
+    deleted: bool = False
+    changeable: bool = True
 
 
 @dataclass(frozen=True, slots=True)

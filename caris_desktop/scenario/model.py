@@ -19,7 +19,7 @@ SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
 
 PanelName = Literal[
-    "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics"
+    "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics", "photos"
 ]  # fmt: skip
 
 _Panel = Annotated[PanelName, Rule(noun="panel")]
@@ -131,6 +131,10 @@ class AssistantSettings:
     system_prompt: Annotated[str, Rule("What the model is told before the conversation.", longest=8000)] = ""
     max_tokens: Annotated[int, Rule("The longest answer, in tokens.", at_least=1, at_most=8192)] = 96
     temperature: Annotated[float, Rule("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)] = 0.4
+    pictures: Annotated[
+        bool,
+        Rule("Photos may be given to the model with a question. `embedded` sees none.", quiet=True),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)

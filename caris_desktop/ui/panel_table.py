@@ -45,6 +45,7 @@ PANELS: Mapping[PanelName, PanelSpec] = {
         "Robot", "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
     ),
     "motion": PanelSpec("Motion", "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")),
+    "photos": PanelSpec("Photos", "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"),
     "diagnostics": PanelSpec(
         "Diagnostics", "diagnostics", "DiagnosticsPanel", "gauge", ("session", "people", "assistant", "drive", "map")
     ),

@@ -344,6 +344,10 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return "People", f"Named {name_of(person_id)}"
         case events.PhotoTaken(file_name=file_name):
             return "Session", f"Photo taken ({file_name.rsplit('/', 1)[-1]})"
+        case events.PhotoTagged(file_name=file_name, tags=tags):
+            return "Session", f"Photo tagged ({file_name.rsplit('/', 1)[-1]}: {', '.join(tags) or 'no tags'})"
+        case events.PhotoDeleted(file_name=file_name, restored=restored):
+            return "Session", f"Photo {'brought back' if restored else 'deleted'} ({file_name.rsplit('/', 1)[-1]})"
         case events.Marked():
             return "Session", mark_sentence(event)
         case events.RecordingPaused(paused=paused):

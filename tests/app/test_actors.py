@@ -159,6 +159,11 @@ def tell(story: Story) -> None:
     ask(intents.MergePeople(other.person_id, here), events.PeopleMerged)
     ask(intents.ForgetPerson(here), events.PersonForgotten)
     ask(intents.TakePhoto(), events.PhotoTaken)
+    photo = story.until(lambda: state.photos.value, "the photo")[0].file_name
+    ask(intents.TagPhoto(photo, ("robot arm",)), events.PhotoTagged)
+    ask(intents.DeletePhoto(photo), events.PhotoDeleted, restored=False)
+    ask(intents.RestorePhoto(photo), events.PhotoDeleted, restored=True)
+    ask(intents.AskAboutPhoto(photo, "Who is there?"), events.LlmExchange, outcome="answered", photo=photo)
     ask(intents.KeepLayout("{}"), events.LayoutChanged)
 
     ask(intents.Mark("Laughs", mark_id="m-1"), events.Marked)
@@ -193,7 +198,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
     scenario = replace(
         scenario,
         permissions=replace(scenario.permissions, audio_recording=False),
-        assistant=replace(scenario.assistant, model="openai:small"),
+        assistant=replace(scenario.assistant, model="openai:small", pictures=True),
     )
     parts = composition.parts(study=composition.open_study(folder / "study"))
     with SimulatedRobot("--empty") as robot:
@@ -270,7 +275,7 @@ def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(st
     assert [actors("named", table) for table in ("utterances", "goals", "answers", "marks")] == [
         [OTHER, WIZARD, OTHER],
         [OTHER, OTHER, WIZARD],
-        [OTHER, WIZARD],
+        [OTHER, WIZARD, OTHER],
         [OTHER, OTHER],
     ]
     for path in (tmp_path / "csv").iterdir():

@@ -178,6 +178,24 @@ def test_a_seed_goes_to_servers_that_take_one() -> None:
     )
 
 
+def test_a_picture_goes_with_the_question_as_each_server_takes_it() -> None:
+    def last_message(provider: str) -> dict[str, object]:
+        endpoint = ModelEndpoint(provider, "http://127.0.0.1:1/v1", "m")  # type: ignore[arg-type]
+        body = _request(endpoint, QUESTION, max_tokens=9, temperature=0.0, seed=None, jpeg=b"\xff\xd8")[1]
+        assert [message["content"] for message in body["messages"][:-1]] == [each.content for each in QUESTION[:-1]]
+        return dict(body["messages"][-1])
+
+    asked = QUESTION[-1].content
+    assert last_message("openai")["content"] == [
+        {"type": "text", "text": asked},
+        {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64,/9g="}},
+    ]
+    ollama = last_message("ollama")
+    assert (ollama["content"], ollama["images"]) == (asked, ["/9g="])
+    with pytest.raises(LanguageModelError, match="cannot see pictures"):
+        last_message("embedded")
+
+
 def test_ollama_answer_arrives_piece_by_piece() -> None:
     pieces, served = ask(
         sends(LINES_HEAD, ollama_line("Straight "), ollama_line("on."), ollama_line("", done=True)), provider="ollama"

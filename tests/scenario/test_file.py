@@ -103,7 +103,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
             "panel: vidoe",
             "vidoe",
             "unknown panel 'vidoe'. Allowed: video, map, drive, people, speak, assistant, session, "
-            "robot, motion, diagnostics. Did you mean 'video'?",
+            "robot, motion, diagnostics, photos. Did you mean 'video'?",
         ),
         ("phrases:", "phrase:", "phrase:", "unknown key 'phrase'. Allowed: "),
         ("phrases:", "phrase:", "phrase:", "Did you mean 'phrases'?"),

@@ -299,6 +299,29 @@ class FakeConsole:
             dataclasses.replace(self.state.recording.value, state="paused" if paused else "recording")
         )
 
+    def tag_photo(self, file_name: str, tags: tuple[str, ...]) -> None:
+        self.calls.append(("tag_photo", (file_name, tags)))
+        self._change_photo(file_name, tags=tags)
+
+    def delete_photo(self, file_name: str) -> None:
+        self.calls.append(("delete_photo", file_name))
+        self._change_photo(file_name, deleted=True)
+
+    def restore_photo(self, file_name: str) -> None:
+        self.calls.append(("restore_photo", file_name))
+        self._change_photo(file_name, deleted=False)
+
+    def ask_about_photo(self, file_name: str, question: str) -> None:
+        self.calls.append(("ask_about_photo", (file_name, question)))
+
+    def _change_photo(self, file_name: str, **changes: Any) -> None:
+        self.state.photos.set(
+            tuple(
+                dataclasses.replace(entry, **changes) if entry.file_name == file_name else entry
+                for entry in self.state.photos.value
+            )
+        )
+
     def keep_layout(self, layout: str) -> None:
         self.calls.append(("keep_layout", layout_from_data(json.loads(layout))))
 
@@ -360,6 +383,10 @@ _METHODS: dict[type[Intent], str] = {
     intents.PauseRecording: "pause_session",
     intents.UseMicrophone: "use_microphone",
     intents.TakePhoto: "take_photo",
+    intents.TagPhoto: "tag_photo",
+    intents.DeletePhoto: "delete_photo",
+    intents.RestorePhoto: "restore_photo",
+    intents.AskAboutPhoto: "ask_about_photo",
     intents.KeepLayout: "keep_layout",
     intents.OpenScenario: "open_scenario",
     intents.Mark: "mark",

@@ -35,8 +35,8 @@ def test_a_row_says_what_its_panel_is_called(name: PanelName) -> None:
 def test_a_panel_without_its_permission_is_absent() -> None:
     everything = Permissions()
     assert set(possible_panels(everything)) == set(PANELS)
-    no_driving = Permissions(driving=False, assistant=False, robot_controls=False)
-    assert set(PANELS) - set(possible_panels(no_driving)) == {"drive", "assistant", "robot"}
+    little = Permissions(driving=False, assistant=False, robot_controls=False, photos=False)
+    assert set(PANELS) - set(possible_panels(little)) == {"drive", "assistant", "robot", "photos"}
 
 
 def test_the_window_brings_no_panel_and_no_dialog_along() -> None:

@@ -105,7 +105,28 @@ class AssistantService(Service):
             self._conversation.clear()
         self._exchanges.forget()
 
-    def _ask(self, question: str, actor: Actor) -> None:
+    def check_picture(self) -> None:
+        """Raises ToldFailure where a picture cannot go with a question."""
+        settings = self._scenario.assistant
+        meaning = "The assistant was not asked; the photo stays where it is."
+        if settings.model == "embedded":
+            raise ToldFailure(
+                "The language model of this program cannot see pictures.", meaning,
+                "Ask about photos in a scenario whose model can: assistant.model with assistant.pictures.",
+                severity="warning",
+            )  # fmt: skip
+        if not settings.pictures:
+            raise ToldFailure(
+                "This scenario gives no photos to a language model.", meaning,
+                "Set assistant.pictures in the scenario where participants agreed to it.", severity="warning",
+            )  # fmt: skip
+
+    def ask_about_photo(self, question: str, photo: str, jpeg: bytes, actor: Actor) -> None:
+        """Ask with a picture; ``photo`` is its file name, for the record. Raises ToldFailure."""
+        self.check_picture()
+        self._ask(question.strip() or "What is in this picture?", actor, photo=photo, jpeg=jpeg)
+
+    def _ask(self, question: str, actor: Actor, *, photo: str = "", jpeg: bytes | None = None) -> None:
         if not question:
             return
         too_long = characters_too_long(question)
@@ -121,7 +142,13 @@ class AssistantService(Service):
         messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question)
         settings = self._scenario.assistant
         if not self._exchanges.ask(
-            question, messages, max_tokens=settings.max_tokens, temperature=settings.temperature, actor=actor
+            question,
+            messages,
+            max_tokens=settings.max_tokens,
+            temperature=settings.temperature,
+            actor=actor,
+            photo=photo,
+            jpeg=jpeg,
         ):
             status: AssistantStatus = self._state.assistant.value
             starting = status.state == "starting"

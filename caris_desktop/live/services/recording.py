@@ -240,7 +240,11 @@ class RecordingService(Service):
                 until="picture",
             )
             return
-        self._feed.request(TakePhoto(ref, without_session, actor, self._blur))
+        state = self._state
+        people: People | None = state.people.value if state.people.freshness == "fresh" else None
+        seen = () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
+        pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, seen, pose))
 
     def use_consents(self, person_ids: Collection[str]) -> None:
         """Who agreed to be filmed: they are not covered where only those who did not have to be."""

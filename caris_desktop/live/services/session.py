@@ -32,6 +32,7 @@ class SessionParts:
     expected_bytes_per_hour: Callable[[Scenario], float | None]
     free_bytes: Callable[[], int | None]
     photo_file: Callable[[], Path]
+    study: Path
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from caris_desktop.domain.events import (
     AnswerUsed,
     LinkChanged,
     LlmExchange,
+    PhotoDeleted,
     PhotoTaken,
     Problem,
     RobotChosen,
@@ -645,7 +646,8 @@ def _median_text(values_s: Sequence[float]) -> str:
 
 
 def _photos(facts: SessionFacts) -> dict[str, Any]:
-    photos = facts.of(PhotoTaken)
+    gone: dict[str, bool] = {event.file_name: not event.restored for event in facts.of(PhotoDeleted)}
+    photos = [photo for photo in facts.of(PhotoTaken) if not gone.get(photo.file_name)]
     when = facts.session.clock.session_s
     shown = [
         {

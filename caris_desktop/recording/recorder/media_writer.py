@@ -1,12 +1,13 @@
 """Videos and photos, written by threads of their own so that encoding never delays an event."""
 
 import logging
+import math
 import os
 import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
+from caris_desktop.recording.recorder.messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
 from caris_desktop.recording.recorder.video_file import VideoFile
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate
@@ -52,6 +55,7 @@ class VideoRateChanged:
 
 MediaResult = PhotoTaken | MediaFailed | VideoRateChanged
 _Frame = tuple[FrameRef, NDArray[np.uint8], int]
+_Photo = tuple[PhotoTaken, NDArray[np.uint8], Mapping[str, str]]
 
 
 class MediaWriter:
@@ -92,15 +96,15 @@ class MediaWriter:
         self._camera(ref.camera).add((ref, image_bgr, time.monotonic_ns()))
         return True
 
-    def add_photo(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8]) -> bool:
+    def add_photo(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8], texts: Mapping[str, str]) -> bool:
         """Keep the picture as a PNG at its ``file_name`` in the session's folder; ``taken`` is the result when it is on
-        disk. False as for :meth:`add_frame`.
+        disk. ``texts`` are as in ``photo_file``. False as for :meth:`add_frame`.
         """
         if not self._budget.take(image_bgr.nbytes):
             return False
         if self._photos is None:
             self._photos = _PhotoThread(self._folder, self._results, self._budget, self._on_full)
-        self._photos.add((taken, image_bgr))
+        self._photos.add((taken, image_bgr, texts))
         return True
 
     def end_videos(self) -> None:
@@ -371,7 +375,33 @@ class _CameraThread:
         )
 
 
-def write_photo(image_bgr: NDArray[np.uint8], path: Path, *, on_full: Callable[[], bool] = lambda: False) -> Path:
+def photo_event(wanted: TakePhoto, file_name: str) -> PhotoTaken:
+    """What tells of a photo once it is on disk."""
+    ref = wanted.ref
+    return PhotoTaken(
+        ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor,
+        person_ids=wanted.person_ids, pose_in_map=wanted.pose_in_map,
+    )  # fmt: skip
+
+
+def texts_for(wanted: TakePhoto, utc: str) -> dict[str, str]:
+    """What the file of a photo tells of itself."""
+    pose = wanted.pose_in_map
+    return {
+        TIME: utc,
+        CAMERA: wanted.ref.camera,
+        PEOPLE: " ".join(wanted.person_ids),
+        POSE: "" if pose is None else f"{pose.x_m:.3f} {pose.y_m:.3f} {math.degrees(pose.heading_rad):.1f}",
+    }
+
+
+def write_photo(
+    image_bgr: NDArray[np.uint8],
+    path: Path,
+    *,
+    texts: Mapping[str, str],
+    on_full: Callable[[], bool] = lambda: False,
+) -> Path:
     """A PNG, whole or not at all. Gives its path; raises OSError, ValueError."""
     import cv2
 
@@ -382,7 +412,7 @@ def write_photo(image_bgr: NDArray[np.uint8], path: Path, *, on_full: Callable[[
     if not encoded:
         raise ValueError("the picture could not be encoded")
     path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, png.tobytes(), durable=False, on_full=on_full)
+    replace_file(path, with_texts(png.tobytes(), texts), durable=False, on_full=on_full)
     return path
 
 
@@ -394,13 +424,13 @@ class _PhotoThread:
         self._results = results
         self._budget = budget
         self._on_full = on_full
-        self._photos: deque[tuple[PhotoTaken, NDArray[np.uint8]] | None] = deque()
+        self._photos: deque[_Photo | None] = deque()
         self._waiting = threading.Semaphore(0)
         self.written_bytes = 0
         self.thread = threading.Thread(target=self._run, name="photos", daemon=True)
         self.thread.start()
 
-    def add(self, photo: tuple[PhotoTaken, NDArray[np.uint8]] | None) -> None:
+    def add(self, photo: _Photo | None) -> None:
         """A photo, or None: there will be no more."""
         self._photos.append(photo)
         self._waiting.release()
@@ -412,13 +442,13 @@ class _PhotoThread:
             photo = self._photos.popleft()
             if photo is None:
                 return
-            taken, image_bgr = photo
-            self._write(taken, image_bgr)
+            taken, image_bgr, texts = photo
+            self._write(taken, image_bgr, texts)
             self._budget.give_back(image_bgr.nbytes)
 
-    def _write(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8]) -> None:
+    def _write(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8], texts: Mapping[str, str]) -> None:
         try:
-            path = write_photo(image_bgr, self._folder / taken.file_name, on_full=self._on_full)
+            path = write_photo(image_bgr, self._folder / taken.file_name, texts=texts, on_full=self._on_full)
             self.written_bytes += path.stat().st_size
         except (OSError, ValueError) as error:
             _log.exception("photo %s", taken.file_name)

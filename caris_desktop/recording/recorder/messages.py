@@ -16,6 +16,7 @@ from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
 
 # Before a pickle, which begins with another byte: eight bytes of the session clock follow.
@@ -113,13 +114,16 @@ class OfferMarkers:
 class TakePhoto:
     """Keep this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` while there is none.
 
-    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session.
+    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session. ``person_ids`` and
+    ``pose_in_map`` are as in ``PhotoTaken``.
     """
 
     ref: FrameRef
     without_session: Path
     actor: Actor = ""
     blur: BlurDemand = BlurDemand()
+    person_ids: tuple[str, ...] = ()
+    pose_in_map: Pose2D | None = None
 
 
 @dataclass(frozen=True, slots=True)

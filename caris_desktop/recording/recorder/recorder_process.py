@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import PhotoTaken, Problem, Severity
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import Problem, Severity
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.sensing import People
+from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
-from caris_desktop.recording.recorder.media_writer import write_photo
+from caris_desktop.recording.recorder.media_writer import photo_event, texts_for, write_photo
 from caris_desktop.recording.recorder.messages import (
     ARRIVED,
     OfferMarkers,
@@ -39,6 +40,7 @@ from caris_desktop.recording.recorder.messages import (
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
 from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.05
@@ -151,7 +153,7 @@ class _Recorder:
                 if self._session is None:
                     self._keep_photo(message)
                 else:
-                    self._session.take_photo(message.ref, message.actor)
+                    self._session.take_photo(message)
             case SetRecordingPermissions():
                 if self._session is not None:
                     self._session.set_permissions(
@@ -180,7 +182,7 @@ class _Recorder:
 
     def _write_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         try:
-            path = write_photo(image_bgr, _not_taken(wanted.without_session))
+            path = write_photo(image_bgr, _not_taken(wanted.without_session), texts=texts_for(wanted, _utc(wanted.ref)))
         except (OSError, ValueError) as error:
             _log.exception("photo %s", wanted.without_session)
             self._tell_problem(
@@ -189,8 +191,7 @@ class _Recorder:
                 "Make room or rights for the study's folder, then take it again.",
             )
             return
-        ref, file_name = wanted.ref, f"{path.parent.name}/{path.name}"
-        self._send(PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor))
+        self._send(photo_event(wanted, f"{path.parent.name}/{path.name}"))
 
     def _start(self, start: StartRecording, started_ns: int) -> None:
         unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
@@ -305,6 +306,10 @@ class _Recorder:
             if not self._console_gone:
                 _log.warning("the console no longer listens")
             self._console_gone = True
+
+
+def _utc(ref: FrameRef) -> str:
+    return SessionClock(ClockAnchor.take(), ref.stamp_ns).utc(ref.stamp_ns)
 
 
 def _not_taken(path: Path) -> Path:

@@ -37,8 +37,14 @@ from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter, VideoRateChanged
-from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, StartRecording
+from caris_desktop.recording.recorder.media_writer import (
+    MediaFailed,
+    MediaWriter,
+    VideoRateChanged,
+    photo_event,
+    texts_for,
+)
+from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import WriteThrough
@@ -197,7 +203,7 @@ class SessionRecorder:
         if not self.paused:
             self._miss("unknown", "it could not be read on its way from the console")
 
-    def take_photo(self, ref: FrameRef, actor: Actor) -> None:
+    def take_photo(self, wanted: TakePhoto) -> None:
         """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
             self.problem("warning", "No photo was taken.", "This scenario does not permit photos.", "Nothing to do.")
@@ -205,16 +211,15 @@ class SessionRecorder:
         if self.paused:
             self.problem("warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.")
             return
-        image_bgr = self._frames.read(ref)
+        image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
             self._tell_photo_gone()
             return
-        self._when_covered(ref, image_bgr, lambda covered: self._keep_photo(ref, covered, actor))
+        self._when_covered(wanted.ref, image_bgr, lambda covered: self._keep_photo(wanted, covered))
 
-    def _keep_photo(self, ref: FrameRef, image_bgr: NDArray[np.uint8], actor: Actor) -> None:
-        file_name = f"photos/{self._photos + 1:04d}.png"
-        taken = PhotoTaken(ref.stamp_ns, ref.camera, ref.sequence, file_name, actor)
-        if self._media.add_photo(taken, image_bgr):
+    def _keep_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
+        photo = photo_event(wanted, f"photos/{self._photos + 1:04d}.png")
+        if self._media.add_photo(photo, image_bgr, texts_for(wanted, self._clock.utc(wanted.ref.stamp_ns))):
             self._photos += 1
         else:
             self._tell_photo_gone()

@@ -274,7 +274,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Session:
             session.write(people)
         session.write(ref)
         if number == 20:
-            session.take_photo(ref, WIZARD)
+            session.take_photo(TakePhoto(ref, folder / "elsewhere.png"))
     session.close("wizard", WIZARD)
     return Session(folder, told)
 

@@ -1,0 +1,323 @@
+"""The photos at hand: those of this session and those that were taken without one. Tagged, deleted, asked about."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.assistant import AssistantService
+from caris_desktop.live.services.recording import RecordingService
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import PhotoEntry
+from caris_desktop.recording.photo_file import (
+    CAMERA,
+    PEOPLE,
+    TAGS,
+    PhotoFileError,
+    change_texts,
+    move_photo,
+    previews,
+    remove_all,
+    remove_photos,
+    texts_of,
+)
+from caris_desktop.scenario.model import Scenario
+
+_log = logging.getLogger(__name__)
+MAX_TAGS, MAX_TAG_CHARACTERS = 12, 40
+_PREVIEW_PX, _THUMBNAIL_PX = 960, 200
+_FOR_MODEL_PX = 1024
+_LISTED_AT_MOST = 200
+_LIST_AFTER_MS = 4000
+"""The window, the robot and the models come first."""
+_FOLDER, _ASIDE = "photos", ".deleted"
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """Where a photo lies, in ``folder``; or, deleted, aside."""
+
+    entry: PhotoEntry
+    folder: Path
+    of_session: bool
+
+    @property
+    def path(self) -> Path:
+        return self.folder / self.entry.file_name
+
+
+class PhotosService(Service):
+    """Keeps ``state.photos``, newest first. Files are read and written in a thread of its own (``slow_work``).
+
+    A deleted photo leaves its folder at once, so that the session's checksums are true whenever it ends; until then it
+    lies aside and can be brought back. What was deleted without a session goes for good when the program ends.
+    """
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        slow_work: SlowWork,
+        recording: RecordingService,
+        assistant: AssistantService,
+        *,
+        study: Path,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._slow_work = slow_work
+        self._recording = recording
+        self._assistant = assistant
+        self._study = study
+        self._aside = study / _FOLDER / _ASIDE
+        self._kept: dict[str, _Kept] = {}
+        self._session: Path | None = None
+        self._permitted = False
+        self._listed = False
+        self._listing = QTimer(self, singleShot=True, interval=_LIST_AFTER_MS)
+        self._listing.timeout.connect(self.list_earlier)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.TagPhoto: self._tag,
+            intents.DeletePhoto: self._delete,
+            intents.RestorePhoto: self._restore,
+            intents.AskAboutPhoto: self._ask,
+        }
+
+    def follows(self) -> Follows:
+        return {
+            PhotoTaken: self._on_taken,
+            SessionStarted: self._on_session_started,
+            SessionEnded: self._on_session_ended,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._permitted = scenario.permissions.photos
+        if self._permitted and not self._listed and not self._listing.isActive():
+            self._listing.start()
+        self._show()
+
+    def stop(self) -> None:
+        self._listing.stop()
+        self._permitted = False
+
+    def end(self) -> None:
+        remove_all(self._aside)
+
+    # What there is
+
+    def list_earlier(self) -> None:
+        """Those that lie in the study's folder; one after the other, so that nothing else waits for all of them."""
+        if not self._permitted or self._listed:
+            return
+        self._listed = True
+
+        def names() -> list[str]:
+            remove_all(self._aside)  # of a run that broke off
+            found = sorted((self._study / _FOLDER).glob("*.png"), key=lambda path: path.stat().st_mtime, reverse=True)
+            return [f"{_FOLDER}/{path.name}" for path in found[:_LISTED_AT_MOST]]
+
+        self._slow_work.do(names, self._read_next, self._tell)
+
+    def _read_next(self, names: list[str]) -> None:
+        names = [name for name in names if name not in self._kept]
+        if not names or not self._permitted:
+            return
+
+        def done(entry: PhotoEntry | None) -> None:
+            if entry is not None and entry.file_name not in self._kept:
+                self._keep(_Kept(entry, self._study, of_session=False))
+            self._read_next(names[1:])
+
+        self._slow_work.do(lambda: _earlier(self._study, names[0]), done, self._tell)
+
+    def _on_taken(self, event: PhotoTaken) -> None:
+        folder, of_session = (self._study, False) if self._session is None else (self._session, True)
+        utc_ns = ClockAnchor.take().utc_ns_at(event.stamp_ns)
+        entry = PhotoEntry(event.file_name, utc_ns, event.camera, event.person_ids, event.pose_in_map)
+
+        def done(shown: PhotoEntry) -> None:
+            if of_session and folder != self._session:
+                return  # of a session that has ended meanwhile
+            self._keep(_Kept(shown, folder, of_session))
+
+        self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._tell)
+
+    def _on_session_started(self, _event: SessionStarted) -> None:
+        """The pictures of one participant are not shown beside the next one's."""
+        self._session = self._recording.session_folder
+        self._kept = {name: kept for name, kept in self._kept.items() if not kept.of_session}
+        self._show()
+
+    def _on_session_ended(self, _event: SessionEnded) -> None:
+        self._session = None
+        gone = [kept for kept in self._kept.values() if kept.of_session and kept.entry.deleted]
+        for kept in gone:
+            del self._kept[kept.entry.file_name]
+        self._kept = {
+            name: replace(kept, entry=replace(kept.entry, changeable=False)) if kept.of_session else kept
+            for name, kept in self._kept.items()
+        }
+        self._show()
+        if gone:
+            lie_aside = [self._lies_aside(kept) for kept in gone]
+            self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._tell)
+
+    def _keep(self, kept: _Kept) -> None:
+        self._kept[kept.entry.file_name] = kept
+        self._show()
+
+    def _update(self, file_name: str, **changes: Any) -> None:
+        """As it stands by now: other changes may have been made meanwhile, or its session has gone."""
+        kept = self._kept.get(file_name)
+        if kept is not None:
+            self._keep(replace(kept, entry=replace(kept.entry, **changes)))
+
+    def _show(self) -> None:
+        entries = (kept.entry for kept in self._kept.values()) if self._permitted else ()
+        self._state.photos.set(tuple(sorted(entries, key=lambda entry: entry.utc_ns, reverse=True)))
+
+    # What is asked
+
+    def _tag(self, asked: intents.TagPhoto) -> None:
+        cleaned = (" ".join(tag.replace(",", " ").split()) for tag in asked.tags)
+        tags = tuple(dict.fromkeys(tag for tag in cleaned if tag))
+        if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
+            raise ToldFailure(
+                "The photo was not tagged.",
+                "It has the tags that it had.",
+                f"Give it {MAX_TAGS} tags at most, each of up to {MAX_TAG_CHARACTERS} characters.",
+                severity="warning",
+            )
+        kept = self._changeable(asked.file_name, "tagged")
+
+        def done(_: None) -> None:
+            self._update(asked.file_name, tags=tags)
+            self._bus.publish(PhotoTagged(clock.now_ns(), asked.file_name, tags, asked.actor))
+
+        self._change(lambda: change_texts(kept.path, {TAGS: ", ".join(tags)}), done, "The photo was not tagged.")
+
+    def _delete(self, asked: intents.DeletePhoto) -> None:
+        kept = self._changeable(asked.file_name, "deleted")
+
+        self._change(
+            lambda: move_photo(kept.path, self._lies_aside(kept)),
+            lambda _: self._note_deleted(kept, asked.actor, deleted=True),
+            "The photo was not deleted.",
+        )
+
+    def _restore(self, asked: intents.RestorePhoto) -> None:
+        kept = self._kept.get(asked.file_name)
+        if kept is None or not kept.entry.deleted:
+            raise ToldFailure(
+                "There is no deleted photo to bring back.",
+                "What was deleted goes for good when its session ends.",
+                "Nothing to do.",
+                severity="warning",
+            )
+        self._change(
+            lambda: move_photo(self._lies_aside(kept), kept.path),
+            lambda _: self._note_deleted(kept, asked.actor, deleted=False),
+            "The photo was not brought back.",
+        )
+
+    def _note_deleted(self, kept: _Kept, actor: str, *, deleted: bool) -> None:
+        self._update(kept.entry.file_name, deleted=deleted)
+        self._bus.publish(PhotoDeleted(clock.now_ns(), kept.entry.file_name, not deleted, actor))
+
+    def _ask(self, asked: intents.AskAboutPhoto) -> None:
+        if not self._permitted:
+            raise ToldFailure(
+                "This scenario takes no photos.", "The assistant was not asked.", "Nothing to do.", severity="warning"
+            )
+        kept = self._found(asked.file_name)
+        self._assistant.check_picture()
+
+        def done(jpeg: bytes) -> None:
+            try:
+                self._assistant.ask_about_photo(asked.question, asked.file_name, jpeg, asked.actor)
+            except ToldFailure as failure:
+                self._tell(failure)
+
+        self._slow_work.do(lambda: _pictures(kept.path, _FOR_MODEL_PX)[0], done, self._tell)
+
+    def _found(self, file_name: str) -> _Kept:
+        kept = self._kept.get(file_name)
+        if kept is None or kept.entry.deleted:
+            raise ToldFailure(
+                "There is no such photo.", "It was deleted, or another session runs.", "Choose another one.",
+                severity="warning",
+            )  # fmt: skip
+        return kept
+
+    def _changeable(self, file_name: str, done: str) -> _Kept:
+        kept = self._found(file_name)
+        if not kept.entry.changeable:
+            raise ToldFailure(
+                f"The photo was not {done}.",
+                "Its session has ended, and its checksums stand for every file.",
+                "Note it in the session's annotations.",
+                severity="warning",
+            )
+        return kept
+
+    def _change(self, work: Callable[[], object], done: Callable[[None], None], what: str) -> None:
+        def change() -> None:
+            try:
+                work()
+            except (OSError, PhotoFileError) as error:
+                _log.exception("a photo")
+                raise ToldFailure(
+                    what, f"Its file cannot be changed ({error}).", "Look at the study's folder."
+                ) from error
+
+        self._slow_work.do(change, done, self._tell)
+
+    def _lies_aside(self, kept: _Kept) -> Path:
+        owner = kept.folder.name if kept.of_session else "study"
+        return self._aside / f"{owner} {Path(kept.entry.file_name).name}"
+
+    def _tell(self, failure: ToldFailure) -> None:
+        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
+
+
+def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:
+    """Raises ToldFailure."""
+    large, small = _pictures(folder / entry.file_name, _PREVIEW_PX, _THUMBNAIL_PX)
+    return replace(entry, preview_jpeg=large, thumbnail_jpeg=small)
+
+
+def _pictures(path: Path, *most_px: int) -> list[bytes]:
+    """As those of ``photo_file``. Raises ToldFailure."""
+    try:
+        return previews(path, *most_px)
+    except (OSError, PhotoFileError) as error:
+        what = f"{path.name} cannot be read ({error})."
+        raise ToldFailure("A photo cannot be shown.", what, "Look at its file.", severity="warning") from error
+
+
+def _earlier(study: Path, file_name: str) -> PhotoEntry | None:
+    """A photo that was taken without a session; None where the file is none."""
+    path = study / file_name
+    try:
+        texts = texts_of(path.read_bytes())
+        utc_ns = path.stat().st_mtime_ns
+        tags = tuple(tag for tag in texts.get(TAGS, "").split(", ") if tag)
+        people = tuple(texts.get(PEOPLE, "").split())
+        return _with_pictures(PhotoEntry(file_name, utc_ns, texts.get(CAMERA, ""), people, None, tags), study)
+    except (OSError, PhotoFileError, ToldFailure):
+        _log.warning("%s is passed over", path, exc_info=True)
+        return None

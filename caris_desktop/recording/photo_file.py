@@ -1,0 +1,124 @@
+"""Files of photos, and what they tell of themselves: texts in the PNG, which viewers show and which go with it."""
+
+import shutil
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from caris_desktop.domain.file_replacement import replace_file
+
+TIME, CAMERA, PEOPLE, POSE, TAGS = "Creation Time", "Camera", "People", "Robot pose", "Keywords"
+"""The texts that this program writes. The time is UTC, people are opaque ids, the pose is x and y in metres and the
+heading in degrees."""
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_LONGEST_TEXT_BYTES = 100_000
+_NO_PICTURE = "it is no picture"
+_HEAD = struct.Struct(">I4s")
+
+
+class PhotoFileError(ValueError):
+    """It is no PNG file, or a damaged one."""
+
+
+def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
+    """The same picture with these texts in place of those of the same names; an empty one is left out.
+
+    Texts are written as the PNG standard has them for any language (iTXt, UTF-8, not compressed). Raises
+    PhotoFileError.
+    """
+    parts = [_SIGNATURE]
+    for kind, content, whole in _chunks(png):
+        told = _text(kind, content)
+        if told is None or told[0] not in texts:
+            parts.append(whole)
+        if kind == b"IHDR":
+            parts += [
+                _chunk(b"iTXt", name.encode("latin-1") + b"\0\0\0\0\0" + text.encode("utf-8", "replace"))
+                for name, text in texts.items()
+                if text
+            ]
+    return b"".join(parts)
+
+
+def texts_of(png: bytes) -> dict[str, str]:
+    """The texts in a PNG file, by name. Raises PhotoFileError."""
+    return dict(told for told in (_text(kind, content) for kind, content, _ in _chunks(png)) if told is not None)
+
+
+def change_texts(path: Path, texts: Mapping[str, str]) -> None:
+    """As :func:`with_texts`, in the file, whole or not at all. Raises OSError, PhotoFileError."""
+    replace_file(path, with_texts(path.read_bytes(), texts), durable=False, on_full=lambda: False)
+
+
+def previews(path: Path, *most_px: int) -> list[bytes]:
+    """JPEGs of the photo, each neither wider nor higher than that, in falling order. Raises OSError, PhotoFileError."""
+    import cv2
+    import numpy as np
+
+    try:
+        image_bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        if image_bgr is None:
+            raise PhotoFileError(_NO_PICTURE)
+        jpegs = []
+        for most in most_px:
+            share = most / max(image_bgr.shape[:2])
+            if share < 1.0:
+                image_bgr = cv2.resize(image_bgr, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+            jpegs.append(cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
+    except cv2.error as error:
+        raise PhotoFileError(_NO_PICTURE) from error
+    return jpegs
+
+
+def move_photo(path: Path, to: Path) -> None:
+    """Raises OSError."""
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.move(path, to)
+
+
+def remove_photos(paths: Iterable[Path]) -> None:
+    """Those that are there. Raises OSError."""
+    for path in paths:
+        path.unlink(missing_ok=True)
+
+
+def remove_all(folder: Path) -> None:
+    """The folder with all that is in it, as far as that is possible."""
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _chunks(png: bytes) -> list[tuple[bytes, bytes, bytes]]:
+    """Kind, content, and the bytes of each chunk as they stand."""
+    if not png.startswith(_SIGNATURE):
+        raise PhotoFileError("it is no PNG file")
+    chunks, at = [], len(_SIGNATURE)
+    while at + _HEAD.size <= len(png):
+        length, kind = _HEAD.unpack_from(png, at)
+        end = at + _HEAD.size + length + 4
+        if end > len(png):
+            raise PhotoFileError("it is cut short")
+        chunks.append((kind, png[at + _HEAD.size : end - 4], png[at:end]))
+        at = end
+        if kind == b"IEND":
+            return chunks
+    raise PhotoFileError("it is cut short")
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return _HEAD.pack(len(content), kind) + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def _text(kind: bytes, content: bytes) -> tuple[str, str] | None:
+    """Name and text of a text chunk that is not compressed; None of any other chunk."""
+    if kind not in (b"tEXt", b"iTXt") or len(content) > _LONGEST_TEXT_BYTES:
+        return None
+    name, _, rest = content.partition(b"\0")
+    if kind == b"iTXt":
+        compressed, rest = rest[:1] != b"\0", rest[2:]
+        _language, _, rest = rest.partition(b"\0")
+        _translated, _, rest = rest.partition(b"\0")
+        if compressed:
+            return None
+    return name.decode("latin-1"), rest.decode("utf-8" if kind == b"iTXt" else "latin-1", "replace")
