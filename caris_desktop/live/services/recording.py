@@ -1,6 +1,6 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
 from caris_desktop.live.status import IN_SESSION
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.messages import (
     BlurDemand,
     OfferMarkers,
@@ -61,6 +62,7 @@ class RecordingService(Service):
         self._body = replace(body, arguments=(*body.arguments, rings))
         self._problem = bus.problem
         bus.tap(self.put)
+        state.persons.changed.connect(self._on_persons_changed)
         self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
@@ -246,11 +248,13 @@ class RecordingService(Service):
         pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
         self._feed.request(TakePhoto(ref, without_session, actor, self._blur, seen, pose))
 
-    def use_consents(self, person_ids: Collection[str]) -> None:
-        """Who agreed to be filmed: they are not covered where only those who did not have to be."""
-        self._consents = UseConsents(frozenset(person_ids))
-        if self._started:
-            self._feed.request(self._consents)
+    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
+        """Who agreed to be filmed is not covered where only those who did not have to be."""
+        consents = UseConsents(frozenset(person.person_id for person in persons if "video" in person.consents))
+        if consents != self._consents:
+            self._consents = consents
+            if self._started:
+                self._feed.request(consents)
 
     def _tell_consents(self) -> None:
         """To a new recorder, for which nobody has agreed to anything."""
