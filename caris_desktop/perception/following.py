@@ -11,9 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 
 # Confidences: who is surely somebody, who may be somebody followed already, and who may be somebody new.
 SURE, PERHAPS, NEW = 0.5, 0.1, 0.3
@@ -34,13 +33,6 @@ LOST_S = 2.0
 """How long somebody out of sight is looked for where their way would have led them."""
 REMEMBERED_S = 300.0
 """How long they can be known again by how they look."""
-
-# Of a box's height: how precisely a detector puts it; how fast people change their way; how slowly boxes change size.
-_SEEN_WITHIN = 0.05
-_ACCELERATION_PER_S2 = 2.0
-_SPEED_AT_FIRST_PER_S = 0.7
-_RESIZE_PER_S = 0.25
-_WAY_FADES_S = 0.6
 
 # Cosine distance of two views: how far those of one person lie apart as a rule; up to where one is known again by looks
 # alone, and by how much whoever comes second must be worse; up to where a better view is waited for.
@@ -72,17 +64,7 @@ class Followed:
 
 
 @dataclass(slots=True, eq=False)
-class _Track:
-    """Centre, width and height with their speeds in pixels and seconds; each axis is estimated by itself.
-
-    ``mean`` (4, 2): value and speed. ``covariance`` (4, 2, 2).
-    """
-
-    mean: Floats
-    covariance: Floats
-    stamp_s: float
-    seen_s: float
-    first_s: float
+class _Track(Motion):
     number: int = 0
     evidence: float = 0.0
     looks_like: Floats | None = None
@@ -92,14 +74,6 @@ class _Track:
     @property
     def confirmed(self) -> bool:
         return self.number > 0
-
-    @property
-    def height_px(self) -> float:
-        return max(4.0, float(self.mean[3, 0]))
-
-    def corners(self) -> Floats:
-        x, y, width, height = self.mean[:, 0]
-        return np.array([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
 
 
 class Follower:
@@ -138,7 +112,7 @@ class Follower:
             Asked for new and doubtful ones, and now and then for a good view of somebody; None without such a model.
         """
         for track in self._tracks:
-            _advance(track, stamp_s, shift_px)
+            track.advance(stamp_s, shift_px)
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
         waiting = [track for track in self._tracks if stamp_s - track.seen_s <= LOST_S]
@@ -157,7 +131,7 @@ class Follower:
         new = [box for box in perhaps if confidences[box] >= NEW]
         pairs += _pairs(waiting, new, corners_px, confidences, buffer=BUFFERS[0], least=_LEAST_OVERLAP_PERHAPS)
         for track, box in pairs:
-            _see(track, corners_px[box], stamp_s)
+            track.see(corners_px[box], stamp_s)
             track.evidence += _evidence(float(confidences[box]))
         taken = {box for _, box in pairs}
         left = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
@@ -179,8 +153,7 @@ class Follower:
                 continue
             if confidences[box] < SURE and _covered(corners_px[box], np.delete(corners_px, box, axis=0)) > _ALONE:
                 continue
-            track = _new_track(corners_px[box], stamp_s)
-            track.evidence = _evidence(float(confidences[box]))
+            track = _Track(*first_seen(corners_px[box], stamp_s), evidence=_evidence(float(confidences[box])))
             self._tracks.append(track)
             begun.append((track, box))
         return begun
@@ -231,28 +204,12 @@ def view_qualities(corners_px: Floats, confidences: Floats, picture_px: tuple[fl
     return qualities
 
 
-def overlaps(first: Floats, second: Floats, buffer: float = 0.0) -> Floats:
-    """Intersection over union of each box with each, shape (first, second), after both grew by ``buffer``."""
-    a, b = _blown_up(first, buffer), _blown_up(second, buffer)
-    wide = np.minimum(a[:, None, 2], b[None, :, 2]) - np.maximum(a[:, None, 0], b[None, :, 0])
-    high = np.minimum(a[:, None, 3], b[None, :, 3]) - np.maximum(a[:, None, 1], b[None, :, 1])
-    both = np.clip(wide, 0.0, None) * np.clip(high, 0.0, None)
-    area_a = (a[:, 2] - a[:, 0]) * (a[:, 3] - a[:, 1])
-    area_b = (b[:, 2] - b[:, 0]) * (b[:, 3] - b[:, 1])
-    return np.asarray(both / np.maximum(1e-9, area_a[:, None] + area_b[None, :] - both))
-
-
 def _covered(corners: Floats, others: Floats) -> float:
     """The part of a box that the one of the others covers which covers most."""
     wide = np.minimum(corners[2], others[:, 2]) - np.maximum(corners[0], others[:, 0])
     high = np.minimum(corners[3], others[:, 3]) - np.maximum(corners[1], others[:, 1])
     area = (corners[2] - corners[0]) * (corners[3] - corners[1])
     return float((np.clip(wide, 0.0, None) * np.clip(high, 0.0, None)).max(initial=0.0) / max(1e-9, area))
-
-
-def _blown_up(corners: Floats, buffer: float) -> Floats:
-    width, height = (corners[:, 2] - corners[:, 0]) * buffer, (corners[:, 3] - corners[:, 1]) * buffer
-    return np.asarray(corners + np.stack([-width, -height, width, height], axis=1))
 
 
 class _Views:
@@ -277,7 +234,7 @@ def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_
         return []
     if not tracks:
         return boxes
-    overlap = overlaps(np.stack([track.corners() for track in tracks]), corners_px[boxes], BUFFERS[0])
+    overlap = overlaps(corners_of(tracks), corners_px[boxes], BUFFERS[0])
     lost = np.array([stamp_s - track.seen_s > _DOUBTED_AFTER_S for track in tracks])
     near = overlap > _CONTESTED
     clear = (near.sum(axis=0) == 1) & ~near[lost].any(axis=0)
@@ -326,20 +283,12 @@ def _pairs(
     """The best assignment of boxes to tracks by overlap; a confident box goes before one that is hardly one."""
     if not tracks or not boxes:
         return []
-    import lap  # the console, which imports this module for its types, does without
-
-    expected = np.stack([track.corners() for track in tracks])
-    overlap = overlaps(expected, corners_px[boxes], buffer)
+    overlap = overlaps(corners_of(tracks), corners_px[boxes], buffer)
     cost = 1.0 - overlap * (0.5 + 0.5 * confidences[boxes][None, :])
     if views is not None:
         looks = [views.of(box) for box in boxes]
         cost += [[_apart(track.looks_like, each) - _LOOKS_USUAL for each in looks] for track in tracks]
-    _, columns, _ = lap.lapjv(np.ascontiguousarray(cost), extend_cost=True, cost_limit=1.0)
-    return [
-        (tracks[row], boxes[column])
-        for row, column in enumerate(columns.tolist())
-        if column >= 0 and overlap[row, column] >= least
-    ]
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0) if overlap[row, column] >= least]
 
 
 def _left(tracks: list[_Track], boxes: list[int], found: list[tuple[_Track, int]]) -> tuple[list[_Track], list[int]]:
@@ -350,51 +299,3 @@ def _left(tracks: list[_Track], boxes: list[int], found: list[tuple[_Track, int]
 
 def _evidence(confidence: float) -> float:
     return confidence if confidence >= SURE else _POOR_COUNTS * confidence
-
-
-def _measured(corners: Floats) -> Floats:
-    left, top, right, bottom = corners
-    return np.array([(left + right) / 2, (top + bottom) / 2, right - left, bottom - top])
-
-
-def _new_track(corners: Floats, stamp_s: float) -> _Track:
-    measured = _measured(corners)
-    height = max(4.0, float(measured[3]))
-    mean = np.stack([measured, np.zeros(4)], axis=1)
-    covariance = np.zeros((4, 2, 2))
-    covariance[:, 0, 0] = (_SEEN_WITHIN * height) ** 2
-    covariance[:2, 1, 1] = (_SPEED_AT_FIRST_PER_S * height) ** 2
-    covariance[2:, 1, 1] = (_RESIZE_PER_S * height) ** 2
-    return _Track(mean, covariance, stamp_s, stamp_s, stamp_s)
-
-
-def _advance(track: _Track, stamp_s: float, shift_px: tuple[float, float]) -> None:
-    """Where they would be now: on in the same way, which counts for less the longer nobody has seen them."""
-    dt = stamp_s - track.stamp_s
-    track.stamp_s = stamp_s
-    track.mean[:2, 0] += shift_px
-    if dt <= 0.0:
-        return
-    unseen_s = stamp_s - track.seen_s - dt
-    fading = np.exp(-dt / _WAY_FADES_S) if unseen_s > 0.0 else 1.0
-    track.mean[:, 0] += track.mean[:, 1] * dt
-    track.mean[:, 1] *= fading
-    # Sizes have no way of their own: somebody who came nearer does not go on growing.
-    track.mean[2:, 1] = 0.0
-    step = np.array([[1.0, dt], [0.0, 1.0]])
-    track.covariance = step @ track.covariance @ step.T
-    height = track.height_px
-    q = (_ACCELERATION_PER_S2 * height) ** 2
-    noise = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    track.covariance[:2] += noise
-    track.covariance[2:, 0, 0] += (_RESIZE_PER_S * height) ** 2 * dt
-
-
-def _see(track: _Track, corners: Floats, stamp_s: float) -> None:
-    measured = _measured(corners)
-    variance = (_SEEN_WITHIN * max(4.0, float(measured[3]))) ** 2
-    total = track.covariance[:, 0, 0] + variance
-    gain = track.covariance[:, :, 0] / total[:, None]
-    track.mean = track.mean + gain * (measured - track.mean[:, 0])[:, None]
-    track.covariance = track.covariance - gain[:, :, None] * track.covariance[:, None, 0, :]
-    track.seen_s = stamp_s

@@ -41,7 +41,7 @@ class InferenceSettings:
     ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
     ``recognise_looks``: people who were away are known again by how they look, with a re-identification network beside
     the detector or in a models folder, if there is one.
-    ``own`` is :mod:`caris_desktop.perception.following`; the others are ultralytics'.
+    Of the trackers ``own`` is :mod:`caris_desktop.perception.following`; the others are there to compare with.
     ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
     room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
     """

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.deep_sort import DeepSort
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.following import AppearanceOf, Followed, Follower, overlaps, view_qualities
-from caris_desktop.perception.library_trackers import LibraryTracker
+from caris_desktop.perception.following import AppearanceOf, Followed, Follower, view_qualities
+from caris_desktop.perception.library_trackers import LibraryName, LibraryTracker
+from caris_desktop.perception.motion import overlaps
 
-TrackerName = Literal["own", "bytetrack", "botsort"]
+TrackerName = Literal["own", "deepsort", "bytetrack", "botsort"]
 TRACKERS: tuple[TrackerName, ...] = get_args(TrackerName)
 USUAL_FOCAL_PER_WIDTH = 0.87
 """Of a camera that sees 60 degrees."""
@@ -68,16 +70,20 @@ class PersonTracker:
         self._ours: dict[str, _Followed] = {}
         self._numbers: dict[tuple[str, int], int] = {}
         self._new_number = itertools.count(1).__next__
-        if tracker != "own":
+        if tracker == "bytetrack" or tracker == "botsort":  # noqa: PLR1714 - mypy narrows only so
             LibraryTracker(tracker)  # the library takes seconds to load, which the first picture shall not
 
     def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: Look) -> list[TrackedBox]:
         """The people among what was found in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         rows = _people(detections, self._person_classes)
         corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
-        if self._tracker == "own":
-            followed = self._ours.setdefault(look.frame.camera, _Followed(Follower(self._new_number)))
-            found = followed.follow(corners_px, confidences, look, self._looks_in(image_bgr, corners_px))
+        if self._tracker == "own" or self._tracker == "deepsort":  # noqa: PLR1714 - mypy narrows only so
+            camera = look.frame.camera
+            if camera not in self._ours:
+                kind = Follower if self._tracker == "own" else DeepSort
+                self._ours[camera] = _Followed(kind(self._new_number))
+            appearance_of = self._looks_in(image_bgr, corners_px)
+            found = self._ours[camera].follow(corners_px, confidences, look, appearance_of)
         else:
             found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, look.frame.camera)
         qualities = view_qualities(corners_px, confidences, _size_px(look.frame))
@@ -107,7 +113,7 @@ class PersonTracker:
 
     def _follow_with(
         self,
-        name: Literal["bytetrack", "botsort"],
+        name: LibraryName,
         corners_px: NDArray[np.float64],
         confidences: NDArray[np.float64],
         image_bgr: NDArray[np.uint8],
@@ -126,9 +132,9 @@ class PersonTracker:
 
 @dataclass(slots=True)
 class _Followed:
-    """Our tracker of one camera, and where the camera pointed last."""
+    """A tracker of ours of one camera, and where the camera pointed last."""
 
-    follower: Follower
+    follower: Follower | DeepSort
     looked: tuple[float, float] | None = None
 
     def follow(
@@ -138,11 +144,16 @@ class _Followed:
         look: Look,
         appearance_of: AppearanceOf | None,
     ) -> list[Followed]:
+        stamp_s, shift_px = look.frame.shown_ns / 1e9, self._shift_px(look)
+        if isinstance(self.follower, DeepSort):
+            return self.follower.follow(
+                corners_px, confidences, stamp_s, shift_px=shift_px, appearance_of=appearance_of
+            )
         return self.follower.follow(
             corners_px,
             confidences,
-            look.frame.shown_ns / 1e9,
-            shift_px=self._shift_px(look),
+            stamp_s,
+            shift_px=shift_px,
             picture_px=_size_px(look.frame),
             appearance_of=appearance_of,
         )

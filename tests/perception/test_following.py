@@ -6,7 +6,8 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from caris_desktop.perception.following import LOST_S, SURE, Floats, Follower, overlaps
+from caris_desktop.perception.following import LOST_S, SURE, Follower
+from caris_desktop.perception.motion import Floats, overlaps
 from tests.perception.crowd import Picture, filmed, idf1
 
 

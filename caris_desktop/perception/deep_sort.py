@@ -1,0 +1,119 @@
+"""The tracker of the published system, DeepSORT (Wojke, Bewley and Paulus, 2017), to compare with.
+
+Where somebody would be gates who it can be, how they look decides, and whoever was seen last chooses first. Two things
+differ: time is counted in seconds, as in all of this program, and without a network for looks only ways decide.
+"""
+
+import itertools
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from caris_desktop.perception.following import AppearanceOf, Followed
+from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
+
+_LEAST_CONFIDENCE = 0.3
+_CONFIRM_AFTER = 3
+_LOST_S = 1.2  # 30 pictures of the 25 a second that it was made for
+_LOOKS_KEPT = 100
+_LOOKS_AT_MOST_APART = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors lie closer together
+_GATE = 9.4877  # chi-squared of four measures, 95 %
+_OVERLAP_AT_LEAST = 0.3
+_NEVER = 1e5
+
+
+@dataclass(slots=True, eq=False)
+class _Track(Motion):
+    number: int
+    hits: int = 1
+    looks: deque[Floats] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+
+    @property
+    def confirmed(self) -> bool:
+        return self.hits >= _CONFIRM_AFTER
+
+
+class DeepSort:
+    """Follows the people of one camera. ``new_number`` gives the number of each new one."""
+
+    def __init__(self, new_number: Callable[[], int]) -> None:
+        self._new_number = new_number
+        self._tracks: list[_Track] = []
+
+    def follow(
+        self,
+        corners_px: Floats,
+        confidences: Floats,
+        stamp_s: float,
+        *,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        appearance_of: AppearanceOf | None = None,
+    ) -> list[Followed]:
+        """Take in the next picture; as :meth:`caris_desktop.perception.following.Follower.follow`."""
+        for track in self._tracks:
+            track.advance(stamp_s, shift_px)
+        boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
+        looks = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
+        pairs: list[tuple[_Track, int]] = []
+        # The longer ago, the less is known of where they are, and the more boxes would suit them.
+        confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
+        before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
+        for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
+            pairs += _by_looks(list(same_age), _left(boxes, pairs), corners_px, looks)
+        seen = {id(track) for track, _ in pairs}
+        others = [
+            track
+            for track in self._tracks
+            if id(track) not in seen and (not track.confirmed or track.seen_s == before_s)
+        ]
+        pairs += _by_overlap(others, _left(boxes, pairs), corners_px)
+        for track, box in pairs:
+            track.see(corners_px[box], stamp_s)
+            track.hits += 1
+            if box in looks:
+                track.looks.append(looks[box])
+        for box in _left(boxes, pairs):
+            track = _Track(*first_seen(corners_px[box], stamp_s), number=0)
+            if box in looks:
+                track.looks.append(looks[box])
+            self._tracks.append(track)
+        self._tracks = [
+            track for track in self._tracks if stamp_s - track.seen_s <= (_LOST_S if track.confirmed else 0.0)
+        ]
+        for track, _ in pairs:
+            if track.confirmed and not track.number:
+                track.number = self._new_number()
+        return [Followed(track.number, box, looks.get(box)) for track, box in pairs if track.confirmed]
+
+
+def _by_looks(
+    tracks: list[_Track], boxes: list[int], corners_px: Floats, looks: dict[int, Floats]
+) -> list[tuple[_Track, int]]:
+    if not tracks or not boxes:
+        return []
+    cost = np.array([[_apart(track, corners_px[box], looks.get(box)) for box in boxes] for track in tracks])
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, _LOOKS_AT_MOST_APART)]
+
+
+def _apart(track: _Track, corners: Floats, looks: Floats | None) -> float:
+    """The least cosine distance of all views of somebody; where nobody looks, how unlikely the way is."""
+    unlikely = track.unlikeliness(corners)
+    if unlikely > _GATE:
+        return _NEVER
+    if looks is None or not track.looks:
+        return _LOOKS_AT_MOST_APART * unlikely / _GATE
+    return float(1.0 - max(view @ looks for view in track.looks))
+
+
+def _by_overlap(tracks: list[_Track], boxes: list[int], corners_px: Floats) -> list[tuple[_Track, int]]:
+    if not tracks or not boxes:
+        return []
+    cost = 1.0 - overlaps(corners_of(tracks), corners_px[boxes])
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0 - _OVERLAP_AT_LEAST)]
+
+
+def _left(boxes: list[int], pairs: list[tuple[_Track, int]]) -> list[int]:
+    taken = {box for _, box in pairs}
+    return [box for box in boxes if box not in taken]
