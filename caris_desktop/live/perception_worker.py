@@ -29,7 +29,7 @@ from caris_desktop.people.presence import PersonRow, Presence, RecognitionSettin
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.turning import CameraTurning
-from caris_desktop.perception.turns import CameraTurns
+from caris_desktop.perception.turns import CameraTurns, LookRates
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -60,6 +60,7 @@ class PerceptionWorker(QObject):
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._turns_lock = threading.Lock()
         self._turns = CameraTurns()
+        self._look_rates = LookRates()
         self._child: ChildProcess | None = None
         self._status = PerceptionStatus()
         self._pace_told_ns = 0
@@ -159,6 +160,7 @@ class PerceptionWorker(QObject):
             if item is _FORGET:
                 asked = None
                 self._turning.forget()
+                self._look_rates.forget()
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Asked):
                 self._publish_all(presence.do(item.intent, clock.now_ns()))
@@ -179,6 +181,7 @@ class PerceptionWorker(QObject):
                 ready = False
             elif isinstance(item, People):
                 busy = False
+                self._look_rates.note(item.camera, now_ns=clock.now_ns())
                 if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
                     people, events = presence.update(item)
                     self._publish(people)
@@ -264,7 +267,8 @@ class PerceptionWorker(QObject):
         now_ns = clock.now_ns()
         if now_ns - self._pace_told_ns >= _PACE_TOLD_EVERY_NS:
             self._pace_told_ns = now_ns
-            self._set_status(replace(self._status, inference_ms=inference_ms))
+            looks_per_s = self._look_rates.per_second(now_ns=now_ns)
+            self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
 
     def _show_persons(self, presence: Presence) -> None:
         rows = presence.persons()

@@ -2,6 +2,8 @@
 
 import bisect
 import logging
+import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,7 +15,7 @@ from caris_desktop.domain.sensing import FrameRef, People, StatusShown
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_feed import ReplayFeed, Situation
-from caris_desktop.live.replay_video import ReplayFrames, ReplayVideo
+from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
 from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, LiveValue
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.status_tap import show_status
@@ -23,6 +25,7 @@ _log = logging.getLogger(__name__)
 _TICK_MS = 5
 _BEGINNING_NS = 500_000_000
 _TELL_EVERY_TICKS = 8
+_SMALL_EVERY_S = 0.4
 
 
 class ReplayPlayer(QObject):
@@ -62,6 +65,7 @@ class ReplayPlayer(QObject):
         # Whoever looks chooses the camera; until then it is the one that the wizard saw.
         self._camera_chosen = False
         self._showing_status = False
+        self._small_s: dict[str, float] = {}
         state.camera.changed.connect(self._on_camera_changed)
         self.playback = LiveValue(PlaybackStatus(session.folder.name, clock.start_ns, clock.end_ns), self)
         self._situation_ready.connect(self._on_situation, Qt.ConnectionType.QueuedConnection)
@@ -173,12 +177,21 @@ class ReplayPlayer(QObject):
     def _take_value(self, value: Any) -> None:
         if isinstance(value, FrameRef):
             if self._state.camera.value not in ("", value.camera):
+                self._show_small(value)
                 return
-            self._video.show(self._generation, value, self._clock.rate if self._clock.playing else 1.0)
+            quick = self._clock.playing and self._clock.rate > KEY_FRAMES_FROM_RATE
+            self._video.show(self._generation, value, nearest_key=quick)
         elif isinstance(value, StatusShown):
             self._take_status(value)
         else:
             self._state.take(value)
+
+    def _show_small(self, ref: FrameRef) -> None:
+        """A camera that is not on show is seen small, and rarely: that costs little beside the one on show."""
+        now_s = time.monotonic()
+        if now_s - self._small_s.get(ref.camera, -math.inf) >= _SMALL_EVERY_S:
+            self._small_s[ref.camera] = now_s
+            self._video.show(self._generation, ref, nearest_key=True)
 
     def _on_camera_changed(self, _camera: str) -> None:
         if not self._showing_status:
@@ -220,20 +233,35 @@ class ReplayPlayer(QObject):
         for spec in STATE_STREAMS:
             if spec.name not in present and spec.name != "frame":
                 self._state.stream(spec.name).clear()
+        seen_by = {value.camera for value in values if isinstance(value, People)}
+        for camera in self._state.cameras.value:
+            if camera not in seen_by:
+                self._state.people_of(camera).clear()
         self._state.time_jumped.emit(situation.events)
         for value in values:
             self._take_value(value)
         wanted = self._state.camera.value or _camera_of_people(values)
-        frames = [
-            ref for ref in situation.frames if wanted in ("", ref.camera) and not _was_lost(ref, situation.lost_ns)
-        ]
-        if not frames:
-            self._state.frame.clear()
-        for ref in frames[-1:]:
-            self._video.show(self._generation, ref, 1.0)
+        self._show_frames([ref for ref in situation.frames if not _was_lost(ref, situation.lost_ns)], wanted)
         self._awaits_situation = False
         self._state.check_freshness()
         self._tell()
+
+    def _show_frames(self, frames: list[FrameRef], wanted: str) -> None:
+        """After a jump: each camera's picture, and none of a camera that had none then."""
+        of_camera = {ref.camera: ref for ref in frames}
+        for camera in self._state.cameras.value:
+            if camera not in of_camera:
+                self._state.frame_of(camera).clear()
+        if frames and not wanted:
+            wanted = frames[-1].camera
+        if wanted not in of_camera:
+            self._state.frame.clear()
+        if not self._state.camera.value:
+            self._showing_status = True  # nobody chose it by hand
+            self._state.camera.set(wanted)
+            self._showing_status = False
+        for camera, ref in of_camera.items():
+            self._video.show(self._generation, ref, nearest_key=camera != wanted)
 
     def _on_frame(self, generation: int, ref: FrameRef) -> None:
         if generation != self._generation:

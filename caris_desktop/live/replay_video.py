@@ -14,7 +14,7 @@ from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _FRAMES_KEPT = 12
-_KEY_FRAMES_FROM_RATE = 3.0
+KEY_FRAMES_FROM_RATE = 3.0
 THUMBNAIL_WIDTH_PX = 160
 _PICTURE_HOLDS_NS = 2_000_000_000
 _NOTHING: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
@@ -51,13 +51,13 @@ class ReplayVideo:
         self._decoders: dict[str, _Decoder] = {}
         self._closed = False
 
-    def show(self, generation: int, ref: FrameRef, rate: float) -> None:
-        """GUI thread. Fast replays show key frames, which are decoded alone."""
+    def show(self, generation: int, ref: FrameRef, *, nearest_key: bool = False) -> None:
+        """GUI thread. Key frames are decoded alone: for replays at a high rate, and for small pictures."""
         if self._closed:
             return
         if ref.camera not in self._decoders:
             self._decoders[ref.camera] = _Decoder(self._session, self._frames, self._shown)
-        self._decoders[ref.camera].show(generation, ref, nearest_key=rate > _KEY_FRAMES_FROM_RATE)
+        self._decoders[ref.camera].show(generation, ref, nearest_key=nearest_key)
 
     def close(self) -> None:
         self._closed = True

@@ -10,7 +10,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LinkChanged, LinkQuality
 from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
-from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -156,7 +156,8 @@ class LiveState(QObject):
     ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus, ``photos`` a tuple of
     PhotoEntry, newest first. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
-    and ``persons`` of all of them. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
+    and ``persons`` of all of them. :meth:`frame_of` and :meth:`people_of` are the streams of each camera, with an age
+    of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
     ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
     for nobody.
     ``everybody`` (tuple of PersonRow) has who was here, too, and who is known; ``portraits`` is where the pictures of
@@ -213,6 +214,8 @@ class LiveState(QObject):
         self.microphone = LiveValue(MicrophoneStatus(), self)
         self.photos = LiveValue((), self)
         self._camera_by_hand = False
+        self._of_camera: dict[tuple[str, str], LiveStream] = {}
+        self._robot_clock: LinkQuality | None = None
         self._places_by_camera: dict[str, PeopleInMap] = {}
         self._aging = QTimer(self)
         self._aging.timeout.connect(self.check_freshness)
@@ -226,17 +229,38 @@ class LiveState(QObject):
         """The stream of this name in the stream table."""
         return self._streams[name]
 
+    def frame_of(self, camera: str) -> LiveStream:
+        """The pictures of this camera, whether it is on show or not."""
+        return self._stream_of("frame", camera)
+
+    def people_of(self, camera: str) -> LiveStream:
+        """The people whom this camera sees."""
+        return self._stream_of("people", camera)
+
+    def _stream_of(self, name: str, camera: str) -> LiveStream:
+        stream = self._of_camera.get((name, camera))
+        if stream is None:
+            stream = self._of_camera[name, camera] = LiveStream(BY_NAME[name], self.present, self)
+            stream.robot_clock = self._robot_clock
+        return stream
+
+    def _all_streams(self) -> tuple[LiveStream, ...]:
+        return (*self._streams.values(), *self._of_camera.values())
+
     def take(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
         if isinstance(value, FrameRef):
             self._note_camera(value.camera)
-        if isinstance(value, (FrameRef, People)) and self.camera.value not in ("", value.camera):
-            return
+        if isinstance(value, (FrameRef, People)):
+            self._stream_of(spec.name, value.camera).update_value(value)
+            if self.camera.value not in ("", value.camera):
+                return
         if isinstance(value, PeopleInMap):
             value = self._people_of_all_cameras(value)
         if isinstance(value, LinkQuality):
-            for stream in self._streams.values():
+            self._robot_clock = value
+            for stream in self._all_streams():
                 stream.robot_clock = value
         if spec.delivery is Delivery.LOSSLESS:
             self.event_happened.emit(value)
@@ -249,6 +273,12 @@ class LiveState(QObject):
             self._camera_by_hand = True
             self._show_camera(name)
 
+    def choose_next_camera(self) -> None:
+        """Each camera in its turn is the one on show."""
+        names: tuple[str, ...] = self.cameras.value
+        if self.camera.value in names:
+            self.choose_camera(names[(names.index(self.camera.value) + 1) % len(names)])
+
     def forget_cameras(self) -> None:
         """Another robot has others; those of this computer stay."""
         for name in self.cameras.value:
@@ -259,6 +289,8 @@ class LiveState(QObject):
         """It is not used any more."""
         names = tuple(camera for camera in self.cameras.value if camera != name)
         self._places_by_camera.pop(name, None)
+        self.frame_of(name).clear()
+        self.people_of(name).clear()
         self.cameras.set(names)
         if name == self.camera.value:
             self._camera_by_hand = False
@@ -269,6 +301,10 @@ class LiveState(QObject):
             self.frame.clear()
             self.people.clear()
             self.camera.set(name)
+            # What it sends is known already, and how long it has sent nothing: nobody waits for its next picture.
+            for shown, its in ((self.frame, self.frame_of(name)), (self.people, self.people_of(name))):
+                if its.value is not None:
+                    shown.update_value(its.value)
 
     def _note_camera(self, name: str) -> None:
         """Of those that send pictures the robot's first one is shown, until the wizard chooses."""
@@ -295,13 +331,21 @@ class LiveState(QObject):
         return PeopleInMap(places.stamp_ns, tuple(person for one in together for person in one.people))
 
     def check_freshness(self) -> None:
-        for stream in self._streams.values():
+        for stream in self._all_streams():
             stream.update_freshness()
 
     def forget_what_came_over(self, event: LinkChanged) -> None:
         """A link that is gone takes its latched values along; nothing old stays on show as live."""
         for name in streams_lost_with(event):
-            self._streams[name].clear()
+            if name != "frame":
+                self._streams[name].clear()
+                continue
+            # A camera of this computer came another way.
+            for camera in self.cameras.value:
+                if camera not in self.own_cameras.value:
+                    self.frame_of(camera).clear()
+            if self.camera.value not in self.own_cameras.value:
+                self.frame.clear()
 
     def clear_robot_streams(self) -> None:
         """The robot is gone, or another one."""

@@ -200,10 +200,13 @@ class LoadStatus:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionStatus:
+    """``looks_per_s`` says of each camera how often people are looked for in its pictures."""
+
     state: Literal["off", "loading", "ready", "failed"] = "off"
     model: str = ""
     detail: str = ""
     inference_ms: float | None = None
+    looks_per_s: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

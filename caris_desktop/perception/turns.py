@@ -1,5 +1,7 @@
 """Whose picture is looked at next: several cameras share the looks that one alone would get."""
 
+from collections import deque
+
 from caris_desktop.domain.sensing import FrameRef
 
 OTHERS_EVERY_NS = 300_000_000
@@ -7,6 +9,10 @@ OTHERS_EVERY_NS = 300_000_000
 
 SILENT_AFTER_NS = 600_000_000
 """Nobody waits longer than this for the camera on show."""
+
+
+_RATE_OVER_NS = 4_000_000_000
+_LOOKS_COUNTED = 400
 
 
 class CameraTurns:
@@ -67,3 +73,26 @@ class CameraTurns:
     @property
     def _lead(self) -> str:
         return self._shown or self._first
+
+
+class LookRates:
+    """How often each camera was looked at lately."""
+
+    def __init__(self) -> None:
+        self._looked_ns: dict[str, deque[int]] = {}
+
+    def note(self, camera: str, *, now_ns: int) -> None:
+        """A look at this camera has brought something."""
+        self._looked_ns.setdefault(camera, deque(maxlen=_LOOKS_COUNTED)).append(now_ns)
+
+    def forget(self) -> None:
+        """Other cameras will come."""
+        self._looked_ns.clear()
+
+    def per_second(self, *, now_ns: int) -> tuple[tuple[str, float], ...]:
+        """Each camera and its looks per second over the last seconds, the most looked at first."""
+        rates = []
+        for camera, looked_ns in self._looked_ns.items():
+            lately = sum(now_ns - at_ns < _RATE_OVER_NS for at_ns in looked_ns)
+            rates.append((camera, lately / (_RATE_OVER_NS / 1e9)))
+        return tuple(sorted(rates, key=lambda rate: -rate[1]))

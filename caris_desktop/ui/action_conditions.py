@@ -19,9 +19,11 @@ class ActionConditions(QObject):
         state.places.changed.connect(self._on_places_changed)
         state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         state.recording.changed.connect(self._offer_photo)
+        state.cameras.changed.connect(self._on_cameras_changed)
         self._on_robot_changed(state.robot.value)
         self._on_places_changed(state.places.value)
         self._on_video_freshness_changed(state.frame.freshness)
+        self._on_cameras_changed(state.cameras.value)
 
     def _on_robot_changed(self, robot: Any) -> None:
         features: list[Feature] = []
@@ -33,6 +35,9 @@ class ActionConditions(QObject):
 
     def _on_places_changed(self, places: Any) -> None:
         self._actions.use_places([place.name for place in places])
+
+    def _on_cameras_changed(self, cameras: Any) -> None:
+        self._actions.set_condition("cameras", len(cameras) > 1)
 
     def _on_video_freshness_changed(self, freshness: str) -> None:
         self._actions.set_condition("video", freshness == "fresh")

@@ -25,7 +25,7 @@ from caris_desktop.ui.speed_steps import fraction_after
 logger = logging.getLogger(__name__)
 
 Kind = Literal["command", "hold", "safety", "mark"]
-Condition = Literal["always", "recording", "video", "photo", "answer"]
+Condition = Literal["always", "recording", "video", "photo", "cameras", "answer"]
 Feature = Literal["sideways", "head"]
 IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
 """What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
@@ -191,6 +191,10 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
         "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
         enabled_when="recording", callback="mark_wizard_error", group="Marks",
+    ),
+    ActionSpec(
+        "next_camera", "Show the next camera", "video-camera", ("Ctrl+Shift+V",), ("V",), enabled_when="cameras",
+        callback="show_next_camera", group="Window",
     ),
     ActionSpec(
         "find", "Find anything", "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",

@@ -284,6 +284,9 @@ class MainWindow(QWidget):
     def focus_speak(self) -> None:
         self.board.focus("speak")
 
+    def show_next_camera(self) -> None:
+        self._console.state.choose_next_camera()
+
     def show_command_palette(self) -> None:
         self._palette_overlay.open_with(self.palette_entries())
 

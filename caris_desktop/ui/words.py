@@ -255,6 +255,11 @@ def camera_title(name: str) -> str:
     return words[:1].upper() + words[1:]
 
 
+def camera_in_text(name: str) -> str:
+    """A camera's name within a sentence, after "the": "front camera" for front."""
+    return camera_title(name)[:1].lower() + camera_title(name)[1:]
+
+
 def has_given_name(person: PersonRow) -> bool:
     """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
     return bool(person.name) and not is_unnamed_label(person.name)

@@ -3,10 +3,10 @@
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LinkQuality
+from caris_desktop.domain.events import LinkChanged, LinkQuality
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import FrameRef, Odometry, PeopleInMap, PersonPlace
-from caris_desktop.live.state import LiveState
+from caris_desktop.domain.sensing import FrameRef, Odometry, People, PeopleInMap, PersonPlace
+from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 
 S = 1_000_000_000
@@ -69,9 +69,9 @@ def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
     assert (state.cameras.value, state.camera.value) == (("front", "rear"), "front")
     assert (state.frame.value.camera, state.frame.value.sequence) == ("front", 2)
     state.choose_camera("rear")
-    assert state.frame.value is None, "the other camera's picture is not the new one's"
+    assert state.frame.value.camera == "rear", "what it sent last is known, and young"
     state.take(FrameRef(clock.now_ns(), None, "front", "ring", 0, 3, 64, 48))
-    assert state.frame.freshness == "none", "that the other one is alive does not make this one fresh"
+    assert state.frame.value.camera == "rear"
     state.take(FrameRef(clock.now_ns(), None, "rear", "ring", 0, 3, 64, 48))
     assert state.frame.value.camera == "rear"
     state.choose_camera("ceiling")
@@ -79,6 +79,42 @@ def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
     state.forget_cameras()
     state.take(FrameRef(clock.now_ns(), None, "head", "ring", 0, 1, 64, 48))
     assert (state.cameras.value, state.camera.value) == (("head",), "head")
+
+
+def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
+    now_ns = [100 * S]
+    state = LiveState(present=PresentClock(now_ns=lambda: now_ns[0]))
+    heard: list[str] = []
+    state.frame_of("desk").freshness_changed.connect(heard.append)
+    for camera in ("front", "desk"):
+        state.take(FrameRef(now_ns[0], None, camera, "ring", 0, 1, 64, 48))
+        state.take(People(now_ns[0], camera, 1, 64, 48, (), 9.0))
+    now_ns[0] += 4 * S
+    state.take(FrameRef(now_ns[0], None, "front", "ring", 0, 2, 64, 48))
+    state.check_freshness()
+    assert [state.frame_of(camera).freshness for camera in ("front", "desk")] == ["fresh", "lost"]
+    assert state.frame_of("desk").age_s() == pytest.approx(4.0)
+    assert (state.frame.freshness, state.people_of("desk").value.camera) == ("fresh", "desk")
+    assert state.people.value.camera == "front"
+    state.choose_camera("desk")
+    assert state.frame.freshness == "lost", "nothing old is shown as if it were live"
+    state.take(FrameRef(now_ns[0], None, "desk", "ring", 0, 2, 64, 48))
+    assert heard == ["fresh", "lost", "fresh"], "it returns by itself"
+    state.close()
+
+
+def test_the_robots_link_takes_only_the_robots_pictures_along(state: LiveState) -> None:
+    state.robot.set(RobotProfile("r", "R", cameras=(CameraTopic("head", "/head"),)))
+    for camera in ("head", "desk"):
+        state.take(frame_of(camera))
+    state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
+    assert (state.frame_of("head").value, state.frame.value) == (None, None)
+    assert state.frame_of("desk").freshness == "fresh"
+    state.choose_camera("desk")
+    state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
+    assert state.frame.freshness == "fresh"
+    state.forget_cameras()
+    assert state.frame_of("desk").value is None
 
 
 def frame_of(camera: str) -> FrameRef:

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.turns import OTHERS_EVERY_NS, SILENT_AFTER_NS, CameraTurns
+from caris_desktop.perception.turns import OTHERS_EVERY_NS, SILENT_AFTER_NS, CameraTurns, LookRates
 
 MS = 1_000_000
 
@@ -93,3 +93,23 @@ def test_what_is_forgotten_is_not_looked_at() -> None:
     assert turns.take(now_ns=SILENT_AFTER_NS) is None
     turns.offer(frame("head"), now_ns=SILENT_AFTER_NS)
     assert turns.take(now_ns=SILENT_AFTER_NS) == frame("head")
+
+
+def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
+    turns, rates = CameraTurns(), LookRates()
+    turns.show("front")
+    for number in range(100):
+        now_ns = number * 100 * MS
+        for camera in ("front", "left", "right", "rear"):
+            turns.offer(frame(camera, number), now_ns=now_ns)
+        ref = turns.take(now_ns=now_ns)
+        if ref is not None:
+            rates.note(ref.camera, now_ns=now_ns)
+    told = dict(rates.per_second(now_ns=9900 * MS))
+    assert sum(told.values()) <= 10.1, "no more looks than one camera alone would get"
+    assert told["front"] >= 4.5
+    others = [told[camera] for camera in ("left", "right", "rear")]
+    assert max(others) - min(others) <= 0.5, "none of the others comes off worse"
+    assert dict(rates.per_second(now_ns=20_000 * MS)) == dict.fromkeys(told, 0.0), "it is of the last seconds"
+    rates.forget()
+    assert rates.per_second(now_ns=20_000 * MS) == ()

@@ -49,13 +49,13 @@ class FakeFrames:
     def __init__(self) -> None:
         self.images: dict[int, NDArray[np.uint8]] = {}
 
-    def add(self, image_bgr: NDArray[np.uint8], *, stamp_ns: int | None = None) -> FrameRef:
+    def add(self, image_bgr: NDArray[np.uint8], *, stamp_ns: int | None = None, camera: str = "front") -> FrameRef:
         sequence = len(self.images) + 1
         self.images[sequence] = image_bgr
         return FrameRef(
             stamp_ns=clock.now_ns() if stamp_ns is None else stamp_ns,
             robot_stamp_ns=None,
-            camera="front",
+            camera=camera,
             ring="fake",
             slot=0,
             sequence=sequence,

@@ -60,6 +60,7 @@ TABLE = {
     "mark_undo": ({"Ctrl+Shift+J"}, set()),
     "note": ({"Ctrl+N"}, set()),
     "wizard_error": ({"Ctrl+Shift+M"}, {"Shift+M"}),
+    "next_camera": ({"Ctrl+Shift+V"}, {"V"}),
     "find": ({"Ctrl+K"}, {"/"}),
     "shortcuts": ({"Ctrl+/"}, {"?"}),
     "focus_speak": ({"Ctrl+L"}, {"Return"}),

@@ -9,10 +9,10 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ui import words
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, state_words
+from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, look_words, state_words
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -119,6 +119,12 @@ def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, consol
     assert "round trip 12.0 ms, robot clock 3.1 ± 0.4 ms ahead" in text
     assert "control link: CBOR, 1 topics, 10 messages/s, 1.0 kB/s, 3 refused" in text
     assert "/scan\tflowing\t10.0 Hz\t50 ms\t4 ms\t1.0 kB/s\t3\tstd_msgs/String\tcontrol" in text
+
+
+def test_it_says_how_often_people_are_looked_for_in_each_camera() -> None:
+    shown = PerceptionStatus("ready", inference_ms=41.2, looks_per_s=(("front", 7.5), ("desk", 3.25)))
+    assert look_words(shown) == ["Looks for people per second: front camera 7.5, desk camera 3.2 · 41 ms a look"]
+    assert look_words(PerceptionStatus("failed", looks_per_s=(("front", 0.0),))) == []
 
 
 def test_before_anything_came_it_says_that(panel: DiagnosticsPanel) -> None:

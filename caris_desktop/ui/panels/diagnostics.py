@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolic
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.raw_image import republish_advice
 from caris_desktop.ui import tokens, words
@@ -242,8 +242,21 @@ def _sort_key(row: TopicRow, column: int) -> float | str:
     return numbers[column] if column in numbers else cell_text(row, column).casefold()
 
 
+def look_words(perception: PerceptionStatus) -> list[str]:
+    """How often people are looked for in the pictures of each camera; nothing where nobody is looked for."""
+    if perception.state != "ready" or not perception.looks_per_s:
+        return []
+    told = ", ".join(f"{words.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s)
+    took = "" if perception.inference_ms is None else f" · {perception.inference_ms:.0f} ms a look"
+    return [f"Looks for people per second: {told}{took}"]
+
+
 def report(
-    link: LinkStatus, traffic: dict[str, TrafficMeasured], rows: tuple[TopicRow, ...], anchor: ClockAnchor
+    link: LinkStatus,
+    traffic: dict[str, TrafficMeasured],
+    rows: tuple[TopicRow, ...],
+    anchor: ClockAnchor,
+    perception: PerceptionStatus = PerceptionStatus(),  # noqa: B008 - frozen
 ) -> str:
     """Everything that the panel shows, as text to send to whoever looks after the robot."""
     round_trip = "not measured" if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
@@ -252,6 +265,7 @@ def report(
         f"round trip {round_trip}, {clock_words(link, anchor)}",
         *(link_words(measured) for measured in traffic.values()),
         *raw_picture_words(traffic),
+        *look_words(perception),
         "",
         "\t".join(_COLUMNS),
         *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
@@ -342,7 +356,13 @@ class DiagnosticsPanel(Panel):
             for at in range(self._sorted.rowCount())
         )
         QGuiApplication.clipboard().setText(
-            report(self.state.link.value, self.state.traffic.value, rows, self.state.present.anchor)
+            report(
+                self.state.link.value,
+                self.state.traffic.value,
+                rows,
+                self.state.present.anchor,
+                self.state.perception.value,
+            )
         )
         self._copied_at_s = time.monotonic()
         self._copy.set_label("Copied", icon="check")
@@ -382,6 +402,7 @@ class DiagnosticsPanel(Panel):
             lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
         lines += [link_words(measured) for measured in traffic.values()]
         lines += raw_picture_words(traffic)
+        lines += look_words(self.state.perception.value)
         self._summary.setToolTip("\n".join(lines))
         # A low dock has room for rows or for the totals of each link, and the rows say more.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))

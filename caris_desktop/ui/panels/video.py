@@ -1,11 +1,11 @@
-"""Video: what the robot sees, with boxes around people and the two numbers that a driver needs."""
+"""Video: what the cameras see, with boxes around people and the two numbers that a driver needs."""
 
 import math
 import time
 
 from PySide6.QtCore import QPointF, QSize
-from PySide6.QtGui import QImage, QShowEvent
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtGui import QImage, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.camera import CameraModel
@@ -19,6 +19,7 @@ from caris_desktop.ui import words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
@@ -27,6 +28,7 @@ from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_o
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
+_ANY_PX = (1 << 24) - 1  # Qt's own word for no limit
 
 
 def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
@@ -56,9 +58,13 @@ class VideoPanel(Panel):
         self.setObjectName("video_panel")
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.view)
+        self.strip = CameraStrip(self.theme, self)
+        self.strip.chosen.connect(self.state.choose_camera)
+        self._parts = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
+        self._parts.setContentsMargins(0, 0, 0, 0)
+        self._parts.setSpacing(0)
+        self._parts.addWidget(self.view, 1)
+        self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         if self.table.spec("photo") is not None:
             self._photo = ActionButton(self.theme, "Photo", icon="camera", height_px=30)
@@ -68,6 +74,7 @@ class VideoPanel(Panel):
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
+        self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
         self._thumbnail = PhotoThumbnail(self.theme, self.view)
         self._ended = ("", 0.0)
@@ -106,6 +113,7 @@ class VideoPanel(Panel):
         if state.frame.value is not None and state.frame.freshness == "fresh":
             self._on_frame_changed(state.frame.value)
         self._on_freshness_changed(state.frame.freshness)
+        self.strip.look()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._cameras, *([self._photo] if self._photo is not None else [])]
@@ -121,6 +129,24 @@ class VideoPanel(Panel):
             self._cameras.addItem(words.camera_title(name).removesuffix(" camera"), name)
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
+        self.view.show_camera(self.state.camera.value if len(names) > 1 else "")
+        self.strip.show_cameras(names if len(names) > 1 else (), self.state.camera.value)
+        self._place_strip()
+
+    def _place_strip(self) -> None:
+        """Beside the picture or below it, wherever the picture stays larger; nowhere in a small panel."""
+        place = strip_place(self.size(), len(self.state.cameras.value) - 1, self._aspect)
+        below = place.side == "below"
+        self._parts.setDirection(QBoxLayout.Direction.TopToBottom if below else QBoxLayout.Direction.LeftToRight)
+        thick_px = strip_thickness_px(place)
+        self.strip.setMinimumSize(0 if below else thick_px, thick_px if below else 0)
+        self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
+        self.strip.use_place(place)
+        self.strip.look()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_strip()
 
     def _on_camera_chosen(self, index: int) -> None:
         self.state.choose_camera(str(self._cameras.itemData(index)))
@@ -138,10 +164,14 @@ class VideoPanel(Panel):
         if not self.in_view:
             return
         self._shown.append(time.monotonic())
+        aspect = min(max(frame.width_px / max(1, frame.height_px), 1.0), 2.0)
+        if aspect != self._aspect:
+            self._aspect = aspect
+            self._place_strip()
         self.view.show_model(self._model(frame))
         self._keep_ring_in_place()
         self._latency_s = self.state.frame.age_s() or 0.0
-        if not self.view.isVisible():
+        if not self.view.isVisible() or self.state.frame.freshness == "lost":
             return
         image_bgr = self.console.frames.read(frame)
         if image_bgr is not None:
@@ -209,6 +239,7 @@ class VideoPanel(Panel):
         self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_age(age_s)
+        self.strip.refresh()
 
     def _hints(self) -> list[tuple[str, str]]:
         """How to drive now, or why not."""

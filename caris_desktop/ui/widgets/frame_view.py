@@ -97,6 +97,7 @@ class FrameView(QWidget):
         self._freshness = "none"
         self._age_s: float | None = None
         self._lost_reason = ""
+        self._camera = ""
         self._out_of_reach = False
         self._chips: list[tuple[str, str]] = []
         self._model: CameraModel | None = None
@@ -197,6 +198,14 @@ class FrameView(QWidget):
     def chips(self) -> list[tuple[str, str]]:
         return self._chips
 
+    def show_camera(self, name: str) -> None:
+        """Whose picture it is, where there are several cameras; empty for the only one."""
+        self._camera = name
+        # What another camera showed does not stay for a moment as this one's.
+        if self._frame is not None and name and self._frame.camera != name:
+            self._image = self._pixels = self._frame = self._spot = None
+            self.update()
+
     def show_lost_reason(self, reason: str) -> None:
         """What to add when the picture is lost."""
         self._lost_reason = reason
@@ -268,14 +277,20 @@ class FrameView(QWidget):
             if self._freshness == "fresh":
                 self._paint_spot(painter)
         self._paint_chips(painter)
-        draw_card_edge(painter, self._theme, whole, self._painted, active=self._panel.active)
+        # The card is the panel's: small pictures may stand beside this one.
+        card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
+        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active)
 
     def words_without_picture(self) -> tuple[str, str]:
         """What stands in the place of the picture: in short, and what it means."""
         if not self._panel.state.present.live:
             return "No picture", "None was recorded at this moment."
+        silent = words.age(self._age_s or 0.0)
+        if self._freshness == "lost" and self._camera:
+            return words.camera_title(
+                self._camera
+            ), f"No picture for {silent}, it is being tried again. {self._lost_reason}"
         if self._freshness == "lost":
-            silent = words.age(self._age_s or 0.0)
             return "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
         if self._out_of_reach:
             return "No picture", "The robot is out of reach. The console keeps trying."

@@ -1,0 +1,319 @@
+"""The cameras that are not on show, small beside the picture: each with its name, its people and its own age."""
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, Signal
+from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtWidgets import QAbstractButton, QWidget
+
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.panel import Panel, draw_card_edge
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.frame_view import boxes_fit
+
+EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0
+"""How often a small picture is another one: of all that costs time it is the least missed."""
+
+_GAP_PX = 6
+_WIDEST_PX, _NARROWEST_PX = 240, 104
+_SHARE = 0.26  # of the panel's width or height
+_LEAST_ROOM_PX = (380, 240)
+_BAND_PX = 4
+_LITTLE_ROOM_PX = 150
+_BANDS = {"fresh": "green", "stale": "amber", "lost": "red", "none": "line"}
+
+
+@dataclass(frozen=True, slots=True)
+class StripPlace:
+    """Where the strip is, and how large one of its pictures. ``side`` is empty where there is no room for it."""
+
+    side: Literal["right", "below", ""]
+    picture: QSize
+
+
+NO_PLACE = StripPlace("", QSize(0, 0))
+
+
+def strip_place(room: QSize, count: int, aspect: float) -> StripPlace:
+    """The place that leaves the picture on show the largest, if any leaves it room enough.
+
+    Parameters
+    ----------
+    room
+        The whole panel.
+    count
+        How many cameras are not on show.
+    aspect
+        Width by height of the picture on show; the small ones have the same.
+    """
+    width, height = room.width(), room.height()
+    if not count or width < _LEAST_ROOM_PX[0] or height < _LEAST_ROOM_PX[1]:
+        return NO_PLACE
+    found: list[tuple[float, StripPlace]] = []
+    across = min(_WIDEST_PX, width * _SHARE, ((height - _GAP_PX) / count - _GAP_PX) * aspect)
+    if across >= _NARROWEST_PX:
+        left = min(width - across - 2 * _GAP_PX, height * aspect)
+        found.append((left, StripPlace("right", QSize(int(across), int(across / aspect)))))
+    across = min(_WIDEST_PX, height * _SHARE * aspect, (width - _GAP_PX) / count - _GAP_PX)
+    if across >= _NARROWEST_PX:
+        left = min(width, (height - across / aspect - 2 * _GAP_PX) * aspect)
+        found.append((left, StripPlace("below", QSize(int(across), int(across / aspect)))))
+    return max(found, key=lambda each: each[0], default=(0.0, NO_PLACE))[1]
+
+
+class SmallPicture(QAbstractButton):
+    """One camera, small. A click shows it large. Takes a picture now and then, and none while nobody sees it."""
+
+    def __init__(self, theme: Theme, panel: Panel, camera: str, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName(f"small_picture_{camera}")
+        self.setAccessibleName(f"Show the {words.camera_in_text(camera)}")
+        self.setToolTip(
+            f"Show the {words.camera_in_text(camera)} large ({panel.table.key_text('next_camera')}: the next camera)"
+        )
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
+        # The keys stay with driving or with the text field.
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.camera = camera
+        self._theme = theme
+        self._panel = panel
+        self._image: QImage | None = None
+        self._frame: FrameRef | None = None
+        self._taken_s = -math.inf
+        self._said = ""
+        self._painted = PaintedOnce()
+        theme.changed.connect(self._on_theme_changed)
+        self._stream = panel.state.frame_of(camera)
+        self._stream.changed.connect(self._on_frame_changed)
+        self._stream.freshness_changed.connect(self._on_freshness_changed)
+
+    @property
+    def shows_picture(self) -> bool:
+        return self._image is not None
+
+    def words(self) -> tuple[str, str]:
+        """Beside its name how old the picture is, where it is not live; and what stands in the place of no picture."""
+        live, age_s = self._panel.state.present.live, self._stream.age_s()
+        match self._stream.freshness:
+            case "fresh":
+                return "", ""
+            case "stale":
+                return f"{words.age(age_s or 0.0)} old", ""
+            case "lost" if live:
+                return "", f"No picture for {words.age(age_s or 0.0)}. It is being tried again."
+            case _:
+                return "", "No picture yet. It is being tried again." if live else "No picture at this moment"
+
+    def look(self) -> None:
+        """Take the newest picture, as after a while in which nobody saw this."""
+        if self._stream.value is not None and self._stream.freshness == "fresh":
+            self._taken_s = -math.inf
+            self._on_frame_changed(self._stream.value)
+
+    def refresh(self) -> None:
+        """Four times a second: what is said changes with time."""
+        said = " ".join(self.words())
+        if said != self._said:
+            self._said = said
+            self.setAccessibleDescription(said)
+            self.update()
+
+    def forget(self) -> None:
+        """Nobody sees it now, and what it showed must not pass for the present later."""
+        self._image = self._frame = None
+
+    def _on_frame_changed(self, frame: FrameRef) -> None:
+        if not self.isVisible() or not self._panel.in_view:
+            return
+        now_s = time.monotonic()
+        busy = self._panel.state.load.value.step > 0
+        if now_s - self._taken_s < (EVERY_WHEN_BUSY_S if busy else EVERY_S):
+            return
+        image_bgr = self._panel.console.frames.read(frame)
+        if image_bgr is None:
+            return
+        self._taken_s = now_s
+        height, width = image_bgr.shape[:2]
+        whole = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
+        size = self.size() * self.devicePixelRatioF()
+        self._image = whole.scaled(size, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.FastTransformation)
+        if self._image.cacheKey() == whole.cacheKey():
+            self._image = whole.copy()  # of the same size it still borrows the array's memory
+        self._frame = frame
+        self.update()
+
+    def _on_freshness_changed(self, freshness: str) -> None:
+        if freshness in ("lost", "none"):
+            self.forget()
+        if self._panel.in_view:
+            self.refresh()
+            self.update()
+
+    def _on_theme_changed(self) -> None:
+        self._painted.clear()
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        theme, whole = self._theme, QRectF(self.rect())
+        painter.fillRect(whole, theme.color("video_ground"))
+        age, instead = self.words()
+        if self._image is not None:
+            picture = self._picture_rect(whole, self._image)
+            painter.setOpacity(0.4 if age else 1.0)
+            painter.drawImage(picture, self._image)
+            painter.setOpacity(1.0)
+            if not age:
+                self._paint_boxes(painter, picture)
+        elif instead:
+            self._paint_words(painter, whole, instead)
+        band = _BANDS[self._stream.freshness]
+        painter.fillRect(QRectF(0, whole.bottom() - _BAND_PX, whole.width(), _BAND_PX), theme.color(band))
+        name = words.camera_title(self.camera)
+        self._paint_name(painter, f"{name} · {age}" if age else name, warns=bool(age or instead))
+        edge = "blue" if self.underMouse() else "line"
+        painter.setPen(QPen(theme.color(edge), 2 if self.underMouse() else 1))
+        painter.drawRect(whole.adjusted(0.5, 0.5, -0.5, -0.5))
+
+    def _picture_rect(self, whole: QRectF, image: QImage) -> QRectF:
+        scale = min(whole.width() / image.width(), whole.height() / image.height())
+        width, height = image.width() * scale, image.height() * scale
+        return QRectF(whole.center().x() - width / 2, whole.center().y() - height / 2, width, height)
+
+    def _paint_boxes(self, painter: QPainter, picture: QRectF) -> None:
+        people, frame = self._panel.state.people_of(self.camera).value, self._frame
+        if frame is None or not boxes_fit(people, frame) or people.frame_width_px <= 0:
+            return
+        scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
+        painter.setPen(QPen(self._theme.color("box_unnamed"), 1))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for box in people.boxes:
+            left, top = picture.left() + box.left_px * scale_x, picture.top() + box.top_px * scale_y
+            painter.drawRect(
+                QRectF(left, top, box.width_px * scale_x, box.height_px * scale_y).intersected(picture).toRect()
+            )
+
+    def _paint_words(self, painter: QPainter, whole: QRectF, text: str) -> None:
+        theme, small = self._theme, whole.width() < _LITTLE_ROOM_PX
+        if not small:
+            draw_icon(
+                painter, QRectF(whole.center().x() - 11, whole.center().y() - 34, 22, 22), "video-camera-slash",
+                theme.color("video_dim"),
+            )  # fmt: skip
+        painter.setPen(theme.color("video_text"))
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        top = 26 if small else whole.center().y() - 8
+        painter.drawText(
+            QRectF(6, top, whole.width() - 12, whole.height() - top - _BAND_PX),
+            int(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop | Qt.TextFlag.TextWordWrap), text,
+        )  # fmt: skip
+
+    def _paint_name(self, painter: QPainter, text: str, *, warns: bool) -> None:
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        metrics = QFontMetricsF(font)
+        text = metrics.elidedText(text, Qt.TextElideMode.ElideRight, self.width() - 20)
+        size = QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 12, 20)
+
+        def paint(onto: QPainter) -> None:
+            onto.setPen(Qt.PenStyle.NoPen)
+            onto.setBrush(self._theme.color("video_chip"))
+            onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
+            onto.setFont(font)
+            onto.setPen(self._theme.color("box_warning" if warns else "video_text"))
+            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
+
+        self._painted.draw(painter, QPointF(4, 4), size, ("name", text, warns), paint)
+
+
+class CameraStrip(QWidget):
+    """The small pictures, one after the other. Hidden it costs nothing."""
+
+    chosen = Signal(str)
+
+    def __init__(self, theme: Theme, panel: Panel) -> None:
+        super().__init__(panel)
+        self.setObjectName("camera_strip")
+        self._theme = theme
+        self._panel = panel
+        self._pictures: dict[str, SmallPicture] = {}
+        self._place = NO_PLACE
+        self._painted = PaintedOnce()
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        theme.changed.connect(self._on_theme_changed)
+        self.hide()
+
+    @property
+    def pictures(self) -> tuple[SmallPicture, ...]:
+        """Those that can be seen, in the order of the cameras."""
+        return tuple(picture for picture in self._pictures.values() if not picture.isHidden())
+
+    def show_cameras(self, cameras: tuple[str, ...], on_show: str) -> None:
+        """All cameras but the one on show."""
+        for camera in [known for known in self._pictures if known not in cameras]:
+            gone = self._pictures.pop(camera)
+            gone.hide()
+            gone.deleteLater()
+        for camera in cameras:
+            if camera not in self._pictures:
+                self._pictures[camera] = picture = SmallPicture(self._theme, self._panel, camera, self)
+                picture.clicked.connect(self._on_clicked)
+        self._pictures = {camera: self._pictures[camera] for camera in cameras}
+        for camera, picture in self._pictures.items():
+            picture.setVisible(camera != on_show)
+        self._arrange()
+
+    def use_place(self, place: StripPlace) -> None:
+        self._place = place
+        self.setVisible(bool(place.side))
+        self._arrange()
+
+    def refresh(self) -> None:
+        for picture in self.pictures:
+            picture.refresh()
+
+    def look(self) -> None:
+        """The newest picture of each, as when the panel comes into view."""
+        for picture in self.pictures:
+            picture.look()
+
+    def _on_clicked(self) -> None:
+        picture = self.sender()
+        if isinstance(picture, SmallPicture):
+            self.chosen.emit(picture.camera)
+
+    def _on_theme_changed(self) -> None:
+        self._painted.clear()
+        self.update()
+
+    def _arrange(self) -> None:
+        size, shown = self._place.picture, self.pictures
+        right = self._place.side == "right"
+        step = QSize(0, size.height() + _GAP_PX) if right else QSize(size.width() + _GAP_PX, 0)
+        length = len(shown) * (step.height() if right else step.width()) - _GAP_PX
+        lead = max(_GAP_PX, ((self.height() if right else self.width()) - length) // 2)
+        for number, picture in enumerate(shown):
+            along = lead + number * (step.height() if right else step.width())
+            picture.setGeometry(*((_GAP_PX, along) if right else (along, _GAP_PX)), size.width(), size.height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._arrange()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), self._theme.color("video_ground"))
+        card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
+        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active)
+
+
+def strip_thickness_px(place: StripPlace) -> int:
+    """How wide the strip is on the right, or how high below."""
+    return (place.picture.width() if place.side == "right" else place.picture.height()) + 2 * _GAP_PX
