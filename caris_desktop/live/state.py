@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LinkChanged, LinkQuality
-from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
+from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -156,8 +156,8 @@ class LiveState(QObject):
     ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus, ``photos`` a tuple of
     PhotoEntry, newest first. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
-    and ``persons`` of all of them. :meth:`frame_of` and :meth:`people_of` are the streams of each camera, with an age
-    of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
+    and ``persons`` of all of them. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are the streams of each
+    camera, with an age of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
     ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
     for nobody.
     ``everybody`` (tuple of PersonRow) has who was here, too, and who is known; ``portraits`` is where the pictures of
@@ -237,6 +237,10 @@ class LiveState(QObject):
         """The people whom this camera sees."""
         return self._stream_of("people", camera)
 
+    def state_of(self, camera: str) -> LiveStream:
+        """How this camera is, where it is one of this computer's."""
+        return self._stream_of("camera_state", camera)
+
     def _stream_of(self, name: str, camera: str) -> LiveStream:
         stream = self._of_camera.get((name, camera))
         if stream is None:
@@ -250,7 +254,10 @@ class LiveState(QObject):
     def take(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
-        if isinstance(value, FrameRef):
+        if isinstance(value, CameraState):
+            self.state_of(value.camera).update_value(value)
+        told = isinstance(value, CameraState) and value.state != "ended" and value.camera in self.own_cameras.value
+        if isinstance(value, FrameRef) or told:  # one that never sent a picture says why
             self._note_camera(value.camera)
         if isinstance(value, (FrameRef, People)):
             self._stream_of(spec.name, value.camera).update_value(value)
@@ -289,8 +296,8 @@ class LiveState(QObject):
         """It is not used any more."""
         names = tuple(camera for camera in self.cameras.value if camera != name)
         self._places_by_camera.pop(name, None)
-        self.frame_of(name).clear()
-        self.people_of(name).clear()
+        for stream in (self.frame_of(name), self.people_of(name), self.state_of(name)):
+            stream.clear()
         self.cameras.set(names)
         if name == self.camera.value:
             self._camera_by_hand = False

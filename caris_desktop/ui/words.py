@@ -6,6 +6,7 @@ from datetime import datetime
 
 from caris_desktop.domain import clock, events
 from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
+from caris_desktop.domain.sensing import CameraState
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
@@ -258,6 +259,15 @@ def camera_title(name: str) -> str:
 def camera_in_text(name: str) -> str:
     """A camera's name within a sentence, after "the": "front camera" for front."""
     return camera_title(name)[:1].lower() + camera_title(name)[1:]
+
+
+def no_picture(age_s: float | None, told: CameraState | None) -> str:
+    """What stands in the place of a lost camera's picture; ``told`` is what is known of the camera itself."""
+    if told is not None and told.state == "ended":
+        return told.detail or "It has ended. A recording goes on without it."
+    since = "No picture yet" if age_s is None else f"No picture for {age(age_s)}"
+    why = f" {told.detail}" if told is not None and told.state in ("lost", "connecting") and told.detail else ""
+    return f"{since}, it is being tried again.{why}"
 
 
 def has_given_name(person: PersonRow) -> bool:

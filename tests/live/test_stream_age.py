@@ -104,7 +104,7 @@ def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
 
 
 def test_the_robots_link_takes_only_the_robots_pictures_along(state: LiveState) -> None:
-    state.robot.set(RobotProfile("r", "R", cameras=(CameraTopic("head", "/head"),)))
+    state.own_cameras.set({"desk": None})
     for camera in ("head", "desk"):
         state.take(frame_of(camera))
     state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
@@ -113,8 +113,9 @@ def test_the_robots_link_takes_only_the_robots_pictures_along(state: LiveState) 
     state.choose_camera("desk")
     state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
     assert state.frame.freshness == "fresh"
-    state.forget_cameras()
+    state.forget_camera("desk")
     assert state.frame_of("desk").value is None
+    assert (state.cameras.value, state.camera.value) == (("head",), "head")
 
 
 def frame_of(camera: str) -> FrameRef:

@@ -8,7 +8,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.domain.sensing import CameraState, People, PersonBox
 from caris_desktop.live.status import LoadStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.video import VideoPanel
@@ -85,7 +85,7 @@ def test_a_lost_camera_says_so_in_its_own_picture_and_returns(panel: VideoPanel,
     panel._refresh()
     desk = small(panel, "desk")
     assert not desk.shows_picture, "no old picture passes for the present"
-    assert desk.words()[1] == "No picture for 3.2 s. It is being tried again."
+    assert desk.words()[1] == "No picture for 3.2 s, it is being tried again."
     assert "3.2 s" in desk.accessibleDescription()
     assert small(panel, "rear").words() == ("", "")
     console.state.choose_camera("desk")
@@ -95,6 +95,24 @@ def test_a_lost_camera_says_so_in_its_own_picture_and_returns(panel: VideoPanel,
     assert "being tried again" in sub
     show(console, "desk")
     assert middle(panel.view.grab().toImage()) == COLORS["desk"]
+
+
+def test_a_camera_that_never_came_says_why(panel: VideoPanel, console: FakeConsole) -> None:
+    console.state.own_cameras.set({"desk": None})
+    show(console, "front")
+    console.state.take(CameraState(clock.now_ns(), "desk", "lost", "There is no device /dev/video7."))
+    assert small(panel, "desk").words()[1] == (
+        "No picture yet, it is being tried again. There is no device /dev/video7."
+    )
+    show(console, "desk")
+    assert small(panel, "desk").words() == ("", "")
+    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "The video was played to its end."))
+    show(console, "desk", age_s=4.0)
+    console.state.check_freshness()
+    assert small(panel, "desk").words()[1] == "The video was played to its end."
+    console.state.forget_camera("desk")
+    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "This scenario does without it."))
+    assert console.state.cameras.value == ("front",)
 
 
 def test_a_small_picture_changes_rarely_and_never_while_nobody_sees_it(

@@ -238,6 +238,7 @@ class VideoPanel(Panel):
         linked = state.link.value.state in ("connected", "trouble")
         self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
         self.view.show_out_of_reach(state.link.value.state == "lost")
+        self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s)
         self.strip.refresh()
 

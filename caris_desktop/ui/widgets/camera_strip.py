@@ -106,10 +106,10 @@ class SmallPicture(QAbstractButton):
                 return "", ""
             case "stale":
                 return f"{words.age(age_s or 0.0)} old", ""
-            case "lost" if live:
-                return "", f"No picture for {words.age(age_s or 0.0)}. It is being tried again."
+            case _ if live:
+                return "", words.no_picture(age_s, self._panel.state.state_of(self.camera).value)
             case _:
-                return "", "No picture yet. It is being tried again." if live else "No picture at this moment"
+                return "", "No picture at this moment"
 
     def look(self) -> None:
         """Take the newest picture, as after a while in which nobody saw this."""

@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QImage, QMouseEvent, QPainter, 
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.domain.sensing import CameraState, FrameRef, People, PersonBox
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.painted_once import PaintedOnce
@@ -98,6 +98,7 @@ class FrameView(QWidget):
         self._age_s: float | None = None
         self._lost_reason = ""
         self._camera = ""
+        self._told: CameraState | None = None
         self._out_of_reach = False
         self._chips: list[tuple[str, str]] = []
         self._model: CameraModel | None = None
@@ -206,6 +207,10 @@ class FrameView(QWidget):
             self._image = self._pixels = self._frame = self._spot = None
             self.update()
 
+    def show_state(self, told: CameraState | None) -> None:
+        """What is known of this camera, where it is one of this computer's."""
+        self._told = told
+
     def show_lost_reason(self, reason: str) -> None:
         """What to add when the picture is lost."""
         self._lost_reason = reason
@@ -285,12 +290,11 @@ class FrameView(QWidget):
         """What stands in the place of the picture: in short, and what it means."""
         if not self._panel.state.present.live:
             return "No picture", "None was recorded at this moment."
-        silent = words.age(self._age_s or 0.0)
-        if self._freshness == "lost" and self._camera:
-            return words.camera_title(
-                self._camera
-            ), f"No picture for {silent}, it is being tried again. {self._lost_reason}"
+        if self._camera and (self._freshness == "lost" or self._told is not None):
+            silent = words.no_picture(self._age_s, self._told)
+            return words.camera_title(self._camera), f"{silent} {self._lost_reason}"
         if self._freshness == "lost":
+            silent = words.age(self._age_s or 0.0)
             return "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
         if self._out_of_reach:
             return "No picture", "The robot is out of reach. The console keeps trying."
