@@ -104,15 +104,20 @@ class PersonRow:
         return self.suggestions[0] if self.suggestions else None
 
 
+PortraitsOf = Literal["everybody", "consenting", "nobody"]
+
+
 @dataclass(frozen=True, slots=True)
 class RecognitionSettings:
     """Whom the console recognises: nobody, people by their clothes within a day, or by their faces too.
 
-    It decides by itself from a confidence of ``confirm_at`` on; at 1 it never does.
+    It decides by itself from a confidence of ``confirm_at`` on; at 1 it never does. ``portraits`` are those of whom a
+    picture may be kept: ``consenting`` are those whose consent to photos is noted.
     """
 
     recognise: Recognise = "clothing"
     confirm_at: float = 0.95
+    portraits: PortraitsOf = "everybody"
 
 
 @dataclass(slots=True)
@@ -212,6 +217,8 @@ class Presence:
         """The best view of somebody so far in this visit."""
         visit = self._visits.of_track((portrait.camera, portrait.track))
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
+            return
+        if not self._may_keep_portrait(visit):
             return
         if portrait.quality > visit.portrait_quality:
             visit.portrait_quality = portrait.quality
@@ -372,6 +379,12 @@ class Presence:
             visit.facing = getattr(box, "facing", None)
 
     # Who it is
+
+    def _may_keep_portrait(self, visit: Visit) -> bool:
+        """Where people have to be unrecognisable in pictures, a portrait is one."""
+        if self._settings.portraits == "consenting":
+            return "photo" in self._known.consents(visit.person_id)
+        return self._settings.portraits == "everybody"
 
     def _may_look(self, visit: Visit, looks: PersonLooks) -> bool:
         """A face of somebody who was decided on is learned only with their consent."""

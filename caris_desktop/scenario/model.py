@@ -22,6 +22,7 @@ PanelName = Literal[
     "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics", "photos"
 ]  # fmt: skip
 
+BlurWho = Literal["nobody", "everybody", "without_consent"]
 _Panel = Annotated[PanelName, Rule(noun="panel")]
 _Label = Annotated[str, Rule(shortest=1, longest=80)]
 _Sentence = Annotated[str, Rule(shortest=1, longest=500)]
@@ -199,7 +200,7 @@ class BlurSettings:
     """
 
     who: Annotated[
-        Literal["nobody", "everybody", "without_consent"],
+        BlurWho,
         Rule("`without_consent`: everybody but those for whom consent to be filmed is noted in the People panel."),
     ] = "nobody"
     what: Annotated[Literal["faces", "persons"], Rule("Heads alone, or whole bodies.")] = "persons"

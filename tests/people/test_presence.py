@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
-from caris_desktop.domain.intents import NamePerson
+from caris_desktop.domain.intents import NamePerson, NoteConsent
+from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
 from caris_desktop.people.sealing import About
 from caris_desktop.people.store import PeopleStore, StoredPerson
 
@@ -195,3 +196,19 @@ def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[s
                 here.remove(event.person_id)
         assert {row.person_id for row in presence.persons()} == here
         assert {box.person_id for box in people.boxes} - {""} <= here
+
+
+@pytest.mark.parametrize(("portraits", "kept"), [("everybody", [1, 2]), ("consenting", [1]), ("nobody", [])])
+def test_of_whom_a_portrait_is_kept_follows_from_who_may_be_seen_in_pictures(
+    store: PeopleStore, portraits: PortraitsOf, kept: list[int]
+) -> None:
+    presence = Presence(KnownPeople(store))
+    presence.use_settings(RecognitionSettings(portraits=portraits), may_decide=True)
+    _watch(presence, [[1, 2]] * 3)
+    first, second = sorted(presence.persons(), key=lambda row: row.track)
+    presence.do(NoteConsent(first.person_id, "photo", given=True), 5 * FRAME_NS)
+    presence.do(NoteConsent(second.person_id, "video", given=True), 5 * FRAME_NS)
+    for track in (1, 2):
+        presence.take_portrait(PersonPortrait(5 * FRAME_NS, "front", track, b"jpeg", 0.9))
+    assert [row.track for row in (first, second) if store.portrait(row.person_id)] == kept
+    assert [row.track for row in presence.persons() if row.portrait] == kept

@@ -26,12 +26,16 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
-from caris_desktop.people.presence import Presence, RecognitionSettings
+from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.model import BlurWho, Scenario
 
 _log = logging.getLogger(__name__)
 _ENDS_WITHIN_MS = 5000
+_PORTRAITS: dict[BlurWho, PortraitsOf] = {
+    "nobody": "everybody", "everybody": "nobody", "without_consent": "consenting",
+}  # fmt: skip
+"""Whom a portrait is kept of, by who has to be covered in pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +83,9 @@ class PeopleService(Service):
         names = scenario.permissions.naming_people
         asked = scenario.perception
         # Where people get no names there is nobody to recognise, so nothing is learned about them.
-        self._recognition = RecognitionSettings(asked.recognise if names else "nobody", asked.confirm_at)
+        self._recognition = RecognitionSettings(
+            asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who]
+        )
         self._may_decide = names
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
