@@ -14,6 +14,8 @@ from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent, UseRobot
+from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.sensing import People
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
@@ -37,6 +39,7 @@ from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
 from caris_desktop.live.services.session import Concerned, SessionParts, SessionService
 from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.slow_work import During, SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
@@ -83,6 +86,8 @@ class Console(QObject):
         self._robot_to_connect: RobotConnection | None = None
         self._media_ring = FrameRing.create()
         self._frames = FrameRings([self._media_ring])
+        self._shown_frames = ShownFrames(self._frames, state)
+        bus.tap(self._shown_frames.take, (People,))
         to_read = RingsToRead((self._media_ring.name,))
 
         self._scenario = ScenarioService(
@@ -143,8 +148,8 @@ class Console(QObject):
         return self._scenario.current
 
     @property
-    def frames(self) -> FrameRings:
-        return self._frames
+    def frames(self) -> FrameReader:
+        return self._shown_frames
 
     @property
     def gamepads(self) -> Gamepads:

@@ -146,7 +146,11 @@ class Blurring:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
         near = line.looks_around(waiting.ref.stamp_ns)
-        parts = None if near is None else self._parts(near, waiting.ref.stamp_ns)
+        parts = (
+            None
+            if near is None
+            else parts_at(waiting.ref.stamp_ns, near, self._demand, self._consenting, self._covering)
+        )
         if parts is None:
             self._covering.cover_all(waiting.image_bgr)
             line.whole_since_ns = waiting.since_ns if line.whole_since_ns is None else line.whole_since_ns
@@ -154,20 +158,6 @@ class Blurring:
             self._covering.cover(waiting.image_bgr, parts, self._demand.what)
             line.whole_since_ns = None
         waiting.then(waiting.image_bgr)
-
-    def _parts(self, looks: Sequence[People], stamp_ns: int) -> list[Corners]:
-        """What to cover at this moment. Who may be seen has to be known in each of the looks: a track may have become
-        somebody else's.
-        """
-        spare = self._consenting if self._demand.who == "without_consent" else frozenset()
-        ways: dict[int, list[_Seen]] = {}
-        bare: dict[int, bool] = {}
-        for people in looks:
-            for box in people.boxes:
-                seen = _Seen(people.stamp_ns, self._covering.part_to_cover(box, self._demand.what))
-                ways.setdefault(box.track, []).append(seen)
-                bare[box.track] = bare.get(box.track, True) and box.person_id in spare
-        return [_where(way, stamp_ns) for track, way in ways.items() if not bare[track]]
 
 
 class _Line:
@@ -203,6 +193,23 @@ class _Line:
             return None
         until_ns = max(stamp_ns + AHEAD_NS, after_ns)
         return [look for look in looks if stamp_ns - HOLD_NS <= look.stamp_ns <= until_ns]
+
+
+def parts_at(
+    stamp_ns: int, looks: Sequence[People], demand: BlurDemand, consenting: frozenset[str], covering: Covering
+) -> list[Corners]:
+    """What to cover at this moment; ``looks`` are those around it, or before it. Who may be seen has to be known in
+    each of them: a track may have become somebody else's.
+    """
+    spare = consenting if demand.who == "without_consent" else frozenset()
+    ways: dict[int, list[_Seen]] = {}
+    bare: dict[int, bool] = {}
+    for people in looks:
+        for box in people.boxes:
+            seen = _Seen(people.stamp_ns, covering.part_to_cover(box, demand.what))
+            ways.setdefault(box.track, []).append(seen)
+            bare[box.track] = bare.get(box.track, True) and box.person_id in spare
+    return [_where(way, stamp_ns) for track, way in ways.items() if not bare[track]]
 
 
 def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
