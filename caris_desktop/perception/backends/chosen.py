@@ -1,0 +1,45 @@
+"""Opens the detector that a scenario or the user chose, or the usual one: here, or on another machine."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from caris_desktop.perception.backends.choice import open_fastest
+from caris_desktop.perception.backends.opening import Device
+from caris_desktop.perception.detector import Detector, person_classes
+from caris_desktop.perception.weights import ModelChoice, find_weights
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSettings:
+    """What a scenario says of the detector; picklable.
+
+    ``things`` are the classes beside people that are told of.
+    """
+
+    model: ModelChoice = field(default_factory=ModelChoice)
+    device: Device = "auto"
+    things: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen:
+    """``people`` are the rows of the detector's class names that mean a person. ``folder`` is where its file is."""
+
+    detector: Detector
+    people: tuple[int, ...]
+    folder: Path | None
+
+
+def open_chosen(
+    own: Path | None, settings: DetectorSettings, *, confidence: float, threads: int, allow_download: bool
+) -> Chosen:
+    """``own`` is the user's own file, which comes before what the scenario names. Takes seconds.
+
+    Raises
+    ------
+    WeightsError
+        When there is no detector, it cannot be loaded, or it finds no people.
+    """
+    weights = find_weights(own or settings.model, allow_download=allow_download)
+    detector = open_fastest(weights, confidence=confidence, threads=threads, device=settings.device)
+    return Chosen(detector, person_classes(detector, weights), weights.path.parent)

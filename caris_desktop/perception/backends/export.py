@@ -1,0 +1,99 @@
+"""Turns .pt weights of ultralytics into ONNX networks for pictures of any size, offline and with what is installed."""
+
+import contextlib
+import copy
+import importlib.util
+import io
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.perception.backends.library import load_model
+from caris_desktop.perception.backends.onnx_graph import with_metadata
+from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+from caris_desktop.perception.weights import Weights
+
+_OPSET = 17
+
+
+class ExportError(Exception):
+    """These weights cannot be exported; says why."""
+
+
+def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
+    """Write the network of ``weights`` to ``target``, which appears whole or not at all. Takes seconds.
+
+    Raises
+    ------
+    ExportError
+        Whatever the reason; also for a full disk.
+    """
+    prepare_ultralytics(threads=threads)
+    try:
+        content = _exported(load_model(weights))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(target, content, durable=False)
+    except ExportError:
+        raise
+    except Exception as error:  # torch has types of its own for what it cannot export
+        raise ExportError(" ".join(f"{type(error).__name__}: {error}".split())) from error
+
+
+def _exported(model: Any) -> bytes:
+    import torch
+    from ultralytics.nn.modules import C2f, Detect
+    from ultralytics.nn.modules.head import OBB, Segment
+
+    task, names = str(model.task), dict(model.names)
+    network = copy.deepcopy(model.model).float().cpu().eval().fuse()
+    head = network.model[-1]
+    if not isinstance(head, Detect) or isinstance(head, Segment | OBB):
+        raise ExportError("it is no detector of boxes")
+    for part in network.modules():
+        if isinstance(part, Detect):
+            # What ultralytics' own exporter sets.
+            part.export, part.dynamic, part.format = True, True, "onnx"
+            part.max_det, part.agnostic_nms, part.xyxy, part.shape = 300, False, False, None
+        elif isinstance(part, C2f):
+            part.forward = part.forward_split
+    picture = torch.zeros(1, 3, 640, 640)
+    dynamic = {"images": {2: "height", 3: "width"}}
+    if not head.end2end:
+        dynamic["output0"] = {2: "places"}
+    written = io.BytesIO()
+    with torch.no_grad(), warnings.catch_warnings(), _without_onnx_package():
+        warnings.simplefilter("ignore")
+        for _ in range(2):
+            network(picture)
+        torch.onnx.export(
+            network,
+            (picture,),
+            written,
+            dynamo=False,
+            opset_version=_OPSET,
+            input_names=["images"],
+            output_names=["output0"],
+            dynamic_axes=dynamic,
+        )
+    metadata = {"task": task, "names": repr(names), "stride": str(int(max(network.stride)))}
+    if task == "pose":
+        metadata["kpt_shape"] = repr([int(number) for number in head.kpt_shape])
+    return with_metadata(written.getvalue(), metadata)
+
+
+@contextlib.contextmanager
+def _without_onnx_package() -> Iterator[None]:
+    """torch wants the package onnx for one step only, which adds functions that no detector has."""
+    if importlib.util.find_spec("onnx") is not None:
+        yield
+        return
+    from torch.onnx._internal.torchscript_exporter import onnx_proto_utils
+
+    step = onnx_proto_utils._add_onnxscript_fn
+    onnx_proto_utils._add_onnxscript_fn = lambda content, _opsets: content
+    try:
+        yield
+    finally:
+        onnx_proto_utils._add_onnxscript_fn = step
