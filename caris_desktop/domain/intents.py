@@ -345,6 +345,14 @@ class UndoPeople(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class LookUpPerson(Intent):
+    """Find what there was with somebody over all sessions: entries with all these words, or with none everything."""
+
+    person_id: str
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ForgetPerson(Intent):
     """Erase everything that the study's database knows of somebody, for good."""
 
@@ -566,6 +574,7 @@ INTENTS: Mapping[type[Intent], IntentSpec] = {
     # What a person agrees to, and that they are forgotten, is theirs to decide in every scenario.
     NoteConsent: IntentSpec("Noting the consent"),
     UndoPeople: IntentSpec("Undoing the last decision about people"),
+    LookUpPerson: IntentSpec("Looking the person up", "naming_people", quiet=True),
     ForgetPerson: IntentSpec("Forgetting the person"),
     StartRecording: IntentSpec("Starting a recording"),
     StopRecording: IntentSpec("Ending the recording"),

@@ -21,7 +21,7 @@ from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, People, RobotPose
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Restarts
-from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.portraits import Portraits
@@ -44,6 +44,7 @@ class PerceptionWorker(QObject):
     status_changed = Signal(object)  # PerceptionStatus
     persons_changed = Signal(object)  # tuple[PersonRow, ...]: who is here
     everybody_changed = Signal(object)  # tuple[PersonRow, ...]: who was here, too, and who is known
+    history_found = Signal(object)  # PersonHistory
 
     def __init__(
         self,
@@ -118,6 +119,10 @@ class PerceptionWorker(QObject):
         """A decision about people."""
         self._inputs.put(_Asked(intent))
 
+    def look_up(self, person_id: str, text: str) -> None:
+        """``history_found`` brings what there was with this person."""
+        self._inputs.put(_LookUp(person_id, text))
+
     def recognise(self, settings: RecognitionSettings, *, may_decide: bool) -> None:
         """Whom the scenario lets the console recognise, and whether it lets the wizard name them."""
         self._inputs.put(_Recognise(settings, may_decide))
@@ -164,6 +169,9 @@ class PerceptionWorker(QObject):
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Asked):
                 self._publish_all(presence.do(item.intent, clock.now_ns()))
+            elif isinstance(item, _LookUp):
+                entries = presence.history(item.person_id, item.text)
+                self.history_found.emit(PersonHistory(item.person_id, item.text, entries))
             elif isinstance(item, _Recognise):
                 presence.use_settings(item.settings, may_decide=item.may_decide)
             elif isinstance(item, UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded):
@@ -289,6 +297,11 @@ class PerceptionWorker(QObject):
 class _Asked:
     def __init__(self, intent: PeopleIntent) -> None:
         self.intent = intent
+
+
+class _LookUp:
+    def __init__(self, person_id: str, text: str) -> None:
+        self.person_id, self.text = person_id, text
 
 
 class _Recognise:

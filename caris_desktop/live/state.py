@@ -8,7 +8,14 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import LinkChanged, LinkQuality
+from caris_desktop.domain.events import (
+    LinkChanged,
+    LinkQuality,
+    PeopleMerged,
+    PersonForgotten,
+    PersonIdentified,
+    PersonRejected,
+)
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
@@ -159,9 +166,9 @@ class LiveState(QObject):
     and ``persons`` of all of them. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are the streams of each
     camera, with an age of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
     ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
-    for nobody.
-    ``everybody`` (tuple of PersonRow) has who was here, too, and who is known; ``portraits`` is where the pictures of
-    people are fetched by the key in their row.
+    for nobody; ``asked_person`` is the suggestion that a key answers now, an AskedAbout or None, and
+    ``person_history`` what was looked up last, a PersonHistory or None. ``everybody`` (tuple of PersonRow) has who was
+    here, too, and who is known; ``portraits`` is where the pictures of people are fetched by the key in their row.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -198,6 +205,8 @@ class LiveState(QObject):
         self.everybody = LiveValue((), self)
         self.portraits = Portraits()
         self.selected_person = LiveValue("", self)
+        self.asked_person = LiveValue(None, self)
+        self.person_history = LiveValue(None, self)
         self.robot = LiveValue(None, self)
         self.scenario = LiveValue(None, self)
         self.places = LiveValue((), self)
@@ -270,9 +279,23 @@ class LiveState(QObject):
             for stream in self._all_streams():
                 stream.robot_clock = value
         if spec.delivery is Delivery.LOSSLESS:
+            self._stay_with_who_is_meant(value)
             self.event_happened.emit(value)
         else:
             self._streams[spec.name].update_value(value)
+
+    def _stay_with_who_is_meant(self, event: Any) -> None:
+        """Where it turns out who somebody is, or is not, the wizard still means who stands there."""
+        meant = self.selected_person.value
+        match event:
+            case PersonIdentified(person_id=before, is_person_id=now) if before == meant:
+                self.selected_person.set(now)
+            case PersonRejected(person_id=now, is_person_id=before) if before == meant:
+                self.selected_person.set(now)
+            case PeopleMerged(person_id=before, into_person_id=now) if before == meant:
+                self.selected_person.set(now)
+            case PersonForgotten(person_id=before) if before == meant:
+                self.selected_person.set("")
 
     def choose_camera(self, name: str) -> None:
         """Show another camera's picture from now on; its age and its people are those that count."""

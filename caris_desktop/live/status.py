@@ -7,6 +7,7 @@ from typing import Literal
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import GuardState, LinkState, Marked, RequestState, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
@@ -196,6 +197,15 @@ class LoadStatus:
 
     step: int = 0
     detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonHistory:
+    """What there was with a person, newest first; of all that what has the words of ``text``."""
+
+    person_id: str
+    text: str = ""
+    entries: tuple[HistoryEntry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

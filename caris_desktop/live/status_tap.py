@@ -45,6 +45,7 @@ STATUS_TYPES: dict[str, Any] = {
     "load": LoadStatus,
     "goal": GoalChanged | None,
     "persons": tuple[PersonRow, ...],
+    "selected_person": str,
     "places": tuple[Place, ...],
     "look": HeadStatus,
     "mapping": MapStatus,
@@ -96,8 +97,20 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
         _log.warning("a recorded status %s is not shown: %s", shown.name, error)
         return
     if shown.name == "persons":
-        value = tuple(replace(row, name=row.name or name_of(row.person_id) or "") for row in value)
+        value = tuple(_with_names(row, name_of) for row in value)
     getattr(state, shown.name).set(value)
+
+
+def _with_names(row: PersonRow, name_of: Callable[[str], str | None]) -> PersonRow:
+    """A suggestion of somebody who has been forgotten since is none any more."""
+    suggestions = (
+        replace(suggested, name=suggested.name or name_of(suggested.person_id) or "") for suggested in row.suggestions
+    )
+    return replace(
+        row,
+        name=row.name or name_of(row.person_id) or "",
+        suggestions=tuple(suggested for suggested in suggestions if suggested.name),
+    )
 
 
 def content_of(name: str, value: Any) -> Any:

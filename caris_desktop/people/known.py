@@ -261,6 +261,10 @@ class KnownPeople:
     def add_history(self, person_id: str, kind: HistoryKind, text: str, *, session: str) -> None:
         self._write(lambda store: store.add_history(person_id, kind, text, utc_ns=self.utc_now_ns(), session=session))
 
+    def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
+        """What there was with a person over all sessions, newest first: what has all words of ``text``."""
+        return self._read(lambda store: store.history(person_id, text), ())
+
     def summary(self, person_id: str) -> str:
         """In a sentence or two what there was with this person before; empty for somebody new."""
         nothing: tuple[HistoryEntry, ...] = ()

@@ -24,6 +24,7 @@ from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.store import HistoryEntry
 from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
@@ -290,6 +291,10 @@ class Presence:
             for known in self._known.everybody() if known.person_id not in seen
         )  # fmt: skip
         return (*sorted(rows, key=lambda row: not row.here), *before)
+
+    def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
+        """What there was with a person over all sessions, newest first: what has all words of ``text``."""
+        return self._known.history(person_id, text)
 
     def restart_tracks(self, now_ns: int) -> list[Event]:
         """The tracker began to count anew: its numbers no longer mean the people that they meant."""

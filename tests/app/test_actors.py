@@ -36,8 +36,8 @@ pytestmark = pytest.mark.logs(r"live\.bus: ")
 
 OTHER = "wizard:b"
 HERE = Pose2D(9.0, 5.0, 0.0)
-LEAVES_NOTHING = {intents.UseMicrophone}
-"""Of which microphone is used the record has the sound."""
+LEAVES_NOTHING = {intents.UseMicrophone, intents.LookUpPerson}
+"""Of which microphone is used the record has the sound. Who reads about somebody changes nothing."""
 
 
 @dataclass

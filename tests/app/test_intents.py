@@ -65,6 +65,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.SplitPerson("p-1"),
     intents.NoteConsent("p-1", "photo", given=True),
     intents.UndoPeople(),
+    intents.LookUpPerson("p-1", "arm"),
     intents.ForgetPerson("p-1"),
     intents.StartRecording(TrialDetails()),
     intents.StopRecording(),

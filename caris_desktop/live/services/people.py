@@ -74,7 +74,10 @@ class PeopleService(Service):
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens))
 
     def handlers(self) -> Handlers:
-        return dict.fromkeys(get_args(PeopleIntent), self._decide) | {intents.AttendPerson: self._attend}
+        return dict.fromkeys(get_args(PeopleIntent), self._decide) | {
+            intents.AttendPerson: self._attend,
+            intents.LookUpPerson: self._look_up,
+        }
 
     def follows(self) -> Follows:
         return dict.fromkeys((UtteranceChanged, PhotoTaken, SessionStarted, SessionEnded), self._note)
@@ -107,6 +110,7 @@ class PeopleService(Service):
         worker.moveToThread(self._thread)
         worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)
         worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
+        worker.history_found.connect(self._state.person_history.set_anew, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
         self._thread.started.connect(worker.run)
@@ -151,6 +155,10 @@ class PeopleService(Service):
                 "People are not looked for here.", "Nothing about them was changed.", "Start with people detection."
             )
         self._worker.ask(asked)
+
+    def _look_up(self, asked: intents.LookUpPerson) -> None:
+        if self._worker is not None:
+            self._worker.look_up(asked.person_id, asked.text)
 
     def _attend(self, asked: intents.AttendPerson) -> None:
         self._state.selected_person.set(asked.person_id)
