@@ -6,6 +6,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui.actions import Actions, Feature
+from caris_desktop.ui.people.asked import WhoIsAsked
 
 
 class ActionConditions(QObject):
@@ -20,6 +21,8 @@ class ActionConditions(QObject):
         state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         state.recording.changed.connect(self._offer_photo)
         state.cameras.changed.connect(self._on_cameras_changed)
+        state.asked_person.changed.connect(self._on_asked_changed)
+        WhoIsAsked(state, self)
         self._on_robot_changed(state.robot.value)
         self._on_places_changed(state.places.value)
         self._on_video_freshness_changed(state.frame.freshness)
@@ -42,6 +45,9 @@ class ActionConditions(QObject):
     def _on_video_freshness_changed(self, freshness: str) -> None:
         self._actions.set_condition("video", freshness == "fresh")
         self._offer_photo()
+
+    def _on_asked_changed(self, asked: Any) -> None:
+        self._actions.set_condition("asked", asked is not None)
 
     def _offer_photo(self) -> None:
         """In a pause nothing is to be kept of whoever is there."""

@@ -25,7 +25,7 @@ from caris_desktop.ui.speed_steps import fraction_after
 logger = logging.getLogger(__name__)
 
 Kind = Literal["command", "hold", "safety", "mark"]
-Condition = Literal["always", "recording", "video", "photo", "cameras", "answer"]
+Condition = Literal["always", "recording", "video", "photo", "cameras", "answer", "asked"]
 Feature = Literal["sideways", "head"]
 IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
 """What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
@@ -88,6 +88,15 @@ def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Inten
 def go_to_nth_place(_scenario: Scenario, state: LiveState, number: int) -> Intent | None:
     places = state.places.value
     return intents.GoToPlace(places[number - 1].name) if number <= len(places) else None
+
+
+def answer_suggestion(_scenario: Scenario, state: LiveState, yes: bool) -> Intent | None:
+    """Yes or no to the one question about a person that is asked now; nothing while that has only just come up."""
+    asked = state.asked_person.value
+    if asked is None or state.present.now_ns() < asked.from_ns:
+        return None
+    answer = intents.ConfirmPerson if yes else intents.RejectPerson
+    return answer(asked.person_id, asked.is_person_id)
 
 
 def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
@@ -157,6 +166,14 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec("filler", "Say the filler", "dots-three", ("F9",), intent=say_filler, group="Speaking"),
     ActionSpec("silence", "Silence", "speaker-slash", ("F12",), intent=intents.Silence(), group="Speaking"),
+    ActionSpec(
+        "person_yes", "Yes, that is who it is", "check", ("Ctrl+Return",), ("Y",), "naming_people",
+        enabled_when="asked", intent=answer_suggestion, argument=True, group="People",
+    ),
+    ActionSpec(
+        "person_no", "No, it is somebody else", "x", ("Ctrl+Shift+Return",), ("Shift+Y",), "naming_people",
+        enabled_when="asked", intent=answer_suggestion, argument=False, group="People",
+    ),
     ActionSpec(
         "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
         intent=intents.TakePhoto(), group="Session",

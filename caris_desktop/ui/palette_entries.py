@@ -9,13 +9,17 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.actions import ActionSpec, go_to_nth_place
+from caris_desktop.ui import words
+from caris_desktop.ui.actions import ActionSpec, answer_suggestion, go_to_nth_place
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.overlays import Entry
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.people.asked import is_asked
+from caris_desktop.ui.people.shown_people import everyone
 from caris_desktop.ui.theme import ThemeChoice
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
 from caris_desktop.ui.words import UNDER_WAY
@@ -45,6 +49,7 @@ class PaletteEntries:
         return [
             *self._of_emergency_stop(),
             *map(self._of_row, self._rows()),
+            *(self._of_people() if permissions.naming_people else ()),
             *self._of_goal(),
             *(self._of_places() if permissions.driving else ()),
             *(self._of_controls() if permissions.robot_controls else ()),
@@ -73,7 +78,10 @@ class PaletteEntries:
         return [
             spec
             for spec in table.specs
-            if spec.runs and spec.intent is not go_to_nth_place and spec.id != "find" and table.available(spec.id)
+            if spec.runs
+            and spec.intent not in (go_to_nth_place, answer_suggestion)
+            and spec.id != "find"
+            and table.available(spec.id)
         ]
 
     def _of_row(self, spec: ActionSpec) -> Entry:
@@ -107,6 +115,66 @@ class PaletteEntries:
                 also="cancel goal way",
             )
         ]  # fmt: skip
+
+    def _of_people(self) -> list[Entry]:
+        """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
+        table, state = self._parts.actions, self._state
+        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+        entries = []
+        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
+        if asked is not None and asked.suggestion is not None:
+            who = f"{words.person_name(asked)} is {asked.suggestion.name}"
+            for action_id, text, icon in (
+                ("person_yes", f"Yes, {who}", "check"), ("person_no", f"No, {who.replace(' is ', ' is not ', 1)}", "x")
+            ):  # fmt: skip
+                entries.append(
+                    Entry(
+                        text, "Person", icon, table.key_text(action_id), self._runner(action_id), also="confirm reject",
+                        acts=True,
+                    )
+                )  # fmt: skip
+        for person in persons:
+            name, also = words.person_name(person), " ".join((person.group, *person.tags))
+            entries.append(Entry(name, "Select", "user", "", self._selector(person), also=f"person {also}", acts=True))
+            entries.append(
+                Entry(
+                    f"All about {name}", "Person", "identification-card", "", self._shower(person, card=True), acts=True
+                )
+            )
+            if person.here:
+                entries.append(
+                    Entry(f"Rename {name}", "Person", "pencil-simple", "", self._shower(person, rename=True), acts=True)
+                )
+        if state.everybody.value or state.persons.value:
+            entries.append(
+                Entry(
+                    "Undo the last change to people", "Do", "arrow-u-up-left", "", self._doer(intents.UndoPeople()),
+                    also="take back name merge",
+                )
+            )  # fmt: skip
+        return entries
+
+    def _runner(self, action_id: str) -> Callable[[], None]:
+        return lambda: self._parts.actions.run(action_id)
+
+    def _selector(self, person: PersonRow) -> Callable[[], None]:
+        def select() -> None:
+            self._console.do(intents.AttendPerson(person.person_id))
+            panel = self._parts.panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id)
+
+        return select
+
+    def _shower(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> Callable[[], None]:
+        def show() -> None:
+            panels = self._parts.panels
+            panels.open("people")
+            panel = panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id, rename=rename, card=card)
+
+        return show
 
     def _of_places(self) -> list[Entry]:
         return [

@@ -101,6 +101,9 @@ class Panel(QWidget):
     def take_over(self, lasting: Any) -> None:
         """Go on from ``what_lasts`` of the panel before."""
 
+    def show_person(self, person_id: str, *, rename: bool = False, card: bool = False) -> None:
+        """Bring somebody into view where people are listed; open the field for the name, or the card."""
+
     def use_library(self, *, present: bool) -> None:
         """Whether there is a list of all sessions to open."""
 

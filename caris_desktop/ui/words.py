@@ -51,6 +51,18 @@ def since(seconds: float) -> str:
     return f"for {int(seconds // 60)} min"
 
 
+def ago(seconds: float) -> str:
+    """How long ago something was: just now, 20 s ago, 3 min ago, 2 h ago, 3 days ago."""
+    if seconds < 5:
+        return "just now"
+    if seconds < 60:
+        return f"{int(seconds) // 5 * 5} s ago"
+    if seconds < 5_400:
+        return f"{int(seconds // 60)} min ago"
+    hours = seconds / 3_600
+    return f"{round(hours)} h ago" if hours < 36 else f"{round(hours / 24)} days ago"
+
+
 def size(count_bytes: float) -> str:
     """24 MB, 1.2 GB."""
     for unit in ("B", "kB", "MB"):
@@ -279,6 +291,26 @@ def person_name(person: PersonRow) -> str:
     return person.name or f"Person {person.track}"
 
 
+def percent(confidence: float) -> str:
+    """82 %. Never 100 %: nobody is that sure of who somebody is."""
+    return f"{min(99, int(100 * confidence + 0.5))} %"
+
+
+def maybe(person: PersonRow) -> str:
+    """Who it could be: Maybe Anna (82 %). Empty where nobody is suggested."""
+    if person.suggestion is None:
+        return ""
+    return f"Maybe {person.suggestion.name} ({percent(person.suggestion.confidence)})"
+
+
+def on_box(person: PersonRow, yes_key: str = "") -> str:
+    """What stands on somebody's box: the name, or Anna? 82 % · Y where that is asked."""
+    if person.suggestion is None:
+        return person_name(person)
+    who = f"{person.suggestion.name}? {percent(person.suggestion.confidence)}"
+    return " · ".join(filter(None, (who, yes_key)))
+
+
 NameOf = Callable[[str], str]
 """Gives the words for a person id."""
 
@@ -357,6 +389,12 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return "People", f"{name_of(person_id)} left"
         case events.PersonRenamed(person_id=person_id):
             return "People", f"Named {name_of(person_id)}"
+        case (
+            events.PersonSuggested() | events.PersonIdentified() | events.PersonRejected() | events.PersonDescribed()
+            | events.PeopleMerged() | events.PersonSplit() | events.ConsentNoted() | events.PeopleUndone()
+            | events.PersonForgotten()
+        ):  # fmt: skip
+            return "People", _about_people(event, name_of)
         case events.PhotoTaken(file_name=file_name):
             return "Session", f"Photo taken ({file_name.rsplit('/', 1)[-1]})"
         case events.PhotoTagged(file_name=file_name, tags=tags):
@@ -383,6 +421,49 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return "Session", f"Recording ended ({folder})"
         case _:
             return None
+
+
+_DETAILS = {"group": "The group of", "tags": "The tags of", "note": "The note about"}
+CONSENTS: dict[events.ConsentKind, str] = {
+    "face": "being recognised by face",
+    "photo": "photos",
+    "video": "video recording",
+    "sound": "sound recording",
+}
+_UNDONE = {
+    "named": "a name", "group": "a group", "tags": "tags", "note": "a note", "identified": "who somebody is",
+    "rejected": "who somebody is not", "merged": "two people being one", "split": "one person being two",
+    "consent": "a consent",
+}  # fmt: skip
+DECISIONS_ABOUT_PEOPLE = (
+    events.PersonRenamed, events.PersonIdentified, events.PersonRejected, events.PersonDescribed, events.PeopleMerged,
+    events.PersonSplit, events.ConsentNoted,
+)  # fmt: skip
+"""What can be taken back."""
+
+
+def _about_people(event: object, name_of: NameOf) -> str:
+    match event:
+        case events.PersonSuggested(person_id=person_id, is_person_id=other, confidence=confidence):
+            return f"{name_of(person_id)} may be {name_of(other)} ({percent(confidence)})"
+        case events.PersonIdentified(is_person_id=other, by="console", confidence=confidence):
+            return f"{name_of(other)} recognised ({percent(confidence)})"
+        case events.PersonIdentified(is_person_id=other):
+            return f"{name_of(other)} confirmed"
+        case events.PersonRejected(is_person_id=other):
+            return f"Not {name_of(other)}: somebody else"
+        case events.PersonDescribed(person_id=person_id, detail=detail):
+            return f"{_DETAILS[detail]} {name_of(person_id)} changed"
+        case events.PeopleMerged(into_person_id=into):
+            return f"Two people were one: {name_of(into)}"
+        case events.PersonSplit(person_id=person_id, from_person_id=other):
+            return f"{name_of(person_id)} was not {name_of(other)}: two people now"
+        case events.ConsentNoted(person_id=person_id, kind=kind, given=given):
+            return f"{name_of(person_id)} {'agrees' if given else 'no longer agrees'} to {CONSENTS[kind]}"
+        case events.PeopleUndone(decision=decision):
+            return f"Taken back: {_UNDONE[decision]}"
+        case _:
+            return "Somebody was forgotten"
 
 
 def _navigation_sentence(

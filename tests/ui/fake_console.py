@@ -10,14 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
     CommandSource,
+    ConsentKind,
+    ConsentNoted,
     EmergencyStopChanged,
     GoalChanged,
     Marked,
     MarkKind,
+    PeopleMerged,
+    PeopleUndone,
+    PersonAttended,
+    PersonDescribed,
+    PersonDetail,
+    PersonForgotten,
+    PersonIdentified,
+    PersonRejected,
     PersonRenamed,
+    PersonSplit,
     RecordingPaused,
     StopRequested,
     UtteranceChanged,
@@ -35,9 +47,12 @@ from caris_desktop.live.status import (
     HeadStatus,
     LibraryStatus,
     MarksStatus,
+    PersonHistory,
     RecordingStatus,
 )
 from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.layout import layout_from_data
 from caris_desktop.scenario.model import Place, Scenario
@@ -87,6 +102,7 @@ class FakeConsole:
         self.inputs: tuple[str, ...] = ()
         self.input: str | None = None
         self.marks: dict[str, Marked] = {}
+        self.history: dict[str, tuple[HistoryEntry, ...]] = {}
         self.calls: list[tuple[str, Any]] = []
         self._others = other_scenarios or {}
 
@@ -189,7 +205,7 @@ class FakeConsole:
         self.calls.append(("cancel_goal", None))
         self.state.goal.set(None)
 
-    def say(self, text: str, origin: UtteranceOrigin) -> None:
+    def say(self, text: str, origin: UtteranceOrigin, person_id: str = "") -> None:
         self.calls.append(("say", (text, origin)))
         self.state.take(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
 
@@ -215,7 +231,84 @@ class FakeConsole:
                 for person in self.state.persons.value
             )
         )
-        self.state.take(PersonRenamed(clock.now_ns(), person_id))
+        self.state.take(PersonRenamed(clock.now_ns(), person_id, WIZARD))
+
+    def attend_person(self, person_id: str) -> None:
+        self.calls.append(("attend_person", person_id))
+        self.state.selected_person.set(person_id)
+        self.state.take(PersonAttended(clock.now_ns(), person_id, WIZARD))
+
+    def confirm_person(self, person_id: str, is_person_id: str) -> None:
+        self.calls.append(("confirm_person", (person_id, is_person_id)))
+        known = self._person(is_person_id)
+        seen = self._person(person_id)
+        self._replace_persons(
+            {
+                person_id: dataclasses.replace(
+                    known, track=seen.track, here=seen.here, since_ns=seen.since_ns, last_seen_ns=seen.last_seen_ns,
+                    camera=seen.camera, visit_id=person_id, confidence=0.82, number=seen.number,
+                ),
+                is_person_id: None,
+            }
+        )  # fmt: skip
+        self.state.take(PersonIdentified(clock.now_ns(), person_id, is_person_id, "wizard", 0.82, actor=WIZARD))
+
+    def reject_person(self, person_id: str, is_person_id: str) -> None:
+        self.calls.append(("reject_person", (person_id, is_person_id)))
+        self._replace_persons({person_id: dataclasses.replace(self._person(person_id), suggestions=())})
+        self.state.take(PersonRejected(clock.now_ns(), person_id, is_person_id, WIZARD))
+
+    def set_person_group(self, person_id: str, group: str) -> None:
+        self.calls.append(("set_person_group", (person_id, group)))
+        self._describe(person_id, "group", group=group)
+
+    def tag_person(self, person_id: str, tags: tuple[str, ...]) -> None:
+        self.calls.append(("tag_person", (person_id, tags)))
+        self._describe(person_id, "tags", tags=tags)
+
+    def note_person(self, person_id: str, note: str) -> None:
+        self.calls.append(("note_person", (person_id, note)))
+        self._describe(person_id, "note", note=note)
+
+    def merge_people(self, person_id: str, into_person_id: str) -> None:
+        self.calls.append(("merge_people", (person_id, into_person_id)))
+        self._replace_persons({person_id: None})
+        self.state.take(PeopleMerged(clock.now_ns(), person_id, into_person_id, WIZARD))
+
+    def split_person(self, person_id: str, visit_id: str) -> None:
+        self.calls.append(("split_person", person_id))
+        self.state.take(PersonSplit(clock.now_ns(), f"{person_id}-new", person_id, WIZARD))
+
+    def note_consent(self, person_id: str, kind: ConsentKind, given: bool) -> None:
+        self.calls.append(("note_consent", (person_id, kind, given)))
+        self.state.take(ConsentNoted(clock.now_ns(), person_id, kind, given, WIZARD))
+
+    def undo_people(self) -> None:
+        self.calls.append(("undo_people", None))
+        self.state.take(PeopleUndone(clock.now_ns(), "p1", "named", actor=WIZARD))
+
+    def forget_person(self, person_id: str) -> None:
+        self.calls.append(("forget_person", person_id))
+        self._replace_persons({person_id: None})
+        self.state.take(PersonForgotten(clock.now_ns(), person_id, WIZARD))
+
+    def look_up_person(self, person_id: str, text: str) -> None:
+        self.calls.append(("look_up_person", (person_id, text)))
+        found = tuple(entry for entry in self.history.get(person_id, ()) if text.casefold() in entry.text.casefold())
+        self.state.person_history.set_anew(PersonHistory(person_id, text, found))
+
+    def _person(self, person_id: str) -> PersonRow:
+        rows = (*self.state.persons.value, *self.state.everybody.value)
+        return next(person for person in rows if person.person_id == person_id)
+
+    def _describe(self, person_id: str, detail: PersonDetail, **changes: Any) -> None:
+        self._replace_persons({person_id: dataclasses.replace(self._person(person_id), **changes)})
+        self.state.take(PersonDescribed(clock.now_ns(), person_id, detail, WIZARD))
+
+    def _replace_persons(self, changes: dict[str, PersonRow | None]) -> None:
+        for live in (self.state.persons, self.state.everybody):
+            rows = (changes.get(person.person_id, person) for person in live.value)
+            live.set(tuple(row for row in rows if row is not None))
 
     def take_photo(self) -> None:
         self.calls.append(("take_photo", None))
@@ -378,6 +471,18 @@ _METHODS: dict[type[Intent], str] = {
     intents.CancelAnswer: "cancel_assistant",
     intents.SayAnswer: "say_answer",
     intents.NamePerson: "rename_person",
+    intents.AttendPerson: "attend_person",
+    intents.ConfirmPerson: "confirm_person",
+    intents.RejectPerson: "reject_person",
+    intents.SetPersonGroup: "set_person_group",
+    intents.TagPerson: "tag_person",
+    intents.NotePerson: "note_person",
+    intents.MergePeople: "merge_people",
+    intents.SplitPerson: "split_person",
+    intents.NoteConsent: "note_consent",
+    intents.UndoPeople: "undo_people",
+    intents.ForgetPerson: "forget_person",
+    intents.LookUpPerson: "look_up_person",
     intents.StartRecording: "start_session",
     intents.StopRecording: "stop_session",
     intents.PauseRecording: "pause_session",

@@ -65,6 +65,8 @@ TABLE = {
     "shortcuts": ({"Ctrl+/"}, {"?"}),
     "focus_speak": ({"Ctrl+L"}, {"Return"}),
     "focus_driving": ({"Ctrl+D"}, set()),
+    "person_yes": ({"Ctrl+Return"}, {"Y"}),
+    "person_no": ({"Ctrl+Shift+Return"}, {"Shift+Y"}),
 }
 
 

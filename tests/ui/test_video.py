@@ -192,7 +192,7 @@ def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPane
     assert panel.shown_title == "Video"
 
 
-def test_the_people_panel_is_about_the_camera_on_show(
+def test_the_people_panel_says_who_is_seen_by_another_camera_only(
     window: MainWindow, panel: VideoPanel, console: FakeConsole
 ) -> None:
     people = window.panels["people"]
@@ -203,13 +203,11 @@ def test_the_people_panel_is_about_the_camera_on_show(
         for number, camera in enumerate(("front", "rear"), 1)
     )
     console.state.persons.set(rows)
-    assert people.model.row_of("p-front") is not None
-    assert people.model.row_of("p-rear") is None
-    assert people.fact[0] == "1 here · 1 in another camera"
+    assert [people.model.seen(row) for row in rows] == ["here just now", "rear camera · here just now"]
+    assert people.fact[0] == "2 here · 1 in another camera"
     console.state.take(dataclasses.replace(console.state.frame.value, camera="rear"))
     console.state.choose_camera("rear")
-    assert people.model.row_of("p-front") is None
-    assert people.model.row_of("p-rear") is not None
+    assert [people.model.seen(row) for row in rows] == ["front camera · here just now", "here just now"]
 
 
 def test_boxes_and_words_cost_no_more_than_the_picture_under_them(panel: VideoPanel, console: FakeConsole) -> None:

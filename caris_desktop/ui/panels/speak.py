@@ -15,6 +15,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
 
 _HISTORY = 50
+_HINT = "Type what the robot says…"
 _CHIP_SIZES = ((40, tokens.BODY_PX + 1, 8), (32, tokens.BODY_PX, 6), (28, tokens.BODY_PX - 1, 5))
 
 
@@ -84,6 +85,8 @@ class SpeakPanel(Panel):
         layout.addWidget(scroll, 1)
         layout.addWidget(self._hints)
         self.state.speech.changed.connect(self._on_speech_changed)
+        self.state.selected_person.changed.connect(self._say_to_whom)
+        self.state.persons.changed.connect(self._say_to_whom)
         self.theme.changed.connect(self._style)
         self._style()
         self._on_speech_changed(self.state.speech.value)
@@ -125,6 +128,14 @@ class SpeakPanel(Panel):
 
     def catch_up(self) -> None:
         self._on_speech_changed(self.state.speech.value)
+        self._say_to_whom()
+
+    def _say_to_whom(self, _value: object = None) -> None:
+        """The empty field names whom the wizard selected: what is said goes into that person's history."""
+        if self.in_view:
+            meant = self.state.selected_person.value
+            name = next((words.person_name(row) for row in self.state.persons.value if row.person_id == meant), "")
+            self.field.setPlaceholderText(f"Type what the robot says to {name}…" if name else _HINT)
 
     def _on_speech_changed(self, speech: SpeechStatus) -> None:
         if not self.in_view:
@@ -152,7 +163,7 @@ class SpeakField(QLineEdit):
         self._history: list[str] = []
         self._position = 0
         self._draft = ""
-        self.setPlaceholderText("Type what the robot says…")
+        self.setPlaceholderText(_HINT)
         self.setAccessibleName("What the robot says next")
         self.setMinimumHeight(48)
         self.setMaxLength(1000)

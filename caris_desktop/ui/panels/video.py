@@ -18,6 +18,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.people.asked import AskedAbout
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -92,12 +93,14 @@ class VideoPanel(Panel):
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
         state.selected_person.changed.connect(self.view.show_selected)
+        state.asked_person.changed.connect(self._name_people)
         state.drive.changed.connect(self._refresh)
         state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         state.cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_cameras_changed)
         self.table.keys_changed.connect(self._refresh)
+        self.table.keys_changed.connect(self._name_people)
         self.table.asking.connect(self._on_asking)
         self.every(250, self._refresh)
         self.catch_up()
@@ -186,11 +189,26 @@ class VideoPanel(Panel):
         if self.in_view:
             self.view.show_people(people)
 
-    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
+    def _on_persons_changed(self, _persons: tuple[PersonRow, ...]) -> None:
+        if self.in_view:
+            self._name_people()
+
+    def _name_people(self, _value: object = None) -> None:
+        """Names on boxes; on one that the console asks about who it may be, and the key that says yes."""
         if not self.in_view:
             return
+        persons: tuple[PersonRow, ...] = self.state.persons.value
+        asked: AskedAbout | None = self.state.asked_person.value
+        key = self.table.key_text("person_yes")
         self.view.show_names(
-            {person.person_id: (words.person_name(person), words.has_given_name(person)) for person in persons}
+            {
+                person.person_id: (
+                    words.on_box(person, key if asked is not None and asked.person_id == person.person_id else ""),
+                    words.has_given_name(person),
+                )
+                for person in persons
+            },
+            frozenset(person.person_id for person in persons if person.suggestion is not None),
         )
 
     def _on_freshness_changed(self, freshness: str) -> None:

@@ -1,4 +1,4 @@
-"""A line to write in that keeps its Enter to itself."""
+"""A line to write in that keeps its Enter to itself; with Ctrl it is a key of the window."""
 
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
@@ -11,9 +11,11 @@ class EnterField(QLineEdit):
     """Enter belongs to the field, also where it is a key of the window. Of what it has no use for only Esc goes on."""
 
     def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and event.key() in _ENTER:
-            event.accept()
-            return True
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            with_ctrl = event.modifiers() & Qt.KeyboardModifier.ControlModifier
+            if event.key() in _ENTER and not with_ctrl:
+                event.accept()
+                return True
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

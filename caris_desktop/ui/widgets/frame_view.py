@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
-from PySide6.QtGui import QColor, QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
+from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.camera import CameraModel
@@ -94,6 +94,7 @@ class FrameView(QWidget):
         self._people_before: People | None = None
         self._names: dict[str, tuple[str, bool]] = {}
         self._selected = ""
+        self._suggested: frozenset[str] = frozenset()
         self._freshness = "none"
         self._age_s: float | None = None
         self._lost_reason = ""
@@ -110,7 +111,7 @@ class FrameView(QWidget):
         # Everything is painted, corners included: nothing that lies below is painted first.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self._painted = PaintedOnce()
-        self._dash_strips: dict[str, QPixmap] = {}
+        self._dash_strips: dict[tuple[str, str], QPixmap] = {}
         theme.changed.connect(self._on_theme_changed)
 
     @property
@@ -178,9 +179,11 @@ class FrameView(QWidget):
         if self._freshness != "fresh":
             self.update()
 
-    def show_names(self, names: dict[str, tuple[str, bool]]) -> None:
-        """Words for each person id, and whether they are a given name."""
-        self._names = names
+    def show_names(self, names: dict[str, tuple[str, bool]], suggested: frozenset[str] = frozenset()) -> None:
+        """Words for each person id, and whether they are a given name. The boxes of those who are only ``suggested`` to
+        be somebody are amber.
+        """
+        self._names, self._suggested = names, suggested
         self.update()
 
     def show_selected(self, person_id: str) -> None:
@@ -346,9 +349,11 @@ class FrameView(QWidget):
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
             if self._selected and box.person_id == self._selected:
                 self._paint_selected(painter, rect)
-            self._paint_box_edge(painter, rect, named=named)
+            suggested = box.person_id in self._suggested
+            role = "box_warning" if suggested else "box_named" if named else "box_unnamed"
+            self._paint_box_edge(painter, rect, role, solid=named and not suggested)
             top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
-            self._paint_tag(painter, QPointF(rect.left() - 1, top), label, named=named)
+            self._paint_tag(painter, QPointF(rect.left() - 1, top), label, role)
         painter.setOpacity(1.0)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
@@ -364,56 +369,56 @@ class FrameView(QWidget):
             ):
                 painter.fillRect(bar, color)
 
-    def _paint_box_edge(self, painter: QPainter, rect: QRectF, *, named: bool) -> None:
+    def _paint_box_edge(self, painter: QPainter, rect: QRectF, role: str, *, solid: bool) -> None:
         """A line around somebody, dashed where the wizard gave no name.
 
         As a pen's dashes and round corners are worked out anew for each box of each frame, it is four bars, and the
         dashes are copied from strips of them.
         """
-        color = self._theme.color("box_named" if named else "box_unnamed")
+        color = self._theme.color(role)
         edge = rect.toRect().adjusted(-1, -1, 1, 1)
         inner = edge.height() - 4
         for bar in (
             QRect(edge.left(), edge.top(), edge.width(), 2), QRect(edge.left(), edge.bottom() - 1, edge.width(), 2),
             QRect(edge.left(), edge.top() + 2, 2, inner), QRect(edge.right() - 1, edge.top() + 2, 2, inner),
         ):  # fmt: skip
-            if named:
+            if solid:
                 painter.fillRect(bar, color)
             elif bar.width() > 0 and bar.height() > 0:
                 across = bar.height() == 2
-                strip = self._dashes("across" if across else "down", color)
+                strip = self._dashes("across" if across else "down", role)
                 painter.drawPixmap(bar.topLeft(), strip, QRect(0, 0, bar.width(), bar.height()))
 
-    def _dashes(self, direction: Literal["across", "down"], color: QColor) -> QPixmap:
-        strip = self._dash_strips.get(direction)
+    def _dashes(self, direction: Literal["across", "down"], role: str) -> QPixmap:
+        strip = self._dash_strips.get((direction, role))
         if strip is None:
-            across = direction == "across"
+            across, color = direction == "across", self._theme.color(role)
             strip = QPixmap(*((_STRIP_PX, 2) if across else (2, _STRIP_PX)))
             strip.fill(Qt.GlobalColor.transparent)
             onto = QPainter(strip)
             for first in range(0, _STRIP_PX, _DASH_PX):
                 onto.fillRect(QRect(*((first, 0, _DASH_ON_PX, 2) if across else (0, first, 2, _DASH_ON_PX))), color)
             onto.end()
-            self._dash_strips[direction] = strip
+            self._dash_strips[(direction, role)] = strip
         return strip
 
     def _tag_size(self, text: str) -> QSizeF:
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
         return QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 14, 21)
 
-    def _paint_tag(self, painter: QPainter, at: QPointF, text: str, *, named: bool) -> None:
+    def _paint_tag(self, painter: QPainter, at: QPointF, text: str, role: str) -> None:
         """Words on their own ground, 21 pixels high; a picture kept for as long as somebody is called so."""
         size = self._tag_size(text)
 
         def paint(onto: QPainter) -> None:
             onto.setPen(Qt.PenStyle.NoPen)
-            onto.setBrush(self._theme.color("box_named" if named else "box_unnamed"))
+            onto.setBrush(self._theme.color(role))
             onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
             onto.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
             onto.setPen(self._theme.color("on_box"))
             onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
 
-        self._painted.draw(painter, at, size, ("tag", text, named), paint)
+        self._painted.draw(painter, at, size, ("tag", text, role), paint)
 
     def _paint_spot(self, painter: QPainter) -> None:
         spot, model, theme = self._spot, self.model, self._theme
@@ -429,7 +434,7 @@ class FrameView(QWidget):
             painter.drawPolygon(ring)
         text, bounds = f"{spot.distance_m:.1f} m", ring.boundingRect()
         middle = bounds.center().x() - self._tag_size(text).width() / 2
-        self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, named=True)
+        self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, "box_named")
         painter.restore()
 
     def _paint_chips(self, painter: QPainter) -> None:

@@ -1,0 +1,307 @@
+"""The card's first page: how it is known who this is, what was written down, what they agreed to, their history."""
+
+from collections.abc import Callable, Sequence
+from typing import get_args
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QFocusEvent
+from PySide6.QtWidgets import QCompleter, QGridLayout, QHBoxLayout, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import ConsentKind
+from caris_desktop.domain.intents import Intent
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.store import HistoryEntry
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.panel import show_part
+from caris_desktop.ui.people.history_list import HistoryList
+from caris_desktop.ui.people.shown_people import is_identified
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+
+_SEARCH_AFTER_MS = 250
+MOST_SUGGESTED = 2
+
+
+def how_known(person: PersonRow, recognise: str) -> str:
+    """How the console knows who this is, and what it cannot know. ``recognise`` is the scenario's setting."""
+    if recognise == "nobody":
+        return "Nobody is recognised in this scenario: who somebody is you say yourself."
+    by_face = recognise == "faces" and "face" in person.consents
+    if is_identified(person) and person.confidence:
+        how = "by face or clothing" if by_face else "by clothing, today only"
+        return f"Recognised {how} ({words.percent(person.confidence)})."
+    if is_identified(person):
+        return "You said who this is."
+    if by_face:
+        return "Is recognised by face, on other days too."
+    if recognise == "faces":
+        return "Is recognised by clothing, today only: on other days by face, where consent for that is noted below."
+    return "Is recognised by clothing, today only. On another day nobody is recognised."
+
+
+def tags_of(text: str) -> tuple[str, ...]:
+    """Tags as they are typed, with commas between them; each once."""
+    return tuple(dict.fromkeys(tag for each in text.split(",") if (tag := " ".join(each.split()))))
+
+
+class AboutPage(QWidget):
+    """``history_wanted`` brings the person's id and the words to look for."""
+
+    merge_wanted = Signal()
+    forget_wanted = Signal()
+    history_wanted = Signal(str, str)
+
+    def __init__(self, theme: Theme, do: Callable[[Intent], object], *, recognise: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self._do = do
+        self._recognise = recognise
+        self._person: PersonRow | None = None
+        self._headings: list[QLabel] = []
+        self._how = QLabel()
+        self._how.setObjectName("person_how")
+        self._how.setWordWrap(True)
+        self._not = self._button("person_not", "", "user-minus", self._on_not)
+        self._suggested = [self._suggestion_row(number) for number in range(MOST_SUGGESTED)]
+        self._name = self._field("person_card_name_field", "Name", "Name", self._keep_name)
+        self._group = self._field("person_group", "Group", "Group", self._keep_group)
+        self._tags = self._field("person_tags", "Tags", "Tags, with commas between", self._keep_tags)
+        self._note = NoteField()
+        self._note.setObjectName("person_note")
+        self._note.setAccessibleName("Note")
+        self._note.setPlaceholderText("What to remember about this person")
+        self._note.left.connect(self._keep_note)
+        self._consents: dict[ConsentKind, CheckBox] = {}
+        for kind in get_args(ConsentKind):
+            box = self._consents[kind] = CheckBox(theme, words.CONSENTS[kind])
+            box.setObjectName(f"consent_{kind}")
+            box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
+        self._search = EnterField()
+        self._search.setObjectName("person_history_search")
+        self._search.setPlaceholderText("Find in the history")
+        self._search.setAccessibleName("Find in the history")
+        self._search.setClearButtonEnabled(True)
+        self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
+        self._looking.timeout.connect(self.look_up)
+        self._search.textChanged.connect(lambda _text: self._looking.start())
+        self.history = HistoryList(theme)
+        self._no_history = QLabel()
+        self._no_history.setObjectName("person_no_history")
+        self._no_history.setWordWrap(True)
+        self._merge = self._button("person_merge", "Same person as…", "git-merge", self.merge_wanted.emit)
+        self._split = self._button("person_split", "Two people in one", "users", self._on_split)
+        self._forget = self._button("person_forget", "Forget…", "trash", self.forget_wanted.emit)
+        self._arrange()
+        theme.changed.connect(self._style)
+        self._style()
+
+    def _button(self, name: str, text: str, icon: str, act: Callable[[], object]) -> ActionButton:
+        button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
+        button.setObjectName(name)
+        button.clicked.connect(lambda _checked=False: act())
+        return button
+
+    def _field(self, name: str, title: str, hint: str, keep: Callable[[], None]) -> EnterField:
+        field = EnterField()
+        field.setObjectName(name)
+        field.setAccessibleName(title)
+        field.setPlaceholderText(hint)
+        field.setMaxLength(80)
+        field.editingFinished.connect(keep)
+        return field
+
+    def _suggestion_row(self, number: int) -> tuple[QWidget, QLabel, ActionButton, ActionButton]:
+        row = QWidget()
+        row.setObjectName(f"person_suggestion_{number}")
+        text = QLabel()
+        yes = self._button(f"person_suggestion_yes_{number}", "Yes", "check", lambda: self._answer(number, yes=True))
+        no = self._button(f"person_suggestion_no_{number}", "No", "x", lambda: self._answer(number, yes=False))
+        line = QHBoxLayout(row)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.addWidget(text, 1)
+        line.addWidget(yes)
+        line.addWidget(no)
+        return row, text, yes, no
+
+    def _heading(self, text: str) -> QLabel:
+        label = QLabel(text)
+        self._headings.append(label)
+        return label
+
+    def _arrange(self) -> None:
+        form = QGridLayout()
+        form.setHorizontalSpacing(10)
+        form.setVerticalSpacing(6)
+        for row, (text, field) in enumerate(
+            (("Name", self._name), ("Group", self._group), ("Tags", self._tags), ("Note", self._note))
+        ):
+            form.addWidget(self._heading(text), row, 0)
+            form.addWidget(field, row, 1)
+        agreed = FlowRow(gap_px=6)
+        for box in self._consents.values():
+            agreed.add(box)
+        past = QHBoxLayout()
+        past.addWidget(self._heading("History"))
+        past.addWidget(self._search, 1)
+        acts = FlowRow(gap_px=6)
+        for button in (self._merge, self._split, self._forget):
+            acts.add(button)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(14, 2, 14, 4)
+        column.setSpacing(tokens.GRID_PX)
+        for suggested, *_ in self._suggested:
+            column.addWidget(suggested)
+        column.addWidget(self._how)
+        column.addWidget(self._not, 0, Qt.AlignmentFlag.AlignLeft)
+        column.addLayout(form)
+        column.addWidget(self._heading("Agrees to"))
+        column.addWidget(agreed)
+        column.addLayout(past)
+        column.addWidget(self._no_history)
+        column.addWidget(self.history, 1)
+        column.addWidget(acts)
+        self._note.setFixedHeight(58)
+        self.history.setMinimumHeight(104)
+
+    # ---- who is shown
+
+    def begin_with(self, person: PersonRow) -> None:
+        """Somebody else: nothing that was typed goes along."""
+        self._person = None
+        self._looking.stop()
+        for field in (self._name, self._group, self._tags, self._note):
+            field.clearFocus()
+        self._search.blockSignals(True)
+        self._search.clear()
+        self._search.blockSignals(False)
+        self.show_history(person.person_id, (), "")
+
+    def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
+        """What is being typed stays."""
+        self._person = person
+        name = words.person_name(person)
+        for field, text in (
+            (self._name, person.name if words.has_given_name(person) else ""),
+            (self._group, person.group),
+            (self._tags, ", ".join(person.tags)),
+        ):
+            if not field.hasFocus() and field.text() != text:
+                field.setText(text)
+        if not self._note.hasFocus() and self._note.toPlainText() != person.note:
+            self._note.setPlainText(person.note)
+        self._complete(groups)
+        self._how.setText(how_known(person, self._recognise))
+        show_part(self._not, is_identified(person) and person.here)
+        self._not.set_label(f"Not {words.shortened(name, 24)}")
+        for number, (row, said, _yes, _no) in enumerate(self._suggested):
+            there = number < len(person.suggestions)
+            show_part(row, there)
+            if there:
+                suggestion = person.suggestions[number]
+                sure = words.percent(suggestion.confidence)
+                said.setText(f"{'or' if number else 'Maybe'} {suggestion.name} ({sure})")
+        for kind, box in self._consents.items():
+            box.setChecked(kind in person.consents)
+        self._split.setEnabled(person.here)
+        self._split.setToolTip(f"Who is here now is somebody else than {name} was before")
+
+    def _complete(self, groups: Sequence[str]) -> None:
+        """A group that there is already completes itself while it is typed; no list opens over the window."""
+        completer = self._group.completer()
+        if completer is not None and completer.property("groups") == list(groups):
+            return
+        completer = QCompleter(list(groups), self._group)
+        completer.setProperty("groups", list(groups))
+        completer.setCompletionMode(QCompleter.CompletionMode.InlineCompletion)
+        completer.setCaseSensitivity(Qt.CaseSensitivity.CaseInsensitive)
+        self._group.setCompleter(completer)
+
+    def show_history(self, person_id: str, entries: Sequence[HistoryEntry], text: str) -> None:
+        """What was found for the words that were looked for."""
+        if self._person is not None and person_id != self._person.person_id:
+            return
+        self.history.entries.show_entries(entries)
+        self._no_history.setText("Nothing of that was found." if text else "Nothing is known from before.")
+        show_part(self._no_history, not entries)
+        show_part(self.history, bool(entries))
+
+    def give_up(self) -> None:
+        """What was typed and not finished changes nothing."""
+        person, self._person = self._person, None
+        for field in (self._name, self._group, self._tags, self._note):
+            field.clearFocus()
+        if person is not None:
+            self.show_person(person, [])
+
+    # ---- what is decided
+
+    def _keep_name(self) -> None:
+        person, name = self._person, " ".join(self._name.text().split())
+        if person is not None and name and name != person.name:
+            self._do(intents.NamePerson(person.person_id, name))
+
+    def _keep_group(self) -> None:
+        person, group = self._person, " ".join(self._group.text().split())
+        if person is not None and group != person.group:
+            self._do(intents.SetPersonGroup(person.person_id, group))
+
+    def _keep_tags(self) -> None:
+        person, tags = self._person, tags_of(self._tags.text())
+        if person is not None and tags != person.tags:
+            self._do(intents.TagPerson(person.person_id, tags))
+
+    def _keep_note(self) -> None:
+        person, note = self._person, self._note.toPlainText().strip()
+        if person is not None and note != person.note:
+            self._do(intents.NotePerson(person.person_id, note))
+
+    def _on_consent(self, kind: ConsentKind, given: bool) -> None:
+        if self._person is not None:
+            self._do(intents.NoteConsent(self._person.person_id, kind, given))
+
+    def _answer(self, number: int, *, yes: bool) -> None:
+        person = self._person
+        if person is not None and number < len(person.suggestions):
+            answer = intents.ConfirmPerson if yes else intents.RejectPerson
+            self._do(answer(person.person_id, person.suggestions[number].person_id))
+
+    def _on_not(self) -> None:
+        if self._person is not None:
+            self._do(intents.RejectPerson(self._person.person_id, self._person.person_id))
+
+    def _on_split(self) -> None:
+        if self._person is not None:
+            self._do(intents.SplitPerson(self._person.person_id))
+
+    def look_up(self) -> None:
+        """Ask for what there was with this person."""
+        if self._person is not None:
+            self.history_wanted.emit(self._person.person_id, self._search.text())
+
+    def _style(self) -> None:
+        small = self._theme.font(tokens.STATUS_PX)
+        for label in (*self._headings, self._how, self._no_history):
+            label.setFont(small)
+            self._theme.color_text(label, "dim")
+        for _row, text, _yes, _no in self._suggested:
+            text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+            self._theme.color_text(text, "amber")
+        self._note.setFont(self._theme.font(tokens.STATUS_PX + 1))
+
+
+class NoteField(QPlainTextEdit):
+    """Several lines; ``left`` once the focus goes elsewhere."""
+
+    left = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setTabChangesFocus(True)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self.left.emit()

@@ -1,0 +1,76 @@
+"""Which suggestion the keys for yes and no answer: one at a time, and never another than the one that was read."""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.live.state import LiveState
+from caris_desktop.people.presence import PersonRow
+
+TO_READ_NS = 500_000_000
+"""A question that takes the place of another one is not answered before: the key may have been meant for that."""
+
+
+@dataclass(frozen=True, slots=True)
+class AskedAbout:
+    """Whether ``person_id``, who is here, is ``is_person_id``; no key answers it before ``from_ns``."""
+
+    person_id: str
+    is_person_id: str
+    from_ns: int = 0
+
+
+def is_asked(person: PersonRow, asked: AskedAbout | None) -> bool:
+    """Whether it is this person whom the question is about."""
+    return asked is not None and person.here and person.person_id == asked.person_id
+
+
+def suggested_id(person: PersonRow) -> str:
+    """Who this person could be; empty where nobody is suggested."""
+    return person.suggestion.person_id if person.here and person.suggestion is not None else ""
+
+
+def next_asked(
+    persons: tuple[PersonRow, ...], before: AskedAbout | None, *, selected: str, now_ns: int, ended_ns: int
+) -> AskedAbout | None:
+    """Whom the wizard selected comes first, then the question that is asked already, then who is here longest.
+
+    ``ended_ns`` is when the question before was answered or went away.
+    """
+    open_now = {person.person_id: suggested_id(person) for person in persons if suggested_id(person)}
+    if not open_now:
+        return None
+    if selected in open_now:
+        chosen = selected
+    elif before is not None and open_now.get(before.person_id) == before.is_person_id:
+        chosen = before.person_id
+    else:
+        chosen = min(
+            (person for person in persons if person.person_id in open_now), key=lambda person: person.since_ns
+        ).person_id
+    if before is not None and (before.person_id, before.is_person_id) == (chosen, open_now[chosen]):
+        return before
+    replaces = before is not None or now_ns - ended_ns < TO_READ_NS
+    return AskedAbout(chosen, open_now[chosen], now_ns + TO_READ_NS if replaces else 0)
+
+
+class WhoIsAsked(QObject):
+    """Keeps ``state.asked_person`` as the people who are here give it."""
+
+    def __init__(self, state: LiveState, parent: QObject) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._ended_ns = -TO_READ_NS
+        state.persons.changed.connect(self._refresh)
+        state.selected_person.changed.connect(self._refresh)
+        self._refresh()
+
+    def _refresh(self, _value: object = None) -> None:
+        state, now_ns = self._state, self._state.present.now_ns()
+        before: AskedAbout | None = state.asked_person.value
+        asked = next_asked(
+            state.persons.value, before, selected=state.selected_person.value, now_ns=now_ns, ended_ns=self._ended_ns
+        )
+        if before is not None and asked is None:
+            self._ended_ns = now_ns
+        state.asked_person.set(asked)

@@ -1,0 +1,36 @@
+"""One person's portrait as a widget, or the round mark that stands for it."""
+
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import words
+from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets import avatar
+
+
+class Face(QWidget):
+    def __init__(self, theme: Theme, pixmaps: PortraitPixmaps, size_px: int) -> None:
+        super().__init__()
+        self._theme = theme
+        self._pixmaps = pixmaps
+        self._person: PersonRow | None = None
+        self.setFixedSize(size_px, size_px)
+        theme.changed.connect(self.update)
+
+    def show_person(self, person: PersonRow | None) -> None:
+        if person != self._person:
+            self._person = person
+            self.setAccessibleName("" if person is None else f"Portrait of {words.person_name(person)}")
+            self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        person = self._person
+        if person is None:
+            return
+        painter = QPainter(self)
+        if not self._pixmaps.draw(painter, self.rect(), person.portrait):
+            named = words.has_given_name(person)
+            avatar.draw_avatar(painter, self._theme, QRectF(self.rect()), person.name, known=named, here=person.here)

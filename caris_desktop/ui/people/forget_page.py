@@ -1,0 +1,62 @@
+"""Asks before somebody is forgotten, on the card: what goes, and that it is for good."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class ForgetPage(QWidget):
+    """``forgotten`` brings the person's id once the wizard is sure."""
+
+    forgotten = Signal(str)
+    back = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._person_id = ""
+        self._title = QLabel()
+        self._title.setObjectName("forget_title")
+        self._what = QLabel()
+        self._what.setObjectName("forget_what")
+        for label in (self._title, self._what):
+            label.setWordWrap(True)
+        self._do = ActionButton(theme, "Forget for good", icon="trash", look="outline_danger")
+        self._do.setObjectName("forget_do")
+        self._do.clicked.connect(lambda: self.forgotten.emit(self._person_id))
+        keep = ActionButton(theme, "Keep")
+        keep.setObjectName("forget_keep")
+        keep.clicked.connect(self.back)
+        row = QHBoxLayout()
+        row.setSpacing(tokens.GRID_PX)
+        row.addWidget(keep)
+        row.addWidget(self._do)
+        row.addStretch(1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(14, 6, 14, 6)
+        column.setSpacing(10)
+        column.addWidget(self._title)
+        column.addWidget(self._what)
+        column.addLayout(row)
+        column.addStretch(1)
+        theme.changed.connect(self._style)
+        self._style()
+
+    def begin_with(self, person: PersonRow) -> None:
+        name = words.person_name(person)
+        self._person_id = person.person_id
+        self._title.setText(f"Forget {name}?")
+        self._what.setText(
+            f"Name, group, tags, note, pictures, history and how {name} looks are deleted from this study, and "
+            f"{name} is masked in its recordings.\n\n"
+            "Texts that may still name them are listed for you to look through.\n\n"
+            "This cannot be undone."
+        )
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._what.setFont(self._theme.font(tokens.STATUS_PX + 1))

@@ -1,0 +1,106 @@
+"""What there was with one person, over all sessions: when, and in a line what."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+from PySide6.QtCore import QAbstractListModel, QModelIndex, QObject, QPersistentModelIndex, QRect, QRectF, Qt
+from PySide6.QtGui import QFontMetrics, QPainter
+from PySide6.QtWidgets import QStyledItemDelegate, QStyleOptionViewItem
+
+from caris_desktop.people.store import HistoryEntry
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.row_list import RowList
+
+_ROW_PX = 26
+_ICONS = {"visit": "user", "said": "robot", "heard": "chat-text", "photo": "camera", "note": "note-pencil"}
+_ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
+_Index = QModelIndex | QPersistentModelIndex
+
+
+def when(utc_ns: int, today: datetime) -> str:
+    """14:02, or 21 Nov, 14:02 on another day, or 21 Nov 2025, 14:02 in another year."""
+    at = datetime.fromtimestamp(utc_ns / 1e9)
+    if at.date() == today.date():
+        return f"{at:%H:%M}"
+    year = "" if at.year == today.year else f" {at.year}"
+    return f"{at.day} {at:%b}{year}, {at:%H:%M}"
+
+
+def what(entry: HistoryEntry) -> str:
+    """The entry in one line."""
+    match entry.kind:
+        case "visit":
+            if entry.until_utc_ns is None:
+                return "Visit"
+            return f"Visit, {words.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)}"
+        case "said":
+            return f"Robot: “{entry.text}”"
+        case "heard":
+            return f"“{entry.text}”"
+        case "photo":
+            return f"Photo {entry.text.rsplit('/', 1)[-1]}"
+        case _:
+            return entry.text
+
+
+class HistoryModel(QAbstractListModel):
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._entries: Sequence[HistoryEntry] = ()
+
+    def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
+        self.beginResetModel()
+        self._entries = entries
+        self.endResetModel()
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self._entries)
+
+    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        entry = self._entries[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return what(entry)
+        if role in (Qt.ItemDataRole.ToolTipRole, Qt.ItemDataRole.AccessibleTextRole):
+            session = f" · {entry.session}" if entry.session else ""
+            return f"{when(entry.utc_ns, datetime.now())}{session}\n{what(entry)}"
+        return entry if role == _ENTRY_ROLE else None
+
+
+class HistoryList(RowList):
+    """The newest entry first."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(row_px=_ROW_PX)
+        self.setObjectName("person_history")
+        self.setAccessibleName("History")
+        self.entries = HistoryModel(self)
+        self.setModel(self.entries)
+        self.setItemDelegate(_EntryDelegate(theme, self))
+
+
+class _EntryDelegate(QStyledItemDelegate):
+    def __init__(self, theme: Theme, view: HistoryList) -> None:
+        super().__init__(view)
+        self._theme = theme
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
+        theme, rect = self._theme, option.rect
+        entry: HistoryEntry = index.data(_ENTRY_ROLE)
+        font = theme.font(tokens.STATUS_PX)
+        metrics = QFontMetrics(font)
+        time = when(entry.utc_ns, datetime.now())
+        painter.save()
+        painter.setFont(font)
+        painter.setPen(theme.color("dim"))
+        left = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        wide = max(92, metrics.horizontalAdvance(time) + 8)
+        painter.drawText(QRect(rect.left(), rect.top(), wide, rect.height()), left, time)
+        icon = QRectF(rect.left() + wide, rect.center().y() - 7, 15, 15)
+        draw_icon(painter, icon, _ICONS[entry.kind], theme.color("dim"))
+        painter.setPen(theme.color("text"))
+        room = rect.adjusted(wide + 22, 0, -4, 0)
+        painter.drawText(room, left, metrics.elidedText(what(entry), Qt.TextElideMode.ElideRight, room.width()))
+        painter.restore()

@@ -1,0 +1,448 @@
+"""The rows of the People panel on the screen: painted, clicked, and named in place."""
+
+from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, Signal
+from PySide6.QtGui import (
+    QCursor,
+    QFont,
+    QFontMetrics,
+    QHelpEvent,
+    QHideEvent,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPen,
+    QResizeEvent,
+)
+from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem, QToolTip
+
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
+from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.shown_people import SPEAKING, RowButton, buttons_of
+from caris_desktop.ui.replay.plain_tip import wrapped_tip
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets import avatar
+from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.row_list import RowList
+
+ROW_PX = 52
+CAPTION_PX = 26
+_SIDE_PX = 14
+_GAP_PX = 12
+_BUTTON_PX = 30
+_ICON_PX = 17
+_TEXT_AT_LEAST_PX = 96
+_NAME_HINT = "Name, then Enter"
+_NOBODY_HINT = "Nobody is named: this person is gone"
+
+
+class PeopleList(RowList):
+    """The rows, and the field for a name in place of the name that it changes.
+
+    ``held`` while the mouse is over it or a name is typed: rows must not move then. ``let_go`` when they may again.
+    ``may_decide`` is False where nobody is named, and in a replay.
+    """
+
+    named = Signal(str, str)  # person id, name
+    let_go = Signal()
+    picked = Signal(str)  # person id: a click on the row
+    asked_for = Signal(str, str)  # yes, no, not or card; person id
+
+    def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps, *, may_decide: bool) -> None:
+        super().__init__(row_px=ROW_PX)
+        self._theme = theme
+        self._people = model
+        self._may_decide = may_decide
+        self._naming = ""  # the person whose name is being typed
+        self._under_mouse = False
+        self._pressed: tuple[str, str] | None = None
+        self._meant = ""
+        self._asked = ""
+        self._keys = ("", "")
+        self.setAccessibleName("People")
+        self.setModel(model)
+        self.setItemDelegate(PersonDelegate(theme, model, self, portraits))
+        self.setMouseTracking(True)
+        self._field = EnterField(self.viewport())
+        self._field.setObjectName("person_name_field")
+        self._field.setMaxLength(60)
+        self._field.hide()
+        self._field.returnPressed.connect(self._on_name_entered)
+        # Left without Enter, an unfinished name changes nothing.
+        self._field.editingFinished.connect(self._close_field)
+        self.verticalScrollBar().valueChanged.connect(self._place_field)
+        for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved, model.modelReset):
+            changed.connect(self._place_field)
+        model.arranged.connect(self._make_room_for_captions)
+
+    # ---- what is shown
+
+    def show_meant(self, person_id: str) -> None:
+        """Mark the row of whom the wizard selected."""
+        if person_id != self._meant:
+            self._meant = person_id
+            self.viewport().update()
+
+    def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
+        """The one row whose suggestion the keys answer, and what these keys are."""
+        if (person_id, (yes_key, no_key)) != (self._asked, self._keys):
+            newly = person_id != self._asked
+            self._asked, self._keys = person_id, (yes_key, no_key)
+            self.viewport().update()
+            row = self._people.row_of(person_id)
+            if newly and row is not None and not self.held:
+                self.scrollTo(self._people.index(row))
+
+    @property
+    def meant(self) -> str:
+        return self._meant
+
+    def bring_into_view(self, person_id: str) -> None:
+        row = self._people.row_of(person_id)
+        if row is not None:
+            self.setCurrentIndex(self._people.index(row))
+            self.scrollTo(self._people.index(row))
+
+    def _make_room_for_captions(self) -> None:
+        rows, tall = self.verticalHeader(), self._people.captions
+        for row in range(self._people.rowCount()):
+            height_px = ROW_PX + CAPTION_PX if row in tall else ROW_PX
+            # Rows that came or went above took the heights of others along.
+            if rows.sectionSize(row) != height_px:
+                rows.resizeSection(row, height_px)
+        self._place_field()
+
+    def row_rect(self, row: int) -> QRect:
+        """The row without the caption above it, in the viewport."""
+        rect = self.visualRect(self._people.index(row))
+        return rect.adjusted(0, CAPTION_PX, 0, 0) if row in self._people.captions else rect
+
+    def buttons(self, row: int) -> list[tuple[RowButton, QRect]]:
+        """The row's buttons and where they are, in the viewport."""
+        person = self._people.persons[row]
+        if not self._may_decide:
+            return []
+        yes_key, no_key = self._keys if person.person_id == self._asked else ("", "")
+        buttons = buttons_of(
+            person,
+            can_be_named=person.person_id != self._naming and self._people.knows(person.person_id),
+            yes_key=yes_key,
+            no_key=no_key,
+        )
+        rect = self.row_rect(row)
+        room = rect.width() - 2 * _SIDE_PX - avatar.SIZE_PX - _GAP_PX - _TEXT_AT_LEAST_PX
+        for with_keys, with_texts in ((True, True), (False, True), (False, False)):
+            widths = [self._width(button, with_key=with_keys, with_text=with_texts) for button in buttons]
+            if sum(widths) + 6 * len(widths) <= room:
+                break
+        placed = []
+        right = rect.right() - _SIDE_PX + 4
+        for button, width in zip(reversed(buttons), reversed(widths), strict=True):
+            right -= width
+            placed.append((button, QRect(right, rect.center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)))
+            right -= 6
+        return placed[::-1]
+
+    def button_rect(self, row: int, act: str = "name") -> QRect:
+        """Where the row's button of this kind is, in the viewport; nowhere where it has none."""
+        return next((rect for button, rect in self.buttons(row) if button.act == act), QRect())
+
+    def _width(self, button: RowButton, *, with_key: bool, with_text: bool) -> int:
+        if not button.text or (button.icon and not with_text):
+            return _BUTTON_PX
+        width = QFontMetrics(self._theme.font(tokens.STATUS_PX + 1)).horizontalAdvance(button.text) + 20
+        width += _ICON_PX + 6 if button.icon else 0
+        return width + (round(key_cap_width(self._theme, button.key)) + 6 if button.key and with_key else 0)
+
+    # ---- rows stay where they are while they are dealt with
+
+    @property
+    def held(self) -> bool:
+        return self._under_mouse or bool(self._naming)
+
+    def viewportEvent(self, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
+            self._under_mouse = event.type() == QEvent.Type.Enter
+            self._maybe_let_go()
+        if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent):
+            self._show_tip(event)
+            return True
+        return super().viewportEvent(event)
+
+    def _show_tip(self, event: QHelpEvent) -> None:
+        row = self.indexAt(event.pos()).row()
+        if row < 0:
+            QToolTip.hideText()
+            return
+        button = self._button_at(event.pos())
+        text = str(self._people.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
+        QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        # A hidden widget is not told that the mouse left.
+        self._under_mouse = False
+        self._close_field()
+        super().hideEvent(event)
+
+    def _maybe_let_go(self) -> None:
+        if not self.held:
+            self.let_go.emit()
+
+    # ---- the name
+
+    @property
+    def naming(self) -> str:
+        """The person whose name is being typed; empty while none is."""
+        return self._naming
+
+    def name(self, person_id: str) -> None:
+        """Open the field for this person's name."""
+        row = self._people.row_of(person_id)
+        if row is None or not self._may_decide or not self._people.knows(person_id):
+            return
+        person = self._people.persons[row]
+        self._field.setReadOnly(False)
+        self._field.setPlaceholderText(_NAME_HINT)
+        self.scrollTo(self._people.index(row))
+        self._naming = person_id
+        self._field.setAccessibleName(f"Name of {words.person_name(person)}")
+        self._field.setText(person.name if words.has_given_name(person) else "")
+        self._place_field()
+        self._field.show()
+        self._field.selectAll()
+        self._field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _place_field(self) -> None:
+        if not self._naming:
+            return
+        row = self._people.row_of(self._naming)
+        if row is None:
+            self._close_field()
+            return
+        rect = self.row_rect(row)
+        left = rect.left() + _SIDE_PX + avatar.SIZE_PX + _GAP_PX - 6
+        self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
+
+    def look_whose_name_it_is(self) -> None:
+        """Letters for the name of somebody who is no more go nowhere: not to another row, nor to another field."""
+        if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
+            self._field.clear()
+            self._field.setReadOnly(True)
+            self._field.setPlaceholderText(_NOBODY_HINT)
+
+    def give_up_naming(self) -> None:
+        """Nothing is named."""
+        self._close_field()
+
+    def _on_name_entered(self) -> None:
+        name, person_id = " ".join(self._field.text().split()), self._naming
+        known = self._people.knows(person_id)
+        self._close_field()
+        if name and known:
+            self.named.emit(person_id, name)
+
+    def _close_field(self) -> None:
+        if self._field.isHidden():
+            return
+        if self._field.hasFocus():
+            # Else Qt gives it to whatever comes next, which may be what the robot says, or driving.
+            self.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._naming = ""
+        self._field.hide()
+        self._maybe_let_go()
+
+    # ---- mouse and keys
+
+    def _button_at(self, at: QPoint) -> tuple[RowButton, str] | None:
+        """The button there, and whose row it is in."""
+        row = self.indexAt(at).row()
+        if row < 0:
+            return None
+        person_id = self._people.persons[row].person_id
+        return next(((button, person_id) for button, rect in self.buttons(row) if rect.contains(at)), None)
+
+    def _spot(self, event: QMouseEvent) -> tuple[str, str]:
+        """What a click here does, and to whom: the act of a button, else the row is picked."""
+        at = event.position().toPoint()
+        button = self._button_at(at)
+        if button is not None:
+            return button[0].act, button[1]
+        row = self.indexAt(at).row()
+        return ("pick", self._people.persons[row].person_id) if row >= 0 else ("", "")
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._pressed = self._spot(event)
+        super().mousePressEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        pressed, self._pressed = self._pressed, None
+        super().mouseReleaseEvent(event)
+        if pressed is not None and pressed == self._spot(event):
+            self._act(*pressed)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        act, person_id = self._spot(event)
+        if act == "pick" and self._may_decide:
+            self.asked_for.emit("card", person_id)
+
+    def _act(self, act: str, person_id: str) -> None:
+        if act == "name":
+            self.name(person_id)
+        elif act == "pick":
+            self.picked.emit(person_id)
+        elif act:
+            self.asked_for.emit(act, person_id)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        super().mouseMoveEvent(event)
+        self.viewport().update()  # the button under the mouse looks as if it can be pressed
+
+    def leaveEvent(self, event: QEvent) -> None:
+        super().leaveEvent(event)
+        self.viewport().update()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        row = self.currentIndex().row()
+        person_id = self._people.persons[row].person_id if row >= 0 else ""
+        key = event.key()
+        if not person_id:
+            super().keyPressEvent(event)
+        elif key in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_F2):
+            self.name(person_id)
+        elif key == Qt.Key.Key_Space:
+            self.picked.emit(person_id)
+        elif key == Qt.Key.Key_Right and self._may_decide:
+            self.asked_for.emit("card", person_id)
+        else:
+            super().keyPressEvent(event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_field()
+
+
+class PersonDelegate(QStyledItemDelegate):
+    """Portrait, who it is or may be, what is seen of them, and the buttons of the row."""
+
+    def __init__(self, theme: Theme, model: PeopleModel, view: PeopleList, portraits: PortraitPixmaps) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._people = model
+        self._view = view
+        self._portraits = portraits
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        theme, rect = self._theme, self._view.row_rect(index.row())
+        person: PersonRow = index.data(PERSON_ROLE)
+        named = words.has_given_name(person)
+        painter.save()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        caption = self._people.captions.get(index.row())
+        if caption:
+            self._paint_caption(painter, QRect(rect.left(), rect.top() - CAPTION_PX, rect.width(), CAPTION_PX), caption)
+        if person.person_id == self._view.meant:
+            painter.fillRect(rect.adjusted(2, 1, -2, -1), theme.color("blue_soft"))
+            painter.fillRect(QRect(rect.left() + 2, rect.top() + 1, 3, rect.height() - 2), theme.color("blue"))
+        if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
+            painter.setPen(QPen(theme.color("blue"), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(QRectF(rect).adjusted(3, 1, -3, -1), 6, 6)
+        mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
+        if not self._portraits.draw(painter, mark, person.portrait):
+            avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
+        buttons = self._view.buttons(index.row())
+        left = mark.right() + _GAP_PX
+        right = buttons[0][1].left() - 8 if buttons else rect.right() - _SIDE_PX
+        if person.person_id != self._view.naming:
+            self._paint_words(painter, QRect(left, rect.center().y() - 20, right - left, 40), person)
+            hovered = bool(option.state & QStyle.StateFlag.State_MouseOver)
+            for button, place in buttons:
+                self._paint_button(painter, place, button, hovered=hovered)
+        painter.restore()
+
+    def _paint_caption(self, painter: QPainter, rect: QRect, text: str) -> None:
+        theme = self._theme
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.drawLine(rect.left() + _SIDE_PX, rect.top() + 3, rect.right() - _SIDE_PX, rect.top() + 3)
+        painter.setFont(theme.font(tokens.STATUS_PX - 1, tokens.WEIGHT_SEMIBOLD))
+        painter.setPen(theme.color("dim"))
+        painter.drawText(
+            rect.adjusted(_SIDE_PX, 5, -_SIDE_PX, 0), int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter),
+            text,
+        )  # fmt: skip
+
+    def _paint_words(self, painter: QPainter, rect: QRect, person: PersonRow) -> None:
+        """Above who it is, with group and tags; below what is seen. A suggestion takes the place of the name."""
+        theme = self._theme
+        suggested = words.maybe(person)
+        head = theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
+        small = theme.font(tokens.STATUS_PX)
+        role = "amber" if suggested else "text" if person.here else "dim"
+        upper = QRect(rect.left(), rect.top(), rect.width(), 20)
+        used = self._paint_cut(painter, upper, suggested or words.person_name(person), head, role)
+        rest = upper.adjusted(used + 8, 1, 0, 1)
+        if person.group and not suggested:
+            used = self._paint_cut(painter, rest, person.group, small, "dim")
+            rest = rest.adjusted(used + 8, 0, 0, 0)
+        for tag in person.tags if not suggested else ():
+            width = QFontMetrics(small).horizontalAdvance(tag) + 12
+            if width > rest.width():
+                break
+            painter.setPen(QPen(theme.color("line_strong"), 1))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(QRectF(rest.left() + 0.5, rest.top() + 1.5, width, 17), 5, 5)
+            painter.setFont(small)
+            painter.setPen(theme.color("dim"))
+            painter.drawText(QRect(rest.left(), rest.top(), width + 1, 20), Qt.AlignmentFlag.AlignCenter, tag)
+            rest = rest.adjusted(width + 6, 0, 0, 0)
+        seen = self._people.seen(person)
+        below = f"{words.person_name(person)} · {seen}" if suggested else seen
+        lower = QRect(rect.left(), rect.top() + 20, rect.width(), 20)
+        if person.speaking and seen.startswith(SPEAKING) and not suggested:
+            used = self._paint_cut(painter, lower, SPEAKING, small, "green")
+            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(SPEAKING)
+        self._paint_cut(painter, lower, below, small, "dim")
+
+    def _paint_cut(self, painter: QPainter, rect: QRect, text: str, font: QFont, role: str) -> int:
+        """Draw as much as fits; gives how wide it became."""
+        painter.setFont(font)
+        painter.setPen(self._theme.color(role))
+        metrics = QFontMetrics(font)
+        cut = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(0, rect.width()))
+        painter.drawText(rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
+        return metrics.horizontalAdvance(cut)
+
+    def _paint_button(self, painter: QPainter, rect: QRect, button: RowButton, *, hovered: bool) -> None:
+        theme = self._theme
+        under = hovered and rect.contains(self._view.viewport().mapFromGlobal(QCursor.pos()))
+        asks = button.act == "yes"
+        bare = not button.text or rect.width() == _BUTTON_PX
+        painter.setPen(QPen(theme.color("amber" if asks else "line"), 1) if not bare or under else Qt.PenStyle.NoPen)
+        ground = "raised_hover" if under else "amber_soft" if asks else "raised"
+        painter.setBrush(theme.color(ground) if not bare or under else Qt.BrushStyle.NoBrush)
+        painter.drawRoundedRect(
+            QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX
+        )
+        if bare:
+            color = theme.color("text" if under else "dim")
+            draw_icon(painter, QRectF(rect.center().x() - 8, rect.center().y() - 8, 17, 17), button.icon, color)
+            return
+        font = theme.font(tokens.STATUS_PX + 1)
+        left = rect.left() + 10
+        if button.icon:
+            draw_icon(painter, QRectF(left, rect.center().y() - 8, 17, 17), button.icon, theme.color("text"))
+            left += _ICON_PX + 6
+        painter.setFont(font)
+        painter.setPen(theme.color("text"))
+        width = QFontMetrics(font).horizontalAdvance(button.text)
+        painter.drawText(
+            QRect(left, rect.top(), width + 2, rect.height()),
+            int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), button.text,
+        )  # fmt: skip
+        left += width + 6
+        if button.key and left + key_cap_width(theme, button.key) < rect.right():
+            draw_key_cap(painter, theme, button.key, left, rect.center().y())

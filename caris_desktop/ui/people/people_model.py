@@ -1,0 +1,148 @@
+"""The rows of the People panel as a model. Tells the view of what a person could see, and of nothing else."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QAbstractListModel, QModelIndex, QObject, QPersistentModelIndex, Qt, Signal
+
+from caris_desktop.live.state import PresentClock
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import words
+from caris_desktop.ui.people.shown_people import captions, in_order, standing_of, what_is_seen
+
+PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
+_MANY = 20
+"""So many rows that come or go at once, as when somebody searches, are shown anew altogether."""
+
+Index = QModelIndex | QPersistentModelIndex
+
+
+class PeopleModel(QAbstractListModel):
+    """The persons in the order of their rows: who is here, who was, who is known."""
+
+    arranged = Signal()  # rows came, went or moved
+
+    def __init__(self, present: PresentClock, parent: QObject) -> None:
+        super().__init__(parent)
+        self._present = present
+        self._camera = ""
+        self._persons: list[PersonRow] = []
+        self._told: list[tuple[object, ...]] = []
+        self._row_of: dict[str, int] = {}
+        self._known: frozenset[str] = frozenset()
+        self._captions: dict[int, str] = {}
+
+    @property
+    def persons(self) -> Sequence[PersonRow]:
+        return self._persons
+
+    @property
+    def captions(self) -> dict[int, str]:
+        """What is written above the rows that begin a group."""
+        return self._captions
+
+    def row_of(self, person_id: str) -> int | None:
+        """Where this person stands; None for somebody who is in no row."""
+        return self._row_of.get(person_id)
+
+    def knows(self, person_id: str) -> bool:
+        """Whether this person can still be named."""
+        return person_id in self._known
+
+    def show_persons(
+        self, persons: Sequence[PersonRow], *, known: frozenset[str], in_place: bool, camera: str = ""
+    ) -> None:
+        """``in_place``: every row stays where it is, those of people who are gone too; who is new comes last.
+        ``known`` are the ids of all who can be named, ``camera`` is the one on show.
+        """
+        self._known, self._camera = known, camera
+        ordered = self._in_place(persons) if in_place else in_order(persons)
+        if [person.person_id for person in ordered] != [person.person_id for person in self._persons]:
+            self._arrange(ordered)
+            self._persons = ordered
+            self._row_of = {person.person_id: row for row, person in enumerate(ordered)}
+            self._caption(in_place=in_place)
+            self.arranged.emit()
+        else:
+            self._persons = ordered
+            self._caption(in_place=in_place)
+        self.refresh_ages()
+
+    def _caption(self, *, in_place: bool) -> None:
+        """Where every row stays, its group does too."""
+        now = self._captions if in_place else captions(self._persons)
+        if now != self._captions:
+            self._captions = now
+            self.arranged.emit()
+
+    def _in_place(self, persons: Sequence[PersonRow]) -> list[PersonRow]:
+        newest = {person.person_id: person for person in persons}
+        stay = [newest.pop(row.person_id, replace(row, here=False)) for row in self._persons]
+        return stay + in_order(newest.values())
+
+    def _arrange(self, ordered: Sequence[PersonRow]) -> None:
+        """Take out, move and put in rows, so that the others stay the rows that they are."""
+        root, wanted = QModelIndex(), {person.person_id for person in ordered}
+        there = {person.person_id for person in self._persons}
+        if len(there ^ wanted) > _MANY:
+            self.beginResetModel()
+            self._persons, self._told = list(ordered), [()] * len(ordered)
+            self.endResetModel()
+            return
+        for row in reversed(range(len(self._persons))):
+            if self._persons[row].person_id not in wanted:
+                self.beginRemoveRows(root, row, row)
+                del self._persons[row], self._told[row]
+                self.endRemoveRows()
+        for place, person in enumerate(ordered):
+            if person.person_id not in there:
+                self.beginInsertRows(root, place, place)
+                self._persons.insert(place, person)
+                self._told.insert(place, ())
+                self.endInsertRows()
+            elif self._persons[place].person_id != person.person_id:
+                came_from = next(
+                    row for row in range(place, len(self._persons)) if self._persons[row].person_id == person.person_id
+                )
+                if self.beginMoveRows(root, came_from, came_from, root, place):
+                    self._persons.insert(place, self._persons.pop(came_from))
+                    self._told.insert(place, self._told.pop(came_from))
+                    self.endMoveRows()
+
+    def refresh_ages(self) -> None:
+        """Ages grow by themselves; only rows that read otherwise than before are drawn again."""
+        now_ns = self._present.now_ns()
+        for row, person in enumerate(self._persons):
+            # Nothing of who is only known changes by itself: five hundred of them cost nothing each second.
+            if standing_of(person) == "known":
+                seen: tuple[object, ...] = (person, self.knows(person.person_id))
+            else:
+                seen = (
+                    _without_time(person),
+                    *what_is_seen(person, now_ns, camera_on_show=self._camera),
+                    self.knows(person.person_id),
+                )
+            if seen != self._told[row]:
+                self._told[row] = seen
+                self.dataChanged.emit(self.index(row), self.index(row))
+
+    def seen(self, person: PersonRow) -> str:
+        """The second line of the row."""
+        return " · ".join(what_is_seen(person, self._present.now_ns(), camera_on_show=self._camera))
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self._persons)
+
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        person = self._persons[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return words.person_name(person)
+        if role == Qt.ItemDataRole.AccessibleTextRole:
+            return ", ".join(filter(None, (words.person_name(person), words.maybe(person), self.seen(person))))
+        return person if role == PERSON_ROLE else None
+
+
+def _without_time(person: PersonRow) -> PersonRow:
+    """What is news of somebody: neither when they were seen last, nor where to the centimetre, which words tell."""
+    return replace(person, last_seen_ns=0, distance_m=None, bearing_rad=None)

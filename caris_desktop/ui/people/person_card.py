@@ -1,0 +1,252 @@
+"""The card of one person: who it is, what the wizard wrote down, what they agreed to, and what there was with them.
+
+It lies in the window beside the list and is no window of its own: driving goes on, and Esc still stops the robot.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, Qt
+from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import Intent
+from caris_desktop.live.status import PersonHistory
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.people.about_page import AboutPage
+from caris_desktop.ui.people.face import Face
+from caris_desktop.ui.people.forget_page import ForgetPage
+from caris_desktop.ui.people.merge_page import MergePage
+from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.shown_people import what_is_seen
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+WIDTH_PX = 400
+_BELOW_TOP_BAR_PX = 62
+_ABOVE_STATUS_BAR_PX = 38
+_PORTRAIT_PX = 56
+
+PageName = Literal["about", "merge", "forget"]
+
+
+class PersonCard(QWidget):
+    """``do`` asks for something; ``everyone`` gives all people, of whom one may be the same person."""
+
+    def __init__(
+        self,
+        theme: Theme,
+        window: QWidget,
+        *,
+        do: Callable[[Intent], object],
+        pixmaps: PortraitPixmaps,
+        everyone: Callable[[], Sequence[PersonRow]],
+        recognise: str,
+    ) -> None:
+        super().__init__(window)
+        self.setObjectName("person_card")
+        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
+        self._theme = theme
+        self._window = window
+        self._everyone = everyone
+        self._person: PersonRow | None = None
+        self._now_ns = 0
+        self._beside = QRect()
+        self._dragged: QPoint | None = None
+        self._focus_before: QWidget | None = None
+        self._face = Face(theme, pixmaps, _PORTRAIT_PX)
+        self._name = CutLabel()
+        self._name.setObjectName("person_card_name")
+        self._seen = CutLabel()
+        self._seen.setObjectName("person_card_seen")
+        close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
+        close.setObjectName("person_card_close")
+        close.setAccessibleName("Close the card")
+        close.clicked.connect(self.close_card)
+        self.about = AboutPage(theme, do, recognise=recognise)
+        self.about.merge_wanted.connect(lambda: self.show_page("merge"))
+        self.about.forget_wanted.connect(lambda: self.show_page("forget"))
+        self.merge = MergePage(theme, pixmaps)
+        self.merge.back.connect(lambda: self.show_page("about"))
+        self.merge.merged.connect(lambda one, into: self._decide(do, intents.MergePeople(one, into), into))
+        self.forget = ForgetPage(theme)
+        self.forget.back.connect(lambda: self.show_page("about"))
+        self.forget.forgotten.connect(lambda person_id: self._decide(do, intents.ForgetPerson(person_id), ""))
+        self._pages = QStackedWidget()
+        for page in (self.about, self.merge, self.forget):
+            scroll = QScrollArea()
+            scroll.setWidgetResizable(True)
+            scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+            scroll.setWidget(page)
+            self._pages.addWidget(scroll)
+        self._arrange(close)
+        window.installEventFilter(self)
+        theme.changed.connect(self._style)
+        self._style()
+        self.hide()
+
+    def _arrange(self, close: QWidget) -> None:
+        texts = QVBoxLayout()
+        texts.setSpacing(2)
+        texts.addStretch(1)
+        texts.addWidget(self._name)
+        texts.addWidget(self._seen)
+        texts.addStretch(1)
+        head = QHBoxLayout()
+        head.setContentsMargins(14, 0, 8, 0)
+        head.setSpacing(12)
+        head.addWidget(self._face)
+        head.addLayout(texts, 1)
+        head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(1, 12, 1, 10)
+        column.setSpacing(8)
+        column.addLayout(head)
+        column.addWidget(self._pages, 1)
+
+    # ---- who is shown
+
+    @property
+    def person_id(self) -> str:
+        """Whose card is open; empty while none is."""
+        return "" if self.isHidden() or self._person is None else self._person.person_id
+
+    @property
+    def page(self) -> PageName:
+        names: tuple[PageName, ...] = ("about", "merge", "forget")
+        return names[self._pages.currentIndex()]
+
+    def open_for(self, person: PersonRow, now_ns: int, beside: QRect) -> None:
+        """``beside`` is where the list is, in the window. Opened by a click, it takes no keys from driving."""
+        if self.isHidden():
+            self._focus_before = self._window.focusWidget()
+        self._person = None
+        self._beside = beside
+        self.show()
+        self.show_person(person, now_ns)
+        self.show_page("about")
+        self.raise_()
+
+    def show_person(self, person: PersonRow, now_ns: int) -> None:
+        """The same person as they are now, or somebody else."""
+        newly = self._person is None or self._person.person_id != person.person_id
+        if newly:
+            self.about.begin_with(person)
+        self._person = person
+        self._now_ns = now_ns
+        self._face.show_person(person)
+        self._name.setText(words.person_name(person))
+        self._seen.setText(" · ".join(what_is_seen(person, now_ns)))
+        self.about.show_person(person, self._groups())
+        if newly:
+            self.about.look_up()
+        if self.page == "merge":
+            self.merge.show_person(person, self._everyone())
+
+    def show_history(self, history: PersonHistory) -> None:
+        self.about.show_history(history.person_id, history.entries, history.text)
+        self._place()
+
+    def _groups(self) -> list[str]:
+        return sorted({person.group for person in self._everyone() if person.group})
+
+    def show_page(self, name: PageName) -> None:
+        person = self._person
+        if person is None:
+            return
+        if name == "merge":
+            self.merge.begin_with(person, self._everyone())
+        elif name == "forget":
+            self.forget.begin_with(person)
+        self._pages.setCurrentIndex(("about", "merge", "forget").index(name))
+        self._place()
+
+    def _decide(self, do: Callable[[Intent], object], intent: Intent, stays: str) -> None:
+        """What cannot go on with the same person closes the card; after a merger it shows who is left."""
+        do(intent)
+        left = next((person for person in self._everyone() if person.person_id == stays), None)
+        if left is None:
+            self.close_card()
+        else:
+            self.show_person(left, self._now_ns)
+            self.show_page("about")
+
+    def give_way(self) -> None:
+        """Esc: a question goes away first, then the card. What was typed and not finished changes nothing."""
+        if self.isHidden():
+            return
+        if self.page != "about":
+            self.show_page("about")
+        else:
+            self.about.give_up()
+            self.close_card()
+
+    def close_card(self) -> None:
+        if self.isHidden():
+            return
+        held_focus = self.isAncestorOf(self._window.focusWidget()) if self._window.focusWidget() else False
+        self.hide()
+        before = self._focus_before
+        if held_focus and before is not None and before.isVisible():
+            before.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    # ---- place and look
+
+    def _place(self) -> None:
+        """Over the column of the list: the video and what the robot says stay free, and the red button too.
+
+        As tall as the page on show, upwards from the lower edge of the list.
+        """
+        room = self._window.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
+        width = min(WIDTH_PX, room.width())
+        page = (self.about, self.merge, self.forget)[self._pages.currentIndex()]
+        layout = page.layout()
+        wanted = 0 if layout is None else max(layout.heightForWidth(width - 16), layout.sizeHint().height())
+        height = min(wanted + _PORTRAIT_PX + 44, room.height())
+        left = min(max(room.left(), self._beside.right() - width), room.right() - width)
+        top = min(max(room.top(), self._beside.bottom() - height), room.bottom() - height)
+        self.setGeometry(left, top, width, height)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
+            room = self._window.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
+            height = min(self.height(), room.height())
+            self.setGeometry(
+                max(room.left(), min(self.x(), room.right() - self.width())),
+                max(room.top(), min(self.y(), room.bottom() - height)), self.width(), height,
+            )  # fmt: skip
+        return False
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and event.position().y() < _PORTRAIT_PX + 16:
+            self._dragged = event.position().toPoint()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._dragged is not None:
+            room = self._window.rect().adjusted(0, _BELOW_TOP_BAR_PX, 0, 0)
+            at = self.mapToParent(event.position().toPoint()) - self._dragged
+            self.move(
+                max(room.left(), min(at.x(), room.right() - self.width())),
+                max(room.top(), min(at.y(), room.bottom() - _PORTRAIT_PX)),
+            )
+
+    def mouseReleaseEvent(self, _event: QMouseEvent) -> None:
+        self._dragged = None
+
+    def _style(self) -> None:
+        self._name.setFont(self._theme.font(tokens.BODY_PX + 2, tokens.WEIGHT_SEMIBOLD))
+        self._seen.setFont(self._theme.font(tokens.STATUS_PX))
+        self._theme.color_text(self._seen, "dim")
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("line_strong"), 1))
+        painter.setBrush(self._theme.color("panel"))
+        radius = tokens.PANEL_RADIUS_PX
+        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), radius, radius)

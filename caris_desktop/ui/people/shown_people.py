@@ -1,0 +1,155 @@
+"""What the People panel says of each person, worked out from a row and the time, without a window."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import words
+
+Standing = Literal["here", "was", "known"]
+"""In front of a camera, gone since this start of the console, or only known of the study."""
+
+ButtonAct = Literal["yes", "no", "name", "not", "card"]
+
+CAPTIONS: dict[Standing, str] = {"here": "Here", "was": "Was here", "known": "Known in this study"}
+SPEAKING = "speaking"
+_AHEAD_RAD = math.radians(8)
+_BESIDE_RAD = math.radians(110)
+
+
+def standing_of(person: PersonRow) -> Standing:
+    if person.here:
+        return "here"
+    return "was" if person.since_ns else "known"
+
+
+def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
+    """Who is here in order of appearance, so that nothing jumps away under the pointer; then who left, the latest
+    first; then who is known, by name.
+    """
+    groups: dict[Standing, list[PersonRow]] = {"here": [], "was": [], "known": []}
+    for person in persons:
+        groups[standing_of(person)].append(person)
+    groups["here"].sort(key=lambda person: person.since_ns)
+    groups["was"].sort(key=lambda person: -person.last_seen_ns)
+    groups["known"].sort(key=lambda person: words.person_name(person).casefold())
+    return [person for group in groups.values() for person in group]
+
+
+def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
+    """The rows that begin a group, and what is written above each. Who is here needs no caption."""
+    standings = [standing_of(person) for person in persons]
+    firsts = {standing: standings.index(standing) for standing in CAPTIONS if standing in standings}
+    return {
+        row: f"{CAPTIONS[standing]} · {standings.count(standing)}"
+        for standing, row in firsts.items()
+        if standing != "here"
+    }
+
+
+def is_identified(person: PersonRow) -> bool:
+    """Whether it turned out who this is, so that it can turn out not to be so."""
+    return bool(person.visit_id) and person.visit_id != person.person_id
+
+
+def found(person: PersonRow, query: str) -> bool:
+    """Whether name, group and tags together have every word of the query."""
+    there = " ".join((words.person_name(person), person.group, *person.tags)).casefold()
+    return all(word in there for word in query.casefold().split())
+
+
+def direction(bearing_rad: float) -> str:
+    """Where somebody is as the robot looks: ahead, left, right, behind."""
+    away = abs(math.remainder(bearing_rad, math.tau))
+    if away <= _AHEAD_RAD:
+        return "ahead"
+    if away > _BESIDE_RAD:
+        return "behind"
+    return "left" if math.remainder(bearing_rad, math.tau) > 0 else "right"
+
+
+def whereabouts(person: PersonRow) -> str:
+    """2.1 m, left; empty where it is not known."""
+    parts = []
+    if person.distance_m is not None:
+        parts.append(f"{person.distance_m:.1f} m")
+    if person.bearing_rad is not None:
+        parts.append(direction(person.bearing_rad))
+    return ", ".join(parts)
+
+
+def recognised(person: PersonRow) -> str:
+    """How sure it is who this is: recognised, 94 %. Empty where nobody had to find out."""
+    return f"recognised, {words.percent(person.confidence)}" if is_identified(person) and person.confidence else ""
+
+
+def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_ns: int) -> tuple[PersonRow, ...]:
+    """Who is here, and of everybody those who are not. The list of everybody comes later than that of who is here."""
+    here = {person.person_id for person in persons}
+    others = (person for person in everybody if person.person_id not in here)
+    return (
+        *persons,
+        *(replace(person, here=False, last_seen_ns=now_ns) if person.here else person for person in others),
+    )
+
+
+def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
+    """The camera that sees somebody, where it is not the one on show."""
+    seen_by = person.cameras or ((person.camera,) if person.camera else ())
+    if not camera_on_show or not seen_by or camera_on_show in seen_by:
+        return ""
+    title = words.camera_title(seen_by[0])
+    return title[:1].lower() + title[1:]
+
+
+def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:
+    """The second line of a row, in parts, what matters first: who has little room reads its beginning."""
+    standing = standing_of(person)
+    if standing == "known":
+        return ["known from before"]
+    if standing == "was":
+        return [f"left {words.ago((now_ns - person.last_seen_ns) / 1e9)}"]
+    parts = [
+        SPEAKING if person.speaking else "",
+        "hand raised" if person.hand_raised else "",
+        whereabouts(person),
+        person.posture,
+        seen_elsewhere(person, camera_on_show),
+        f"here {words.since((now_ns - person.since_ns) / 1e9)}",
+        recognised(person),
+    ]
+    return [part for part in parts if part]
+
+
+@dataclass(frozen=True, slots=True)
+class RowButton:
+    """One button of a row. ``text`` is left out where there is no room and an icon says it; ``tip`` says it whole."""
+
+    act: ButtonAct
+    text: str
+    icon: str
+    tip: str
+    key: str = ""
+
+
+def buttons_of(person: PersonRow, *, can_be_named: bool, yes_key: str = "", no_key: str = "") -> tuple[RowButton, ...]:
+    """From left to right. There are none in a replay, or where the scenario names nobody."""
+    name = words.person_name(person)
+    card = RowButton("card", "", "identification-card", f"All about {name}")
+    if person.suggestion is not None:
+        other = person.suggestion.name
+        return (
+            RowButton("yes", "Yes", "", f"Yes, this is {other}", yes_key),
+            RowButton("no", "No", "", f"This is not {other}. It is remembered.", no_key),
+            card,
+        )
+    if not can_be_named:
+        return ()
+    if not words.has_given_name(person):
+        return RowButton("name", "Name", "pencil-simple", f"Give {name} a name"), card
+    rename = RowButton("name", "", "pencil-simple", f"Rename {name}")
+    if is_identified(person) and standing_of(person) == "here":
+        return RowButton("not", "", "user-minus", f"This is not {name}. It is remembered."), rename, card
+    return rename, card

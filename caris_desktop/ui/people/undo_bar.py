@@ -1,0 +1,56 @@
+"""What was just decided about somebody, with the button that takes it back, for some seconds."""
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import QHBoxLayout, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import cap_text
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+_SHOWN_MS = 8_000
+
+
+class UndoBar(QWidget):
+    """One line at the lower edge of a panel."""
+
+    undone = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("people_undo")
+        self._theme = theme
+        self.text = CutLabel()
+        self.button = ActionButton(theme, "Undo", icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
+        self.button.setObjectName("people_undo_button")
+        self.button.clicked.connect(self.undone)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 2, 10, 2)
+        row.setSpacing(tokens.GRID_PX)
+        row.addWidget(self.text, 1, Qt.AlignmentFlag.AlignVCenter)
+        row.addWidget(self.button)
+        self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
+        self._away.timeout.connect(self.hide)
+        theme.changed.connect(self._style)
+        self._style()
+        self.hide()
+
+    def offer(self, text: str) -> None:
+        self.text.setText(text)
+        self.show()
+        self._away.start()
+
+    def put_away(self) -> None:
+        self._away.stop()
+        self.hide()
+
+    def _style(self) -> None:
+        self.text.setFont(self._theme.font(tokens.STATUS_PX))
+        self._theme.color_text(self.text, "text")
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect().adjusted(1, 0, -1, 0), self._theme.color("blue_soft"))

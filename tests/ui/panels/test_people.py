@@ -1,0 +1,455 @@
+"""The People panel: who is here, who was, who is known, and how the wizard decides who is who."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QPixmap
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLineEdit
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import PersonIdentified
+from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.people.presence import PersonRow, Suggestion
+from caris_desktop.scenario.model import Permissions
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.people.asked import TO_READ_NS, AskedAbout, next_asked
+from caris_desktop.ui.people.people_model import PeopleModel
+from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
+from caris_desktop.ui.people.undo_bar import UndoBar
+from caris_desktop.ui.theme import Theme
+from tests.ui import people_samples, samples
+from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.fake_console import FakeConsole
+
+CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+
+
+@pytest.fixture
+def panel(window: MainWindow, console: FakeConsole) -> Iterator[PeoplePanel]:
+    found = window.panels["people"]
+    assert isinstance(found, PeoplePanel)
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    console.calls.clear()
+    yield found
+
+
+def names(panel: PeoplePanel) -> list[str]:
+    return [str(panel.model.index(row).data()) for row in range(panel.model.rowCount())]
+
+
+def told(panel: PeoplePanel, person_id: str) -> str:
+    row = panel.model.row_of(person_id)
+    assert row is not None
+    return str(panel.model.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
+
+
+def press(qtbot: QtBot, panel: PeoplePanel, person_id: str, act: str) -> None:
+    """Click a button of the row, or with "pick" the row itself."""
+    row = panel.model.row_of(person_id)
+    assert row is not None
+    panel.list.scrollTo(panel.model.index(row))
+    at = panel.list.row_rect(row).topLeft() + QPoint(70, 20)
+    if act != "pick":
+        at = panel.list.button_rect(row, act).center()
+    qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
+
+
+# What is shown
+
+
+def test_people_stand_in_three_groups(panel: PeoplePanel) -> None:
+    assert names(panel)[:7] == ["Luis", "Ana Torres", "Person 3", "Person 4", "Person 5", "Guest 000", "Guest 001"]
+    assert names(panel)[-1] == "Mara Silva", "who is known, by name"
+    assert panel.model.captions == {4: "Was here · 1", 5: "Known in this study · 21"}
+    assert panel.fact[0] == "4 here · 23 known"
+    heights = {row: panel.list.rowHeight(row) for row in range(7)}
+    assert heights[4] == heights[5] > heights[0] == heights[3] == heights[6], "a caption has room, and only a caption"
+
+
+def test_a_row_says_where_somebody_is_and_what_they_do(panel: PeoplePanel) -> None:
+    assert told(panel, "p-luis") == "Luis, speaking · 1.9 m, left · standing · here for 3 min · recognised, 94 %"
+    assert told(panel, "p-ana") == "Ana Torres, hand raised · 2.4 m, ahead · here for 2 min"
+    assert told(panel, "p-3").startswith("Person 3, Maybe Mara Silva (82 %), 3.3 m, right · here for ")
+    assert told(panel, "p-5") == "Person 5, left 2 min ago"
+    assert told(panel, "p-mara") == "Mara Silva, known from before"
+
+
+@pytest.mark.parametrize(
+    ("bearing_rad", "words"), [(0.1, "ahead"), (0.2, "left"), (-0.2, "right"), (3.0, "behind"), (6.2, "ahead")]
+)
+def test_a_bearing_is_said_as_the_robot_looks(bearing_rad: float, words: str) -> None:
+    assert direction(bearing_rad) == words
+
+
+def test_somebody_comes_back_from_the_known_to_those_who_are_here(panel: PeoplePanel, console: FakeConsole) -> None:
+    mara = next(row for row in console.state.everybody.value if row.person_id == "p-mara")
+    now_ns = clock.now_ns()
+    here = dataclasses.replace(mara, here=True, since_ns=now_ns, last_seen_ns=now_ns, number=9)
+    console.state.persons.set((*console.state.persons.value, here))
+    assert names(panel)[4:6] == ["Mara Silva", "Person 5"]
+    assert names(panel).count("Mara Silva") == 1, "the list of everybody is older"
+    console.state.persons.set(())
+    assert names(panel).index("Mara Silva") > names(panel).index("Person 5")
+
+
+def test_a_portrait_takes_the_place_of_the_round_mark(panel: PeoplePanel, console: FakeConsole) -> None:
+    row = panel.model.row_of("p-4")
+    assert row is not None
+    panel.list.scrollTo(panel.model.index(row))
+    place = panel.list.row_rect(row).adjusted(14, 7, 0, -7)
+    middle = QPoint(place.left() + 19, place.center().y())
+    before = panel.list.viewport().grab().toImage().pixelColor(middle)
+    console.state.portraits.put("p-4/1", people_samples.portrait(220))
+    rows = tuple(
+        dataclasses.replace(person, portrait="p-4/1") if person.person_id == "p-4" else person
+        for person in console.state.persons.value
+    )
+    console.state.persons.set(rows)
+    after = panel.list.viewport().grab().toImage().pixelColor(middle)
+    assert before != after
+    assert abs(after.red() - 220) < 12
+
+
+def test_a_portrait_is_decoded_once_and_one_that_is_broken_is_none(qapp: QApplication) -> None:
+    asked: list[str] = []
+
+    def jpeg_of(key: str) -> bytes | None:
+        asked.append(key)
+        return {"good": people_samples.portrait(90), "broken": b"no picture"}.get(key)
+
+    pixmaps = PortraitPixmaps(jpeg_of)
+    for _ in range(3):
+        picture = pixmaps.pixmap("good", 38)
+        assert isinstance(picture, QPixmap)
+        assert picture.width() == picture.height()
+        assert pixmaps.pixmap("broken", 38) is None
+    assert asked == ["good", "broken"]
+    assert pixmaps.pixmap("", 38) is None
+
+
+def test_five_hundred_known_people_cost_nothing_each_second(panel: PeoplePanel, console: FakeConsole) -> None:
+    rows = people_samples.many(500)
+    people_samples.show_people(console, rows)
+    assert panel.model.rowCount() == 501
+    changed: list[int] = []
+    panel.model.dataChanged.connect(lambda first, _last: changed.append(first.row()))
+    panel.model.refresh_ages()
+    renewed = tuple(dataclasses.replace(row) for row in rows)
+    people_samples.show_people(console, renewed)
+    assert changed == []
+    painted: list[int] = []
+    delegate = panel.list.itemDelegate()
+    whole = delegate.paint
+    delegate.paint = lambda painter, option, index: (painted.append(index.row()), whole(painter, option, index))[1]  # type: ignore[method-assign,func-returns-value]
+    panel.list.viewport().grab()
+    assert 0 < len(painted) < 30, "only what is seen is drawn"
+
+
+def test_one_who_comes_moves_one_row(qapp: QApplication) -> None:
+    state = LiveState()
+    model = PeopleModel(state.present, state)
+    rows = people_samples.many(500)
+    everybody = frozenset(row.person_id for row in rows)
+    model.show_persons(rows, known=everybody, in_place=False)
+    heard: list[str] = []
+    for name in ("modelReset", "rowsInserted", "rowsRemoved", "rowsMoved"):
+        getattr(model, name).connect(lambda *_args, name=name: heard.append(name))
+    now_ns = clock.now_ns()
+    back = dataclasses.replace(rows[300], here=True, since_ns=now_ns)
+    model.show_persons((*rows[:300], back, *rows[301:]), known=everybody, in_place=False)
+    assert heard == ["rowsMoved"]
+    assert model.row_of(back.person_id) == 1
+    state.close()
+
+
+# Suggestions
+
+
+def row(person_id: str, since_ns: int, suggested: str = "", *, here: bool = True) -> PersonRow:
+    suggestions = (Suggestion(suggested, suggested.title(), 0.8),) if suggested else ()
+    return PersonRow(person_id, 1, person_id, here, since_ns, since_ns, suggestions=suggestions)
+
+
+def test_one_suggestion_is_asked_at_a_time_and_it_stays() -> None:
+    first, second = row("p-1", 10, "ada"), row("p-2", 20, "bo")
+    asked = next_asked((second, first), None, selected="", now_ns=100, ended_ns=-TO_READ_NS)
+    assert asked == AskedAbout("p-1", "ada")
+    earlier = row("p-0", 1, "cy")
+    assert next_asked((earlier, first, second), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS) == asked
+    gone = row("p-1", 10, "ada", here=False)
+    after = next_asked((gone, second), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS)
+    assert after == AskedAbout("p-2", "bo", 100 + TO_READ_NS), "a key that was meant for the first answers nothing"
+    assert next_asked((gone,), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS) is None
+
+
+def test_whom_the_wizard_selected_is_asked_about_first() -> None:
+    first, second = row("p-1", 10, "ada"), row("p-2", 20, "bo")
+    asked = next_asked((first, second), None, selected="p-2", now_ns=100, ended_ns=-TO_READ_NS)
+    assert asked == AskedAbout("p-2", "bo")
+
+
+def test_another_suggestion_for_the_same_person_is_to_be_read_first() -> None:
+    asked = AskedAbout("p-1", "ada")
+    after = next_asked((row("p-1", 10, "bo"),), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS)
+    assert after == AskedAbout("p-1", "bo", 100 + TO_READ_NS)
+    soon = next_asked((row("p-1", 10, "bo"),), None, selected="", now_ns=100, ended_ns=50)
+    assert soon is not None
+    assert soon.from_ns > 100, "the question before was answered just now"
+
+
+def test_a_suggestion_is_confirmed_by_one_key_from_anywhere(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    field = find(window, "speak_field")
+    assert isinstance(field, QLineEdit)
+    field.setFocus()
+    QTest.keyClicks(field, "Hello")
+    QTest.keyClick(field, Qt.Key.Key_Return, CTRL)
+    assert console.calls == [("confirm_person", ("p-3", "p-mara"))]
+    assert field.text() == "Hello", "nothing was said"
+    assert names(panel)[2] == "Mara Silva"
+    QTest.keyClick(field, Qt.Key.Key_Return, CTRL)
+    assert len(console.calls) == 1, "nothing is asked any more"
+
+
+def test_while_driving_y_says_yes_and_shift_y_no(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    before = console.state.persons.value
+    QTest.keyClick(view, Qt.Key.Key_Y, SHIFT)
+    assert console.calls == [("reject_person", ("p-3", "p-mara"))]
+    console.state.persons.set(before)
+    asked = console.state.asked_person.value
+    assert asked is not None
+    # It came up again just after it had been answered.
+    QTest.keyClick(view, Qt.Key.Key_Y)
+    assert len(console.calls) == 1
+    console.state.asked_person.set(dataclasses.replace(asked, from_ns=0))
+    QTest.keyClick(view, Qt.Key.Key_Y)
+    assert console.calls[1:] == [("confirm_person", ("p-3", "p-mara"))]
+
+
+def test_ctrl_enter_while_a_name_is_typed_is_no_name(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    press(qtbot, panel, "p-4", "name")
+    field = find(panel, "person_name_field")
+    QTest.keyClicks(field, "Eva")
+    QTest.keyClick(field, Qt.Key.Key_Return, CTRL)
+    assert console.calls == [("confirm_person", ("p-3", "p-mara"))]
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls[1:] == [("rename_person", ("p-4", "Eva"))]
+
+
+def test_a_suggestion_is_answered_by_a_click(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole) -> None:
+    press(qtbot, panel, "p-3", "no")
+    assert console.calls == [("reject_person", ("p-3", "p-mara"))]
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    press(qtbot, panel, "p-3", "yes")
+    assert console.calls[1:] == [("confirm_person", ("p-3", "p-mara"))]
+
+
+def test_the_row_and_the_box_that_are_asked_about_have_the_key(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    find(window, "video_view").setFocus()
+    asked = panel.model.row_of("p-3")
+    assert asked is not None
+    keys = [button.key for button, _ in panel.list.buttons(asked)]
+    assert keys == ["Y", "⇧Y", ""]
+    frame = console.frames.add(samples.corridor())
+    console.state.take(frame)
+    people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
+    box = dataclasses.replace(people.boxes[0], person_id="p-3")
+    console.state.take(dataclasses.replace(people, boxes=(box,)))
+    view = window.panels["video"].view  # type: ignore[attr-defined]
+    assert view.visible_boxes() == [("Mara Silva? 82 % · Y", False)]
+    image, amber = view.grab().toImage(), window.theme.color("box_warning")
+    rect = view.picture_rect()
+    row_px = round(rect.top() + rect.height() / 2)
+    left = round(rect.left() + 60.0 / 640 * rect.width())
+    edge = [image.pixelColor(x, y) for x in range(left - 3, left + 3) for y in range(row_px - 20, row_px + 20)]
+    assert any(color == amber for color in edge)
+    find(window, "speak_field").setFocus()
+    assert view.visible_boxes() == [("Mara Silva? 82 % · Ctrl Enter", False)]
+
+
+def test_whoever_was_recognised_can_be_somebody_else_after_all(
+    qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    press(qtbot, panel, "p-luis", "not")
+    assert console.calls == [("reject_person", ("p-luis", "p-luis"))]
+    named_by_hand = panel.model.row_of("p-ana")
+    assert named_by_hand is not None
+    assert "not" not in [button.act for button, _ in panel.list.buttons(named_by_hand)]
+
+
+# Selecting, searching, taking back
+
+
+def test_a_click_selects_somebody_and_the_next_one_nobody(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    before = panel.list.viewport().grab().toImage()
+    press(qtbot, panel, "p-luis", "pick")
+    assert console.state.selected_person.value == "p-luis"
+    assert panel.list.viewport().grab().toImage() != before
+    assert find(window, "speak_field").property("placeholderText") == "Type what the robot says to Luis…"
+    press(qtbot, panel, "p-luis", "pick")
+    assert console.calls == [("attend_person", "p-luis"), ("attend_person", "")]
+    assert find(window, "speak_field").property("placeholderText") == "Type what the robot says…"
+
+
+def test_the_keyboard_selects_too(panel: PeoplePanel, console: FakeConsole) -> None:
+    panel.list.setFocus()
+    panel.list.setCurrentIndex(panel.model.index(1))
+    QTest.keyClick(panel.list, Qt.Key.Key_Space)
+    assert console.calls == [("attend_person", "p-ana")]
+
+
+def test_people_are_found_by_name_group_and_tag(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    click(qtbot, find(window, "people_search_button"))
+    field = find(panel, "people_search")
+    QTest.keyClicks(field, "wheel")
+    assert names(panel) == ["Mara Silva"]
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("attend_person", "p-mara")]
+    field.setProperty("text", "group 1 ana")
+    assert names(panel) == ["Ana Torres"]
+    field.setProperty("text", "xyz")
+    assert names(panel) == []
+    assert "xyz" in find(panel, "people_empty").property("text")
+    QTest.keyClick(field, Qt.Key.Key_Escape)
+    assert console.calls[-1] == ("stop", None), "Esc stops the robot first of all"
+    assert not field.isVisible()
+    assert len(names(panel)) == 26
+
+
+def test_every_word_has_to_be_there() -> None:
+    mara = people_samples.people_of_a_tour(10**12)[5]
+    assert found(mara, " SILVA shy ")
+    assert not found(mara, "silva luis")
+    assert found(mara, "")
+
+
+def test_what_the_wizard_decided_can_be_taken_back(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    bar = panel.findChild(UndoBar)
+    assert bar.isHidden()
+    press(qtbot, panel, "p-3", "yes")
+    assert bar.isVisible()
+    assert bar.text.text() == "Mara Silva confirmed"
+    click(qtbot, find(panel, "people_undo_button"))
+    assert console.calls[-1] == ("undo_people", None)
+    assert bar.isHidden()
+    panel.list.setFocus()
+    QTest.keyClick(panel.list, Qt.Key.Key_Z, CTRL)
+    assert console.named("undo_people") == [None, None]
+
+
+def test_what_the_console_decided_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
+    console.state.take(PersonIdentified(clock.now_ns(), "p-4", "p-ana", "console", 0.97, actor="console"))
+    assert panel.findChild(UndoBar).isHidden()
+
+
+def test_ctrl_z_in_a_field_is_the_fields_own(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole) -> None:
+    press(qtbot, panel, "p-4", "name")
+    field = find(panel, "person_name_field")
+    assert isinstance(field, QLineEdit)
+    QTest.keyClicks(field, "Eva")
+    QTest.keyClick(field, Qt.Key.Key_Z, CTRL)
+    assert field.text() == ""
+    assert console.calls == []
+
+
+# Where nothing is decided
+
+
+@pytest.fixture
+def no_names(
+    qtbot: QtBot, settings: MemorySettings, theme: Theme
+) -> Iterator[tuple[MainWindow, FakeConsole, PeoplePanel]]:
+    scenario = dataclasses.replace(samples.TOUR, permissions=Permissions(naming_people=False))
+    console = FakeConsole(scenario)
+    window = open_window(qtbot, console, settings, theme)
+    panel = window.panels["people"]
+    assert isinstance(panel, PeoplePanel)
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    yield window, console, panel
+
+
+def test_where_nobody_is_named_there_is_presence_and_nothing_else(
+    no_names: tuple[MainWindow, FakeConsole, PeoplePanel], qtbot: QtBot
+) -> None:
+    window, console, panel = no_names
+    assert names(panel) == ["Person 1", "Person 2", "Person 3", "Person 4"]
+    assert told(panel, "p-3").startswith("Person 3, 3.3 m, right")
+    assert panel.fact[0] == "4 here"
+    assert panel.title_widgets() == []
+    assert [panel.list.buttons(row) for row in range(4)] == [[], [], [], []]
+    console.calls.clear()
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_Return, CTRL)
+    panel.list.setFocus()
+    for key in (Qt.Key.Key_Return, Qt.Key.Key_Right):
+        panel.list.setCurrentIndex(panel.model.index(0))
+        QTest.keyClick(panel.list, key)
+    QTest.keyClick(panel.list, Qt.Key.Key_Z, CTRL)
+    assert console.calls == []
+    assert panel.card is None
+    texts = [entry.text for entry in window.palette_entries()]
+    assert not [text for text in texts if "Luis" in text]
+    assert "Undo the last change to people" not in texts
+
+
+def test_a_replay_shows_people_and_asks_nothing(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    console = FakeConsole(samples.TOUR)
+    console.state.close()
+    console.state = LiveState(present=PresentClock(live=False))
+    console.state.scenario.set(samples.TOUR)
+    window = open_window(qtbot, console, settings, theme)
+    panel = window.panels["people"]
+    assert isinstance(panel, PeoplePanel)
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    assert names(panel)[0] == "Luis"
+    assert [panel.list.buttons(row) for row in range(4)] == [[], [], [], []]
+    console.calls.clear()
+    panel.list.setFocus()
+    panel.list.setCurrentIndex(panel.model.index(0))
+    QTest.keyClick(panel.list, Qt.Key.Key_Return)
+    QTest.keyClick(panel.list, Qt.Key.Key_Z, CTRL)
+    assert console.calls == []
+
+
+# Find anything
+
+
+def test_people_are_found_in_the_palette(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
+    entries = {entry.text: entry for entry in window.palette_entries()}
+    entries["Mara Silva"].do()
+    assert console.calls == [("attend_person", "p-mara")]
+    assert entries["Yes, Person 3 is Mara Silva"].key in ("Y", "Ctrl Enter")
+    entries["No, Person 3 is not Mara Silva"].do()
+    assert console.calls[1:] == [("reject_person", ("p-3", "p-mara"))]
+    entries["Rename Ana Torres"].do()
+    field = find(panel, "person_name_field")
+    assert isinstance(field, QLineEdit)
+    assert field.text() == "Ana Torres"
+    entries["Undo the last change to people"].do()
+    assert console.calls[2:] == [("undo_people", None)]
+    entries["All about Luis"].do()
+    assert panel.card is not None
+    assert panel.card.person_id == "p-luis"
+
+
+def test_what_is_seen_of_somebody_begins_with_what_matters() -> None:
+    luis = people_samples.people_of_a_tour(10**12)[0]
+    assert what_is_seen(luis, 10**12)[:2] == ["speaking", "1.9 m, left"]
