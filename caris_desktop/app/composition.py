@@ -121,7 +121,7 @@ def parts(
     Raises StartError where one of the cameras is not understood.
     """
     chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
-    inference = InferenceSettings()
+    inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
     return Parts(
         recorder=ProcessBody("recorder", bodies.recorder),
         speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),

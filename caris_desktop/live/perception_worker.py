@@ -29,7 +29,7 @@ from caris_desktop.people.presence import PersonRow, Presence, RecognitionSettin
 from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.turning import CameraTurning
-from caris_desktop.perception.turns import CameraTurns, LookRates
+from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -72,6 +72,7 @@ class PerceptionWorker(QObject):
         self._locator = PeopleLocator()
         self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
+        self._faces = False
 
     @property
     def child_pid(self) -> int | None:
@@ -89,6 +90,11 @@ class PerceptionWorker(QObject):
         """The camera that the wizard sees: the others get fewer looks."""
         with self._turns_lock:
             self._turns.show(name)
+
+    def look_to_cover(self, *, every_camera: bool) -> None:
+        """Whether people have to be covered in what every camera records, on show or not."""
+        with self._turns_lock:
+            self._turns.others_every_ns = TO_COVER_EVERY_NS if every_camera else OTHERS_EVERY_NS
 
     def look_at_most_every(self, seconds: float) -> None:
         """Leave the processor to others for a while after each look."""
@@ -174,6 +180,7 @@ class PerceptionWorker(QObject):
                 self.history_found.emit(PersonHistory(item.person_id, item.text, entries))
             elif isinstance(item, _Recognise):
                 presence.use_settings(item.settings, may_decide=item.may_decide)
+                self._faces = item.settings.recognise == "faces"
             elif isinstance(item, UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded):
                 presence.note(item)
             elif isinstance(item, PersonLooks):
@@ -235,9 +242,9 @@ class PerceptionWorker(QObject):
         """A camera that the robot does not carry does not turn with it."""
         camera = self._cameras.get(frame.camera)
         if camera is None:
-            return Look(frame)
+            return Look(frame, faces=self._faces)
         looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
-        return Look(frame, looked, camera.fx_px / camera.width_px)
+        return Look(frame, looked, camera.fx_px / camera.width_px, self._faces)
 
     def _start_child(self) -> ChildProcess:
         self._set_status(PerceptionStatus(state="loading"))

@@ -18,6 +18,7 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.backends.chosen import DetectorSettings
+from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import Look, TrackedBox, TrackerName
@@ -46,7 +47,8 @@ class InferenceSettings:
     the detector or in a models folder, if there is one.
     Of the trackers ``own`` is :mod:`caris_desktop.perception.following`; the others are there to compare with.
     ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
-    room for others. ``niceness`` is added to the child's own (where the system knows such a thing).
+    room for others. ``niceness`` is added to the child's own (where the system knows such a thing). ``face_model`` is
+    the study's network for faces, where it has one; looks that say so are looked at for faces too.
     """
 
     weights_path: Path | None = None
@@ -59,6 +61,7 @@ class InferenceSettings:
     max_load: float = 0.8
     threads: int = field(default_factory=default_threads)
     niceness: int = 10
+    face_model: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +133,7 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
 
 def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, settings: InferenceSettings) -> None:
     failures = 0
+    faces = StudyFaces(settings.face_model, threads=settings.threads)
     while True:
         look = newest(connection)
         ref = look.frame
@@ -152,7 +156,12 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         connection.send(_people(ref, perceived, work_s))
         for told in (*_looks(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
             connection.send(told)
-        time.sleep(rest_s(work_s, settings))
+        try:
+            for face in faces.taken(image_bgr, look, perceived.boxes, perceived.detections.keypoints):
+                connection.send(face)
+        except FaceModelError as error:
+            connection.send(_faces_problem(str(error)))
+        time.sleep(rest_s((clock.now_ns() - began_ns) / 1e9, settings))
 
 
 def _people(ref: FrameRef, perceived: Perceived, work_s: float) -> People:
@@ -247,6 +256,17 @@ def _things_problem(perceiver: Perceiver) -> Problem:
         f"The detector does not know: {', '.join(perceiver.unknown_things)}.",
         "These things get no boxes and are not recorded; people do.",
         f"Correct perception.classes in the scenario. The detector knows: {known}.",
+        until="people",
+    )
+
+
+def _faces_problem(trouble: str) -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        trouble,
+        "Nobody is known again by their face; by their clothes people are, as far as the scenario lets them.",
+        "Replace or remove models/face.onnx in the study's folder, then start the program again.",
         until="people",
     )
 

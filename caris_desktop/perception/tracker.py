@@ -27,11 +27,13 @@ _SAME_PERSON = 0.7
 class Look:
     """A picture to find people in. ``looked`` is where its camera pointed when it was taken: heading (left positive,
     not wrapped) and tilt (down positive) in radians; None where nobody told. ``focal_per_width`` is its lens.
+    ``faces``: faces may be looked at, too.
     """
 
     frame: FrameRef
     looked: tuple[float, float] | None = None
     focal_per_width: float = USUAL_FOCAL_PER_WIDTH
+    faces: bool = False
 
 
 @dataclass(frozen=True, slots=True)

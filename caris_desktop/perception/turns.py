@@ -7,6 +7,9 @@ from caris_desktop.domain.sensing import FrameRef
 OTHERS_EVERY_NS = 300_000_000
 """How often a camera that is not on show is looked at: often enough to follow people who walk."""
 
+TO_COVER_EVERY_NS = 150_000_000
+"""The same where people have to be covered in what every camera records: looks further apart say too little."""
+
 SILENT_AFTER_NS = 600_000_000
 """Nobody waits longer than this for the camera on show."""
 
@@ -27,6 +30,7 @@ class CameraTurns:
         self._first = ""
         self._last = ""
         self._lead_came_ns: int | None = None
+        self.others_every_ns = OTHERS_EVERY_NS
 
     def show(self, camera: str) -> None:
         """The camera that the wizard sees from now on."""
@@ -55,12 +59,13 @@ class CameraTurns:
         lead_silent = self._lead_came_ns is None or now_ns - self._lead_came_ns >= SILENT_AFTER_NS
         if self._lead not in self._newest and not lead_silent:
             return None
+        every_ns = self.others_every_ns
         due = [
             camera
             for camera in self._newest
-            if camera != self._lead and now_ns - self._looked_ns.get(camera, -OTHERS_EVERY_NS) >= OTHERS_EVERY_NS
+            if camera != self._lead and now_ns - self._looked_ns.get(camera, -every_ns) >= every_ns
         ]
-        camera = min(due, key=lambda other: self._looked_ns.get(other, -OTHERS_EVERY_NS), default=self._lead)
+        camera = min(due, key=lambda other: self._looked_ns.get(other, -every_ns), default=self._lead)
         if self._last not in ("", self._lead) and self._lead in self._newest:
             camera = self._lead  # a slow detector goes back and forth
         ref = self._newest.pop(camera, None)

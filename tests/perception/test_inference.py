@@ -30,6 +30,7 @@ from caris_desktop.perception.inference import (
 )
 from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.weights import offline_package_weights
+from tests.perception.networks import colours_of_places
 from tests.perception.shared_data import (
     INT8_WEIGHTS,
     MOT_SCORE,
@@ -67,9 +68,9 @@ class RunningInference:
     def write(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> FrameRef:
         return self.ring.write(image_bgr, stamp_ns=time.monotonic_ns(), robot_stamp_ns=None, camera=camera)
 
-    def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front") -> People:
+    def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front", faces: bool = False) -> People:
         ref = self.write(image_bgr, camera=camera)
-        assert self.child.send(Look(ref))
+        assert self.child.send(Look(ref, faces=faces))
         self.told = []
         while not isinstance(people := self.next(), People):
             self.told.append(people)
@@ -82,9 +83,11 @@ class RunningInference:
 
 
 @pytest.fixture(scope="module")
-def offline_inference() -> Iterator[RunningInference]:
+def offline_inference(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningInference]:
     assert OFFLINE is not None
-    running = RunningInference(InferenceSettings(weights_path=OFFLINE.path))
+    for_faces = tmp_path_factory.mktemp("models") / "face.onnx"
+    for_faces.write_bytes(colours_of_places(height=112, width=112))
+    running = RunningInference(InferenceSettings(weights_path=OFFLINE.path, face_model=for_faces))
     yield running
     running.close()
 
@@ -149,6 +152,21 @@ def test_the_best_view_of_each_comes_as_a_picture(offline_inference: RunningInfe
         assert image is not None
         assert image.shape[0] > image.shape[1]
         assert 0.15 <= portrait.quality <= 1.0
+
+
+@needs_offline_package
+def test_faces_are_looked_at_only_where_a_look_says_so(
+    offline_inference: RunningInference, ready: InferenceReady
+) -> None:
+    street, kinds = bus_picture(), []
+    for faces in (False, True, False):
+        for _ in range(4):
+            found = offline_inference.ask(street, camera="faces", faces=faces)
+        # What is told of a picture comes after its people, so that of the last one comes with the next.
+        offline_inference.ask(street, camera="elsewhere")
+        told = [each for each in offline_inference.told if isinstance(each, PersonLooks) and each.kind == "face"]
+        kinds.append({each.track for each in told} <= {box.track for box in found.boxes} and bool(told))
+    assert kinds == [False, True, False]
 
 
 @needs_offline_package

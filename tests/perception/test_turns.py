@@ -3,7 +3,7 @@
 from collections import Counter
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.turns import OTHERS_EVERY_NS, SILENT_AFTER_NS, CameraTurns, LookRates
+from caris_desktop.perception.turns import OTHERS_EVERY_NS, SILENT_AFTER_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
 
 MS = 1_000_000
 
@@ -41,6 +41,15 @@ def test_two_cameras_make_no_more_work_than_one() -> None:
     assert looked.total() <= 101
     assert looked["front"] >= 60
     assert 20 <= looked["rear"] <= 40, "often enough to follow somebody"
+
+
+def test_where_people_have_to_be_covered_the_other_camera_is_looked_at_as_often() -> None:
+    turns = CameraTurns()
+    turns.show("front")
+    turns.others_every_ns = TO_COVER_EVERY_NS
+    looked = looks(turns, ("front", "rear"), seconds=10)
+    assert looked.total() <= 101
+    assert looked["rear"] >= 45 and looked["front"] >= 45
 
 
 def test_each_of_several_others_has_its_turn() -> None:

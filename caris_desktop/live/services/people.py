@@ -68,6 +68,7 @@ class PeopleService(Service):
         self._worker: PerceptionWorker | None = None
         self._recognition = RecognitionSettings()
         self._may_decide = True
+        self._cover = False
         state.robot.changed.connect(self._on_cameras_changed)
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
@@ -90,8 +91,10 @@ class PeopleService(Service):
             asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who]
         )
         self._may_decide = names
+        self._cover = scenario.blur.who != "nobody"
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
+            self._worker.look_to_cover(every_camera=self._cover)
 
     @property
     def inference_pid(self) -> int | None:
@@ -113,6 +116,7 @@ class PeopleService(Service):
         worker.history_found.connect(self._state.person_history.set_anew, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
+        worker.look_to_cover(every_camera=self._cover)
         self._thread.started.connect(worker.run)
         self._worker = worker
         self._on_cameras_changed(None)

@@ -1,0 +1,191 @@
+"""How a face looks, as a vector: faces through a network in ArcFace's form (ONNX, 112 x 112), which the study supplies.
+
+Where the detector tells eyes and nose, the face is turned and scaled so that they lie where the network expects them.
+Where it tells none, the middle of the head's part of the box has to do: that is worth less, and is told as such.
+"""
+
+import hashlib
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.perception.tracker import Look, TrackedBox
+
+log = logging.getLogger(__name__)
+
+SIDE_PX = 112
+# Where eyes and nose are in the faces that such networks were trained with (insightface, arcface_src).
+_PLACES = np.array([[56.0252, 71.7366], [73.5318, 51.5014], [38.2946, 51.6963]])
+_NOSE, _LEFT_EYE, _RIGHT_EYE = 0, 1, 2
+"""Of COCO's keypoints, in the order of ``_PLACES``: somebody's left eye is on the right of the picture."""
+_VISIBLE = 0.5
+_LEAST_EYES_PX, _LEAST_HEAD_PX = 10.0, 36.0
+_HEAD_OF_WIDTH = 0.6
+_BY_GUESS = 0.5
+_NOT_SOONER_NS = 500_000_000
+_KEPT = 500
+
+
+class FaceModelError(Exception):
+    """A file that is no such network, or not the one meant. The message is for the wizard."""
+
+
+class FaceModel:
+    """For one thread. ``name`` is the network's, as vectors of two networks are never alike.
+
+    Where a file of the same name with ``.sha256`` behind it lies beside it, its checksum has to be the one in there.
+    Raises FaceModelError.
+    """
+
+    def __init__(self, path: Path, *, threads: int = 1) -> None:
+        from caris_desktop.perception.backends.onnx import session_options
+        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+
+        try:
+            content = path.read_bytes()
+            expected = path.with_name(f"{path.name}.sha256")
+            wanted = expected.read_text("ascii", "replace").split()[:1] if expected.is_file() else None
+        except OSError as error:
+            raise FaceModelError(f"The network for faces, {path.name}, cannot be read.") from error
+        digest = hashlib.sha256(content).hexdigest()
+        if wanted is not None and wanted != [digest]:
+            raise FaceModelError(f"{path.name} is not the network whose checksum is in {path.name}.sha256.")
+        prepare_runtimes(threads=threads)
+        import onnxruntime
+
+        try:
+            self._session: Any = onnxruntime.InferenceSession(
+                content, session_options(threads), providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # onnxruntime raises types of its own, which it does not name
+            log.info("could not load %s", path, exc_info=True)
+            raise FaceModelError(f"The network for faces, {path.name}, could not be loaded.") from error
+        self.name = f"{path.stem}-{digest[:8]}"
+        first = self._session.get_inputs()[0]
+        self._input = first.name
+        if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
+            raise FaceModelError(f"{path.name} is no network for faces: its input is not 3 x 112 x 112.")
+        self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # the first is the slowest
+
+    def look(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """``face_bgr``: uint8, shape (112, 112, 3). A vector of unit length."""
+        rgb = face_bgr[:, :, ::-1].astype(np.float32)
+        batch = np.ascontiguousarray(((rgb - 127.5) / 127.5).transpose(2, 0, 1)[np.newaxis])
+        vector = np.asarray(self._session.run(None, {self._input: batch})[0], np.float32).reshape(-1)
+        return np.asarray(vector / max(1e-12, float(np.linalg.norm(vector))), np.float32)
+
+
+class StudyFaces:
+    """The faces that are looked at where the scenario says so, by the study's network, if it has one. For one thread.
+
+    Nothing is opened before the first look at which faces may be looked at.
+    """
+
+    def __init__(self, path: Path | None, *, threads: int = 1) -> None:
+        self._path = path
+        self._threads = threads
+        self._faces: Faces | None = None
+
+    def taken(
+        self,
+        image_bgr: NDArray[np.uint8],
+        look: Look,
+        boxes: Sequence[TrackedBox],
+        keypoints: NDArray[np.float64] | None,
+    ) -> list[PersonLooks]:
+        """As :meth:`Faces.taken`; none where faces may not be looked at. Raises FaceModelError, once."""
+        if not look.faces:
+            return []
+        path, self._path = self._path, None
+        if path is not None and path.is_file():
+            self._faces = Faces(FaceModel(path, threads=self._threads))
+        return [] if self._faces is None else self._faces.taken(image_bgr, look.frame, boxes, keypoints)
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
+
+    image_bgr: NDArray[np.uint8]
+    quality: float
+
+
+class Faces:
+    """For one thread. Of each track at most two faces a second, and one face in each picture: who waited longest."""
+
+    def __init__(self, model: FaceModel) -> None:
+        self._model = model
+        self._looked_ns: dict[int, int] = {}
+
+    def taken(
+        self,
+        image_bgr: NDArray[np.uint8],
+        frame: FrameRef,
+        boxes: Sequence[TrackedBox],
+        keypoints: NDArray[np.float64] | None,
+    ) -> list[PersonLooks]:
+        """``keypoints`` are the detector's, shape (detections, 17, 3), where it tells any."""
+        due = [
+            box
+            for box in boxes
+            if frame.stamp_ns - self._looked_ns.get(box.track, frame.stamp_ns - _NOT_SOONER_NS) >= _NOT_SOONER_NS
+        ]
+        for box in sorted(due, key=lambda one: self._looked_ns.get(one.track, 0)):
+            face = face_of(image_bgr, box, None if keypoints is None else keypoints[box.detection])
+            if face is None:
+                continue
+            self._looked_ns.pop(box.track, None)
+            self._looked_ns[box.track] = frame.stamp_ns
+            if len(self._looked_ns) > _KEPT:
+                del self._looked_ns[next(iter(self._looked_ns))]
+            vector = self._model.look(face.image_bgr)
+            name = self._model.name
+            return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", name, vector, face.quality)]
+        return []
+
+
+def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np.float64] | None) -> Face | None:
+    """The face of who is in the box, as the network expects it; None where it is too small or turned away.
+
+    ``keypoints`` are those of this person, shape (17, 3): x, y in pixels, visibility.
+    """
+    if keypoints is None:
+        return _guessed(image_bgr, box)
+    points = keypoints[[_NOSE, _LEFT_EYE, _RIGHT_EYE]]
+    eyes_px = float(np.linalg.norm(points[1, :2] - points[2, :2]))
+    if points[:, 2].min() < _VISIBLE or eyes_px < _LEAST_EYES_PX:
+        return None
+    turned = _similarity(points[:, :2], _PLACES)
+    image = cv2.warpAffine(image_bgr, turned, (SIDE_PX, SIDE_PX), flags=cv2.INTER_LINEAR).astype(np.uint8)
+    return Face(image, box.quality * min(1.0, eyes_px / (2.5 * _LEAST_EYES_PX)))
+
+
+def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> Face | None:
+    """The middle of the upper end of the box, as broad as heads are for their shoulders."""
+    side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
+    left, top = box.left_px + (box.width_px - side) / 2, box.top_px
+    height, width = image_bgr.shape[:2]
+    if side < _LEAST_HEAD_PX or left < 0 or top < 0 or left + side > width or top + side > height:
+        return None
+    crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
+    image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
+    return Face(image, _BY_GUESS * box.quality)
+
+
+def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn, scale and shift that brings the points nearest to the places, shape (2, 3): Umeyama 1991, least squares."""
+    middle, goal = points.mean(axis=0), places.mean(axis=0)
+    away, wanted = points - middle, places - goal
+    u, stretch, vt = np.linalg.svd(wanted.T @ away)
+    mirror = np.array([1.0, np.sign(np.linalg.det(u @ vt))])
+    turn = u @ np.diag(mirror) @ vt
+    scale = float((stretch * mirror).sum() / (away**2).sum())
+    return np.hstack([scale * turn, (goal - scale * turn @ middle)[:, np.newaxis]])
