@@ -9,6 +9,7 @@ _DOES = {
     "inference": "people detection",
     "recorder": "recording",
     "language-model": "language model",
+    "camera-server": "camera server",
     "overview": "coding overview",
 }
 

@@ -213,7 +213,8 @@ class CameraSettings:
 
     source: Annotated[str, Rule(
         "`robot` for all that the robot has, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a "
-        "video file, `simulated`, or an address that begins with `rtsp://` or `http://`.",
+        "video file, `simulated`, or an address that begins with `rtsp://`, `http://`, `whep+http://` or "
+        "`webrtc+http://`.",
         shortest=1, longest=1000,
     )]  # fmt: skip
     name: Annotated[str, Rule(

@@ -10,9 +10,10 @@ from typing import Literal
 
 from caris_desktop.perception.cameras.camera_source import CameraError
 
-Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http"]
+Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http", "whep", "webrtc"]
 _SCHEMES: dict[str, Kind] = {
     "rtsp": "stream", "rtsps": "stream", "http": "http", "https": "http",
+    "whep+http": "whep", "whep+https": "whep", "webrtc+http": "webrtc", "webrtc+https": "webrtc",
 }  # fmt: skip
 _PLAY_WORDS = frozenset({"loop", "fast"})
 FORMS = (
@@ -115,5 +116,5 @@ def _address(text: str) -> ChosenCamera:
         )
     # What stands behind the # is for us and never sent.
     token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
-    target = text.removesuffix(f"#{parts.fragment}")
+    target = text.removesuffix(f"#{parts.fragment}").removeprefix("whep+").removeprefix("webrtc+")
     return ChosenCamera(_SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env)

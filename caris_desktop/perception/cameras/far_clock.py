@@ -1,9 +1,17 @@
 """The clock of the computer that a camera is plugged into, seen from here by asking for its time."""
 
+import logging
 from collections import deque
 from collections.abc import Callable
 
 from caris_desktop.domain import clock
+from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.http_request import CameraConnection
+
+_log = logging.getLogger(__name__)
+_FIRST_ROUND_TRIPS = 8
+_ASK_EVERY_NS = 2_000_000_000
 
 _KEPT = 30
 # Two clocks of ordinary computers drift apart by no more than this, in ns per ns.
@@ -35,3 +43,38 @@ class FarClock:
         )
         taken_ns = clock.measured_ns(far_ns, arrival_ns=now_ns, offset_ns=offset_ns, uncertainty_ns=uncertainty_ns)
         return None if taken_ns is None else (taken_ns, uncertainty_ns)
+
+
+class ServedClock:
+    """The clock of a camera server, asked for over HTTP: at first several times, then now and then."""
+
+    def __init__(self, chosen: ChosenCamera, path: str) -> None:
+        self._chosen = chosen
+        self._path = path
+        self._connection: CameraConnection | None = None
+        self._clock = FarClock(self._tell)
+        self._asked_ns = 0
+        for _ in range(_FIRST_ROUND_TRIPS):
+            self._ask()
+
+    def here(self, far_ns: int) -> tuple[int, int] | None:
+        """As :meth:`FarClock.here`; now and then takes one round trip."""
+        if clock.now_ns() - self._asked_ns >= _ASK_EVERY_NS:
+            self._ask()
+        return self._clock.here(far_ns)
+
+    def close(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+
+    def _tell(self) -> int:
+        if self._connection is None:
+            self._connection = CameraConnection(self._chosen)
+        return int(self._connection.ask("GET", self._path)[1])
+
+    def _ask(self) -> None:
+        self._asked_ns = clock.now_ns()
+        try:
+            self._clock.measure()
+        except (CameraError, ValueError):
+            _log.info("the clock of %s was not told", self._chosen.name, exc_info=True)

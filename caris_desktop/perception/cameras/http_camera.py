@@ -1,23 +1,14 @@
 """A camera that sends one JPEG after the other over HTTP (multipart), as network cameras and our camera server do."""
 
-import base64
 import http.client
-import logging
 import re
 import select
-import urllib.parse
 
-from caris_desktop.domain import clock
 from caris_desktop.domain.pictures import picture_size, unfolded
-from caris_desktop.perception.cameras.camera_source import (
-    OPEN_TIMEOUT_S,
-    SILENCE_S,
-    CameraError,
-    Picture,
-    cannot_be_reached,
-)
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token
-from caris_desktop.perception.cameras.far_clock import FarClock
+from caris_desktop.perception.cameras.camera_source import CameraError, Picture
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.far_clock import ServedClock
+from caris_desktop.perception.cameras.http_request import CameraConnection
 
 CAPTURED_HEADER = "x-captured-monotonic-ns"
 """When our camera server took this picture, by its monotonic clock; every part has it."""
@@ -25,9 +16,6 @@ CLOCK_HEADER = "X-Clock"
 """In the answer of our camera server: where its monotonic clock can be asked for."""
 _LARGEST_BYTES = 64_000_000
 _LONGEST_HEAD_BYTES = 16_384
-_FIRST_ROUND_TRIPS = 8
-_CLOCK_EVERY_NS = 2_000_000_000
-_log = logging.getLogger(__name__)
 
 
 class NotMultipartError(Exception):
@@ -43,10 +31,9 @@ class HttpCamera:
     def __init__(self, chosen: ChosenCamera) -> None:
         """Raises CameraError, and NotMultipartError where other means may read it."""
         self._chosen = chosen
-        self._clock: FarClock | None = None
-        self._clock_asked_ns = 0
-        self._clock_connection: http.client.HTTPConnection | None = None
-        self._connection, response = _get(chosen, urllib.parse.urlsplit(chosen.target))
+        self._clock: ServedClock | None = None
+        self._connection = CameraConnection(chosen)
+        response = self._connection.request("GET")
         boundary = re.search(r'boundary="?([^";,]+)', response.headers.get("Content-Type", ""))
         if response.status != 200 or boundary is None:
             self._connection.close()
@@ -58,7 +45,9 @@ class HttpCamera:
             raise NotMultipartError(f"{response.status} {response.headers.get('Content-Type')}")
         self._response = response
         self._parts = Parts(boundary[1])
-        self._use_clock(response.headers.get(CLOCK_HEADER))
+        path = response.headers.get(CLOCK_HEADER, "")
+        if path.startswith("/"):
+            self._clock = ServedClock(chosen, path)
         try:
             head, content = self._newest()
         except CameraError:
@@ -77,8 +66,8 @@ class HttpCamera:
     def close(self) -> None:
         self._response.close()
         self._connection.close()
-        if self._clock_connection is not None:
-            self._clock_connection.close()
+        if self._clock is not None:
+            self._clock.close()
 
     def _newest(self) -> tuple[dict[str, str], bytes]:
         """The last of the pictures that have come whole: what came before it would be shown late."""
@@ -101,42 +90,10 @@ class HttpCamera:
     def _lost(self) -> CameraError:
         return CameraError(f"The camera at {self._chosen.name} stopped sending pictures.", "Check it and its network.")
 
-    def _use_clock(self, path: str | None) -> None:
-        if path is None or not path.startswith("/"):
-            return
-        parts = urllib.parse.urlsplit(self._chosen.target)
-        where = parts._replace(path=path, query="")
-
-        def ask() -> int:
-            if self._clock_connection is None:
-                self._clock_connection, response = _get(self._chosen, where)
-            else:
-                self._clock_connection.request("GET", path, headers=_headers(self._chosen, where))
-                response = self._clock_connection.getresponse()
-            return int(response.read(64))
-
-        self._clock = FarClock(ask)
-        for _ in range(_FIRST_ROUND_TRIPS):
-            self._ask_clock()
-
-    def _ask_clock(self) -> None:
-        self._clock_asked_ns = clock.now_ns()
-        if self._clock is None:
-            return
-        try:
-            self._clock.measure()
-        except (OSError, ValueError, http.client.HTTPException, CameraError):
-            _log.info("the clock of %s was not told", self._chosen.name, exc_info=True)
-            if self._clock_connection is not None:
-                self._clock_connection.close()
-                self._clock_connection = None
-
     def _taken(self, head: dict[str, str]) -> tuple[int, int] | None:
         stamp = head.get(CAPTURED_HEADER, "")
         if self._clock is None or not stamp.isdecimal() or len(stamp) > 20:
             return None
-        if clock.now_ns() - self._clock_asked_ns >= _CLOCK_EVERY_NS:
-            self._ask_clock()
         return self._clock.here(int(stamp))
 
 
@@ -186,30 +143,3 @@ class Parts:
         content = bytes(buffer[start:end])
         del buffer[:end]
         return head, content
-
-
-def _get(
-    chosen: ChosenCamera, parts: urllib.parse.SplitResult
-) -> tuple[http.client.HTTPConnection, http.client.HTTPResponse]:
-    """Raises CameraError."""
-    kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
-    connection = kind(parts.hostname or "", parts.port, timeout=OPEN_TIMEOUT_S)
-    try:
-        path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
-        connection.request("GET", path, headers=_headers(chosen, parts))
-        connection.sock.settimeout(SILENCE_S)
-        response = connection.getresponse()
-    except (OSError, http.client.HTTPException) as error:
-        connection.close()
-        raise cannot_be_reached(chosen.name) from error
-    return connection, response
-
-
-def _headers(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dict[str, str]:
-    token = camera_token(chosen)
-    if token:
-        return {"Authorization": f"Bearer {token}"}
-    if parts.username is None:
-        return {}
-    pair = f"{urllib.parse.unquote(parts.username)}:{urllib.parse.unquote(parts.password or '')}"
-    return {"Authorization": f"Basic {base64.b64encode(pair.encode()).decode()}"}

@@ -25,6 +25,10 @@ def open_camera(chosen: ChosenCamera) -> CameraSource:
             return OakCamera(chosen.target)
         case "http":
             return _open_http(chosen)
+        case "whep" | "webrtc":
+            from caris_desktop.perception.cameras.webrtc_camera import WebRtcCamera
+
+            return WebRtcCamera(chosen)
         case "robot" | "simulated":
             raise CameraError(
                 f"{chosen.kind} is not a camera that can be opened here.", "Choose it in the console, with --camera."

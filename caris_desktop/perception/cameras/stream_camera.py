@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain.pictures import PictureError, check_size, fitting_size
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,
@@ -74,10 +77,7 @@ class StreamCamera:
             )
         self._pictures_in_round += 1
         self._broken = 0
-        check_size(frame.width, frame.height)
-        width_px, height_px = fitting_size(frame.width, frame.height)
-        image_bgr = frame.reformat(width=width_px, height=height_px, format="bgr24").to_ndarray()
-        return Picture(image_bgr, self._due_s(frame) if self._recorded else None)
+        return Picture(bgr_of(frame), self._due_s(frame) if self._recorded else None)
 
     def close(self) -> None:
         self._container.close()
@@ -106,3 +106,11 @@ class StreamCamera:
         if not path.exists():
             return CameraError(f"The video file {path} does not exist.", "Check its path.")
         return CameraError(f"{path} is not a video file that can be played.", "Choose another file.")
+
+
+def bgr_of(frame: Any) -> NDArray[np.uint8]:
+    """PyAV's frame in a size that fits. Raises PictureError."""
+    check_size(frame.width, frame.height)
+    width_px, height_px = fitting_size(frame.width, frame.height)
+    image_bgr = frame.reformat(width=width_px, height=height_px, format="bgr24").to_ndarray()
+    return np.asarray(image_bgr, np.uint8)

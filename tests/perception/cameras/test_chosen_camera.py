@@ -25,6 +25,11 @@ from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_
             ChosenCamera("stream", "rtsp://user:secret@10.0.0.7:554/main", "10.0.0.7"),
         ),
         ("https://hall.example/v.mjpg", ChosenCamera("http", "https://hall.example/v.mjpg", "hall.example")),
+        ("whep+http://pi:8090/whep", ChosenCamera("whep", "http://pi:8090/whep", "pi")),
+        (
+            "webrtc+https://pi/offer#token-env=A",
+            ChosenCamera("webrtc", "https://pi/offer", "pi", token_env="A"),
+        ),
         (
             "http://pi:8090/video.mjpg#token-env=PI_TOKEN",
             ChosenCamera("http", "http://pi:8090/video.mjpg", "pi", token_env="PI_TOKEN"),

@@ -1,0 +1,104 @@
+"""``caris-desktop camera-server``: a camera of this computer for the console on another, with the time of each picture.
+
+For the small computer on the robot: it needs numpy, opencv, PyAV and aiortc, and neither Qt nor torch.
+"""
+
+import argparse
+import asyncio
+import ipaddress
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+
+LEAST_TOKEN = 16
+_log = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--source", metavar="SOURCE", required=True, help="oak, webcam, a device number, an address, or a video file"
+    )
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to listen at (default: %(default)s, which only this computer sees)"
+    )
+    parser.add_argument("--port", type=int, default=8090, help="port to listen at; 0 for any (default: %(default)s)")
+    parser.add_argument(
+        "--token-env",
+        metavar="NAME",
+        help="environment variable that holds what clients have to tell; needed when others than this computer may ask",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until SIGTERM or Ctrl+C; exit status 0 then, and 2 where it cannot begin."""
+    from caris_desktop.perception.cameras.camera_source import CameraError
+    from caris_desktop.perception.cameras.chosen_camera import parse_camera
+
+    logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
+    text = "0" if arguments.source == "webcam" else arguments.source
+    try:
+        chosen = parse_camera(text)
+    except CameraError as error:
+        print(f"{error} {error.advice}", file=sys.stderr)
+        return 2
+    if chosen.kind in ("robot", "simulated") or (chosen.recorded and not Path(chosen.target).is_file()):
+        print(f"{text} is no camera or video file of this computer.", file=sys.stderr)
+        return 2
+    token = os.environ.get(arguments.token_env, "").strip() if arguments.token_env else ""
+    if arguments.token_env and len(token) < LEAST_TOKEN:
+        print(
+            f"The environment variable {arguments.token_env} has to hold a token of {LEAST_TOKEN} characters or more; "
+            "'openssl rand -hex 16' makes one.",
+            file=sys.stderr,
+        )
+        return 2
+    if not token and not _is_loopback(arguments.host):
+        print(
+            f"At {arguments.host} everybody in the network could watch: name an environment variable that holds a "
+            "token with --token-env, or listen at 127.0.0.1.",
+            file=sys.stderr,
+        )
+        return 2
+    return asyncio.run(_serve(chosen, arguments.host, arguments.port, token))
+
+
+async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str) -> int:
+    from caris_desktop.perception.cameras.camera_server import CameraServer
+    from caris_desktop.perception.cameras.newest_frame import NewestFrame
+    from caris_desktop.perception.cameras.open_camera import open_camera
+
+    ended = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    frames = NewestFrame(chosen, open_camera)
+    server = CameraServer(frames, token=token)
+    try:
+        listening = await server.serve(host, port)
+    except OSError as error:
+        print(
+            f"{host}:{port} cannot be listened at: {error.strerror or error}. Choose another --port.", file=sys.stderr
+        )
+        return 2
+    at = listening.sockets[0].getsockname()
+    where = f"http://[{at[0]}]:{at[1]}" if ":" in at[0] else f"http://{at[0]}:{at[1]}"
+    print(f"Serving {chosen.name} at {where}/video.mjpg (MJPEG) and whep+{where}/whep (WebRTC).", flush=True)
+    reading = asyncio.create_task(frames.run())
+    await ended.wait()
+    listening.close()
+    reading.cancel()
+    await asyncio.gather(reading, return_exceptions=True)
+    await server.close()
+    return 0
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

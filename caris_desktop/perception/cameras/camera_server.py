@@ -1,0 +1,228 @@
+"""A camera for others in the network: MJPEG and WebRTC, with the time at which each picture was taken.
+
+Runs on the computer on the robot, so it needs neither Qt nor torch, and of HTTP it speaks only what its clients do:
+the console, browsers, and other programs that read MJPEG or WHEP.
+"""
+
+import asyncio
+import base64
+import contextlib
+import hmac
+import json
+import logging
+import socket
+import time
+import urllib.parse
+from dataclasses import dataclass, field
+from typing import cast
+
+from caris_desktop.domain import clock
+from caris_desktop.perception.cameras.newest_frame import NewestFrame
+from caris_desktop.perception.cameras.webrtc_server import WebRtcError, WebRtcServer
+
+MOST_CLIENTS = 16
+_LONGEST_HEAD_BYTES = 16_384
+_LONGEST_BODY_BYTES = 65_536
+_REQUEST_WITHIN_S = 10.0
+# Whoever takes nothing for so long has gone.
+_STALLED_S = 10.0
+# What the system keeps for a slow client beside the newest picture is shown late there.
+_SEND_BUFFER_BYTES = 131_072
+_BOUNDARY = "frame"
+_REASONS = {200: "OK", 201: "Created", 204: "No Content", 400: "Bad Request", 401: "Unauthorized", 403: "Forbidden",
+            404: "Not Found", 405: "Method Not Allowed", 415: "Unsupported Media Type", 501: "Not Implemented",
+            503: "Service Unavailable"}  # fmt: skip
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    method: str
+    path: str
+    head: dict[str, str]
+    body: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    status: int
+    content: bytes = b""
+    content_type: str = "text/plain; charset=utf-8"
+    head: dict[str, str] = field(default_factory=dict)
+
+
+class _BadRequestError(Exception):
+    """What was sent cannot be understood."""
+
+
+class CameraServer:
+    """Serves one camera. ``token`` is what a client has to tell, as bearer or as the password of any user; empty for
+    none, and then only this computer is answered.
+    """
+
+    def __init__(self, frames: NewestFrame, *, token: str = "") -> None:
+        self._frames = frames
+        self._token = token
+        self._webrtc = WebRtcServer(frames)
+        self._clients: set[asyncio.Task[None]] = set()
+
+    async def serve(self, host: str, port: int) -> asyncio.Server:
+        """Raises OSError where the address is not free."""
+        return await asyncio.start_server(self._on_client, host, port, limit=_LONGEST_HEAD_BYTES)
+
+    async def close(self) -> None:
+        for task in tuple(self._clients):
+            task.cancel()
+        await asyncio.gather(*self._clients, return_exceptions=True)
+        await self._webrtc.close()
+
+    async def _on_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = cast("asyncio.Task[None]", asyncio.current_task())
+        self._clients.add(task)
+        try:
+            if len(self._clients) > MOST_CLIENTS:
+                await _send(writer, _Answer(503, b"Too many clients."))
+                return
+            while await self._answer_one(reader, writer):
+                pass
+        except (OSError, asyncio.IncompleteReadError, TimeoutError, asyncio.CancelledError):
+            pass  # it has gone, or the server goes: asyncio would print a trace for each who still looks
+        except _BadRequestError as error:
+            with contextlib.suppress(OSError, TimeoutError):
+                await _send(writer, _Answer(400, str(error).encode()))
+        finally:
+            self._clients.discard(task)
+            writer.close()
+
+    async def _answer_one(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
+        """Whether the same connection may ask again."""
+        # Not wait_for, which in Python 3.11 forgets that it was cancelled.
+        async with asyncio.timeout(_REQUEST_WITHIN_S):
+            request = await _request(reader)
+        refusal = self._refusal(request)
+        if refusal is not None:
+            await _send(writer, refusal)
+            return False
+        if (request.method, request.path) == ("GET", "/video.mjpg"):
+            await self._stream(writer)
+            return False
+        await _send(writer, await self._answer(request))
+        return True
+
+    def _refusal(self, request: _Request) -> _Answer | None:
+        if not self._token:
+            # A page that a browser on this computer shows must not reach us under a name of its own.
+            host = urllib.parse.urlsplit(f"//{request.head.get('host', '')}").hostname
+            known = host in ("127.0.0.1", "localhost", "::1")
+            return None if known else _Answer(403, b"Without a token only this computer is answered.")
+        if hmac.compare_digest(_told_token(request.head.get("authorization", "")), self._token.encode()):
+            return None
+        return _Answer(401, b"A token is needed.", head={"WWW-Authenticate": 'Basic realm="camera"'})
+
+    async def _answer(self, request: _Request) -> _Answer:
+        match request.method, request.path:
+            case "GET", "/":
+                about = {"state": self._frames.state, "detail": self._frames.detail, "pictures": self._frames.sequence}
+                return _Answer(200, json.dumps(about).encode(), "application/json")
+            case "GET", "/clock":
+                return _Answer(200, str(clock.now_ns()).encode())
+            case "GET", "/picture.jpg":
+                async with asyncio.timeout(_REQUEST_WITHIN_S):
+                    frame = await self._frames.after(0)
+                return _Answer(200, await frame.jpeg(), "image/jpeg", _when(frame.captured_ns))
+            case "POST", "/whep" | "/offer":
+                return await self._offered(request)
+        of_one = request.path.removeprefix("/whep/").split("/")
+        if request.path.startswith("/whep/") and request.method == "DELETE" and len(of_one) == 1:
+            return _Answer(204) if await self._webrtc.end(of_one[0]) else _Answer(404)
+        if request.method == "GET" and len(of_one) == 2 and of_one[1] == "stamps":
+            stamps = self._webrtc.stamps(of_one[0])
+            if stamps is not None:
+                return _Answer(200, json.dumps(stamps).encode(), "application/json")
+        return _Answer(404, b"There is /video.mjpg, /picture.jpg, /whep, /offer, /clock and /.")
+
+    async def _offered(self, request: _Request) -> _Answer:
+        plain = request.path == "/offer"
+        wanted = "application/json" if plain else "application/sdp"
+        if request.head.get("content-type", "").partition(";")[0].strip().lower() != wanted:
+            return _Answer(415, f"An offer is {wanted}.".encode())
+        try:
+            offer = json.loads(request.body)["sdp"] if plain else request.body.decode()
+            key, answer = await self._webrtc.connect(str(offer))
+        except (ValueError, KeyError, TypeError, UnicodeDecodeError):
+            return _Answer(400, b"This offer cannot be understood.")
+        except WebRtcError as error:
+            return _Answer(error.status, str(error).encode())
+        head = {"Location": f"/whep/{key}", "X-Clock": "/clock"}
+        if plain:
+            return _Answer(200, json.dumps({"sdp": answer, "type": "answer"}).encode(), "application/json", head)
+        return _Answer(201, answer.encode(), "application/sdp", head)
+
+    async def _stream(self, writer: asyncio.StreamWriter) -> None:
+        """One picture after the other: while one is on its way, those that come meanwhile are passed over."""
+        connection = writer.get_extra_info("socket")
+        if connection is not None:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        writer.transport.set_write_buffer_limits(high=0)
+        writer.write(
+            b"HTTP/1.1 200 OK\r\nCache-Control: no-store\r\nConnection: close\r\nX-Clock: /clock\r\n"
+            b"Content-Type: multipart/x-mixed-replace; boundary=" + _BOUNDARY.encode() + b"\r\n\r\n"
+        )
+        sequence = 0
+        while True:
+            frame = await self._frames.after(sequence)
+            sequence = frame.sequence
+            content = await frame.jpeg()
+            head = {"Content-Type": "image/jpeg", "Content-Length": str(len(content)), **_when(frame.captured_ns)}
+            lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
+            writer.write(f"--{_BOUNDARY}\r\n{lines}\r\n".encode() + content + b"\r\n")
+            async with asyncio.timeout(_STALLED_S):
+                await writer.drain()
+
+
+def _when(captured_ns: int) -> dict[str, str]:
+    """``X-Timestamp`` as other MJPEG servers have it, seconds of UTC; what is exact is the monotonic clock, for which
+    ``/clock`` can be asked.
+    """
+    utc_ns = time.time_ns() - (clock.now_ns() - captured_ns)
+    return {"X-Timestamp": f"{utc_ns / 1e9:.6f}", "X-Captured-Monotonic-Ns": str(captured_ns)}
+
+
+def _told_token(authorization: str) -> bytes:
+    kind, _, told = authorization.strip().partition(" ")
+    if kind.lower() == "bearer":
+        return told.strip().encode()
+    if kind.lower() == "basic":
+        try:
+            return base64.b64decode(told, validate=True).partition(b":")[2]
+        except ValueError:
+            return b""
+    return b""
+
+
+async def _request(reader: asyncio.StreamReader) -> _Request:
+    """Raises _BadRequestError, and IncompleteReadError at the end."""
+    try:
+        lines = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
+    except asyncio.LimitOverrunError as error:
+        raise _BadRequestError("The head of this request is too long.") from error
+    words = lines[0].split(" ")
+    if len(words) != 3 or not words[2].startswith("HTTP/1."):
+        raise _BadRequestError("This is not HTTP.")
+    head = {
+        name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:] if line)
+    }
+    length = head.get("content-length", "0")
+    if not length.isdecimal() or len(length) > 9 or int(length) > _LONGEST_BODY_BYTES or "transfer-encoding" in head:
+        raise _BadRequestError("The body of this request is too long, or its length is not told.")
+    body = await reader.readexactly(int(length))
+    return _Request(words[0], urllib.parse.urlsplit(words[1]).path, head, body)
+
+
+async def _send(writer: asyncio.StreamWriter, answer: _Answer) -> None:
+    head = {"Content-Type": answer.content_type, "Content-Length": str(len(answer.content)),
+            "Cache-Control": "no-store", **answer.head}  # fmt: skip
+    lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
+    writer.write(f"HTTP/1.1 {answer.status} {_REASONS[answer.status]}\r\n{lines}\r\n".encode() + answer.content)
+    async with asyncio.timeout(_STALLED_S):
+        await writer.drain()

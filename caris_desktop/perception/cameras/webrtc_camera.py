@@ -1,0 +1,211 @@
+"""A camera over WebRTC: by WHEP, or by a plain HTTP offer (JSON with ``sdp`` and ``type``, answered alike)."""
+
+import asyncio
+import bisect
+import contextlib
+import json
+import logging
+import urllib.parse
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from caris_desktop.domain import clock
+from caris_desktop.perception.cameras.camera_source import SILENCE_S, CameraError, Picture
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.far_clock import ServedClock
+from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER
+from caris_desktop.perception.cameras.http_request import CameraConnection
+from caris_desktop.perception.cameras.stream_camera import bgr_of
+
+_FIRST_PICTURE_S = 10.0
+_STAMPS_EVERY_NS = 500_000_000
+_ROUNDED_TICKS = 9  # a tenth of a millisecond
+_log = logging.getLogger(__name__)
+
+
+class WebRtcCamera:
+    """Reads through an event loop that runs while a picture is waited for."""
+
+    fps: float | None = None
+
+    def __init__(self, chosen: ChosenCamera) -> None:
+        """Raises CameraError."""
+        try:
+            import aiortc
+        except ImportError as error:
+            raise CameraError("Cameras over WebRTC need the package aiortc.", "pip install aiortc") from error
+        logging.getLogger("aioice").setLevel(logging.WARNING)  # it tells of each of its packets
+        self._chosen = chosen
+        self._parts = urllib.parse.urlsplit(chosen.target)
+        self._resource = ""
+        self._clock: ServedClock | None = None
+        self._stamps_asked_ns = 0
+        self._moments = CaptureMoments()
+        self._newest: Any = None
+        self._came = asyncio.Event()
+        self._reading: asyncio.Task[None] | None = None
+        self._loop = asyncio.new_event_loop()
+        # Without servers of others on the way: the camera is in the same network.
+        self._connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
+        self._connection.on("track", self._on_track)
+        try:
+            self._loop.run_until_complete(self._connect())
+            self._first: Any = self._next(_FIRST_PICTURE_S)
+        except CameraError:
+            self.close()
+            raise
+        self.width_px, self.height_px = self._first.width, self._first.height
+
+    def read(self) -> Picture | None:
+        frame = self._first if self._first is not None else self._next(SILENCE_S)
+        self._first = None
+        moment = self._taken(frame)
+        image_bgr = bgr_of(frame)
+        if moment is None:
+            return Picture(image_bgr)
+        return Picture(image_bgr, taken_ns=moment[0], taken_uncertainty_ns=moment[1])
+
+    def close(self) -> None:
+        if self._resource:
+            with contextlib.suppress(CameraError), CameraConnection(self._chosen) as connection:
+                connection.ask("DELETE", self._resource)
+        if self._clock is not None:
+            self._clock.close()
+        self._loop.run_until_complete(self._end())
+        self._loop.close()
+
+    async def _end(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
+            await asyncio.gather(self._reading, return_exceptions=True)
+        await self._connection.close()
+
+    async def _connect(self) -> None:
+        self._connection.addTransceiver("video", direction="recvonly")
+        await self._connection.setLocalDescription(await self._connection.createOffer())
+        sdp = self._connection.localDescription.sdp
+        plain = self._chosen.kind == "webrtc"
+        body = json.dumps({"sdp": sdp, "type": "offer"}) if plain else sdp
+        kind = "application/json" if plain else "application/sdp"
+        with CameraConnection(self._chosen) as connection:
+            response, content = connection.ask("POST", body=body.encode(), head={"Content-Type": kind})
+        if response.status not in (200, 201):
+            raise self._refused(response.status, content)
+        try:
+            answer = json.loads(content)["sdp"] if plain else content.decode()
+            await self._connection.setRemoteDescription(_description(str(answer)))
+        except Exception as error:
+            # What aiortc raises for an answer that it cannot use is of many kinds.
+            raise CameraError(
+                f"The camera at {self._chosen.name} gives an answer that is not WebRTC.",
+                "Check the address: it has to be the one for WHEP, or for offers.",
+            ) from error
+        location = urllib.parse.urljoin(self._chosen.target, response.headers.get("Location", ""))
+        if response.headers.get("Location") and urllib.parse.urlsplit(location).netloc == self._parts.netloc:
+            self._resource = urllib.parse.urlsplit(location).path
+            clock_path = response.headers.get(CLOCK_HEADER, "")
+            if clock_path.startswith("/"):
+                self._clock = ServedClock(self._chosen, clock_path)
+
+    def _refused(self, status: int, content: bytes) -> CameraError:
+        if status in (401, 403):
+            return CameraError(
+                f"The camera at {self._chosen.name} refuses the token.",
+                "Put the token that it was started with into the environment variable that its address names "
+                "(#token-env=NAME).",
+            )
+        said = content[:200].decode("utf-8", "replace").strip()
+        return CameraError(
+            f"The camera at {self._chosen.name} refuses the connection ({status} {said}).", "Check its address."
+        )
+
+    def _on_track(self, track: Any) -> None:
+        if self._reading is None:
+            self._reading = self._loop.create_task(self._read_all(track))
+
+    async def _read_all(self, track: Any) -> None:
+        """All that has come, of which the newest stays."""
+        from aiortc.mediastreams import MediaStreamError
+
+        with contextlib.suppress(MediaStreamError):
+            while True:
+                self._newest = await track.recv()
+                self._moments.note(self._newest.pts)
+                self._came.set()
+        self._newest = None
+        self._came.set()
+
+    def _next(self, within_s: float) -> Any:
+        async def wait() -> Any:
+            await asyncio.wait_for(self._came.wait(), within_s)
+            self._came.clear()
+            return self._newest
+
+        try:
+            frame = self._loop.run_until_complete(wait())
+        except TimeoutError:
+            frame = None
+        if frame is None:
+            raise CameraError(
+                f"The camera at {self._chosen.name} stopped sending pictures.", "Check it and its network."
+            )
+        return frame
+
+    def _taken(self, frame: Any) -> tuple[int, int] | None:
+        if self._clock is None:
+            return None
+        now_ns = clock.now_ns()
+        if not self._moments.known and now_ns - self._stamps_asked_ns >= _STAMPS_EVERY_NS:
+            self._stamps_asked_ns = now_ns
+            try:
+                with CameraConnection(self._chosen) as connection:
+                    self._moments.match(json.loads(connection.ask("GET", f"{self._resource}/stamps")[1]))
+            except (CameraError, ValueError, TypeError):
+                _log.info("when %s took its pictures was not told", self._chosen.name, exc_info=True)
+        far_ns = self._moments.captured_ns(frame.pts)
+        return None if far_ns is None else self._clock.here(far_ns)
+
+
+class CaptureMoments:
+    """Which moment of the far clock a frame's time is.
+
+    Frames count ticks from an unknown beginning. The far side tells when it took its last pictures; only one beginning
+    makes the distances between the frames that have come those between some of these.
+    """
+
+    def __init__(self) -> None:
+        self._seen: deque[int] = deque(maxlen=8)
+        self._beginning: int | None = None
+
+    @property
+    def known(self) -> bool:
+        return self._beginning is not None
+
+    def note(self, pts: int) -> None:
+        self._seen.append(pts)
+
+    def match(self, told_ticks: Sequence[int]) -> None:
+        """What the far side tells now."""
+        if len(self._seen) < 4:
+            return
+        told = sorted(told_ticks)
+        beginnings = [tick - self._seen[-1] for tick in told]
+        fitting = [begun for begun in beginnings if all(_holds(told, begun + pts) for pts in self._seen)]
+        if len(fitting) == 1:
+            self._beginning = fitting[0]
+
+    def captured_ns(self, pts: int) -> int | None:
+        return None if self._beginning is None else (self._beginning + pts) * 100_000 // 9
+
+
+def _holds(ticks: Sequence[int], tick: int) -> bool:
+    """Whether one of these is the same moment, but for what rounding on the way makes of it."""
+    at = bisect.bisect_left(ticks, tick - _ROUNDED_TICKS)
+    return at < len(ticks) and ticks[at] <= tick + _ROUNDED_TICKS
+
+
+def _description(sdp: str) -> Any:
+    import aiortc
+
+    return aiortc.RTCSessionDescription(sdp=sdp, type="answer")

@@ -1,0 +1,109 @@
+"""The newest picture of a camera over WebRTC, by aiortc."""
+
+import asyncio
+import fractions
+import secrets
+from collections import deque
+from typing import Any
+
+from caris_desktop.perception.cameras.newest_frame import NewestFrame
+
+MOST_CONNECTIONS = 4
+"""Each encodes for itself, which costs the small computer on a robot about half a core."""
+CLOCK_RATE_HZ = 90_000
+_STAMPS_KEPT = 300
+
+
+class WebRtcError(Exception):
+    """No connection comes about; ``status`` is that of HTTP."""
+
+    def __init__(self, status: int, what: str) -> None:
+        super().__init__(what)
+        self.status = status
+
+
+class WebRtcServer:
+    """One connection for each client. In one event loop."""
+
+    def __init__(self, frames: NewestFrame) -> None:
+        self._frames = frames
+        self._connections: dict[str, Any] = {}
+        self._stamps: dict[str, deque[int]] = {}
+
+    async def connect(self, offer_sdp: str) -> tuple[str, str]:
+        """The key of a new connection, and the answer to this offer.
+
+        Raises WebRtcError, and ValueError where the offer is none.
+        """
+        try:
+            import aiortc
+        except ImportError as error:
+            raise WebRtcError(501, "WebRTC needs the package aiortc: pip install aiortc") from error
+        if len(self._connections) >= MOST_CONNECTIONS:
+            raise WebRtcError(503, "Too many clients.")
+        # Without servers of others on the way: whoever looks is in the same network.
+        connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
+        key = secrets.token_urlsafe(12)
+        stamps: deque[int] = deque(maxlen=_STAMPS_KEPT)
+        self._connections[key], self._stamps[key] = connection, stamps
+
+        async def on_state_change() -> None:
+            if connection.connectionState in ("failed", "closed"):
+                await self.end(key)
+
+        connection.on("connectionstatechange", on_state_change)
+        try:
+            await connection.setRemoteDescription(aiortc.RTCSessionDescription(sdp=offer_sdp, type="offer"))
+            connection.addTrack(_track(self._frames, stamps))
+            await connection.setLocalDescription(await connection.createAnswer())
+        except Exception as error:
+            await self.end(key)
+            # What aiortc raises for an offer that it cannot use is of many kinds.
+            raise ValueError("the offer cannot be used") from error
+        return key, connection.localDescription.sdp
+
+    def stamps(self, key: str) -> list[int] | None:
+        """When the last pictures of this connection were taken, in ticks of the clock that its frames carry."""
+        stamps = self._stamps.get(key)
+        return None if stamps is None else list(stamps)
+
+    async def end(self, key: str) -> bool:
+        """Whether there was such a connection."""
+        connection = self._connections.pop(key, None)
+        self._stamps.pop(key, None)
+        if connection is not None:
+            await connection.close()
+        return connection is not None
+
+    async def close(self) -> None:
+        await asyncio.gather(*(self.end(key) for key in tuple(self._connections)))
+
+
+def ticks_of(monotonic_ns: int) -> int:
+    return monotonic_ns * 9 // 100_000
+
+
+def _track(frames: NewestFrame, stamps: deque[int]) -> Any:
+    import aiortc
+    import av
+
+    class CameraTrack(aiortc.MediaStreamTrack):  # type: ignore[misc]
+        """Each frame's time is when its picture was taken."""
+
+        kind = "video"
+
+        def __init__(self) -> None:
+            super().__init__()
+            self._sequence = 0
+
+        async def recv(self) -> Any:
+            frame = await frames.after(self._sequence)
+            self._sequence = frame.sequence
+            height_px, width_px = (length_px // 2 * 2 for length_px in frame.image_bgr.shape[:2])
+            video = av.VideoFrame.from_ndarray(frame.image_bgr[:height_px, :width_px], format="bgr24")
+            video.pts = ticks_of(frame.captured_ns)
+            video.time_base = fractions.Fraction(1, CLOCK_RATE_HZ)
+            stamps.append(video.pts)
+            return video
+
+    return CameraTrack()
