@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Vectors = NDArray[np.float32]
 
 KEEP = 0.95
-GOOD_QUALITY = 0.5
+GOOD_QUALITY = 0.4
 MOST_VIEWS = 7
 _ALIKE = 0.93  # a view that is closer than this to one that is kept tells nothing new
 

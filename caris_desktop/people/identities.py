@@ -22,7 +22,7 @@ _SUGGEST_AFTER_LOOKS = 2
 _SURE_AFTER_LOOKS = 5
 _SURE_AFTER_NS = 1_500_000_000
 _SURE_SHARE = 0.8
-_VISITS_OF_A_PERSON = 4
+_VISITS_OF_A_PERSON = 3  # beside the first, of which the wizard said who it was
 MOST_STRANGERS = 60
 
 
@@ -40,7 +40,7 @@ class Line:
 # Of OSNet on people of the simulator, other ones than those of the benchmark's report. A face is as ArcFace's own
 # models tell apart: two pictures of one person lie above 0.4, of two people below 0.3.
 LINES: Mapping[LooksKind, Line] = {
-    "clothing": Line(stranger_at=0.80, scale=40.0, margin=3.0),
+    "clothing": Line(stranger_at=0.84, scale=40.0, margin=3.0),
     "face": Line(stranger_at=0.38, scale=30.0, margin=3.0),
 }
 
@@ -126,6 +126,11 @@ class Identities:
             self._root.pop(person_id, None)
         self._galleries = None
 
+    def drop_visit(self, person_id: str) -> None:
+        """Nobody decided who that was, and nobody will."""
+        if person_id not in self._settled:
+            self._views.pop(person_id, None)
+
     def settle(self, person_id: str, *, lasting: bool = False) -> None:
         """This visit stands for itself: somebody to be recognised. ``lasting``: the wizard knows them."""
         self._settled[person_id] = None
@@ -134,10 +139,13 @@ class Identities:
         self._galleries = None
 
     def end_visit(self, person_id: str) -> None:
-        """They left: their last looks are void, and what was learned of them counts from now on."""
+        """They left: their last looks are void. What was learned stays, should it be decided later who they were."""
         self._recent.pop(person_id, None)
-        if person_id not in self._settled:
-            self._views.pop(person_id, None)
+        root = self._root.get(person_id)
+        theirs = [each for each in self._settled if self._root.get(each) == root] if root else []
+        for older in theirs[:-_VISITS_OF_A_PERSON]:
+            self._views.pop(older, None)
+            self._settled.pop(older)
         strangers = [each for each in self._settled if each not in self._lasting and each not in self._root]
         strangers = [each for each in strangers if each not in self._root.values()]
         for stranger in strangers[:-MOST_STRANGERS]:
@@ -203,11 +211,11 @@ class Identities:
                 continue
             alike = alike[candidates]
             means = alike.mean(axis=1)
-            first = alike.argmax(axis=0)
+            shares = np.bincount(alike.argmax(axis=0), minlength=len(candidates)) / alike.shape[1]
             for row, candidate in enumerate(candidates):
                 known = gallery.person_ids[candidate]
                 evidence.setdefault(known, {})[by[0]] = line.scale * (float(means[row]) - line.stranger_at)
-                wins[known] = max(wins.get(known, 0.0), float((first == row).mean()))
+                wins[known] = max(wins.get(known, 0.0), float(shares[row]))
         if looks < _SUGGEST_AFTER_LOOKS or not evidence:
             return Judgement(looks=looks)
         guesses = _guesses(evidence)
@@ -239,10 +247,10 @@ class Identities:
 
     def _built(self, by: _By) -> Gallery:
         of_person: dict[str, list[Vectors]] = {}
-        for person_id in reversed(self._settled):
+        for person_id in self._settled:
             views = self._views.get(person_id, {}).get(by)
             held = of_person.setdefault(self._root.get(person_id, person_id), [])
-            if views is not None and len(held) < _VISITS_OF_A_PERSON:
+            if views is not None:
                 held.append(views.vectors())
         return Gallery.of(of_person)
 

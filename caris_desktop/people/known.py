@@ -300,7 +300,8 @@ class KnownPeople:
         return ids
 
     def drop_visit(self, person_id: str) -> None:
-        """Somebody of whom nothing is known left long ago."""
+        """Somebody left long ago."""
+        self.identities.drop_visit(person_id)
         if person_id not in self._abouts and person_id not in self._roots:
             self._last_seen_utc_ns.pop(person_id, None)
             self._rejections = {pair for pair in self._rejections if pair[0] != person_id}

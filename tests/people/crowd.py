@@ -1,0 +1,83 @@
+"""People made up of vectors: each has a direction of their own, from which single looks stray a little."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from caris_desktop.domain.events import Event
+from caris_desktop.domain.people import LooksKind, PersonLooks
+from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.people.gallery import Vectors, unit
+from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.presence import Presence, RecognitionSettings
+from caris_desktop.people.store import PeopleStore
+
+FRAME_NS = 250_000_000
+_LENGTH = 512
+
+
+def direction(number: int) -> Vectors:
+    """Of a negative number somebody who looks much like the positive one's."""
+    if number < 0:
+        return unit(direction(-number) + np.float32(0.2) * direction(1000 - number))
+    return unit(np.random.default_rng([7, number]).normal(size=_LENGTH).astype(np.float32))
+
+
+class Room:
+    """A camera in front of which people come and go; ``stray`` is how much their looks differ from one to the next."""
+
+    def __init__(
+        self,
+        store: PeopleStore | None = None,
+        *,
+        settings: RecognitionSettings = RecognitionSettings(),  # noqa: B008 - frozen
+        morning: datetime = datetime(2026, 11, 23, 9, 0),
+        stray: float = 0.25,
+    ) -> None:
+        self.now_ns = 0
+        self.morning = morning
+        self.knowing = KnownPeople(store, now=self.now)
+        self.presence = Presence(self.knowing, confirm_frames=1, settings=settings)
+        self.events: list[Event] = []
+        self._stray = stray
+        self._chance = np.random.default_rng(5)
+        self._track = 0
+
+    def now(self) -> datetime:
+        return self.morning + timedelta(microseconds=self.now_ns / 1000.0)
+
+    def look(self, number: int) -> Vectors:
+        """As somebody looks in one frame."""
+        strays = unit(self._chance.normal(size=_LENGTH).astype(np.float32))
+        return unit(direction(number) + self._stray * strays)
+
+    def visit(
+        self, *numbers: int, frames: int = 12, kind: LooksKind = "clothing", leaves: bool = True, quality: float = 0.9
+    ) -> list[str]:
+        """These people come, in a frame each 250 ms, and leave; gives the ids of their visits."""
+        tracks = {self._track + 1 + index: number for index, number in enumerate(numbers)}
+        self._track += len(numbers)
+        self.see(tracks, frames=frames, kind=kind, quality=quality)
+        rows = {row.track: row.visit_id for row in self.presence.persons()}
+        if leaves:
+            self.wait(4.0)
+        return [rows[track] for track in tracks]
+
+    def see(self, tracks: dict[int, int], *, frames: int, kind: LooksKind = "clothing", quality: float = 0.9) -> None:
+        """Who is seen as which track."""
+        for _ in range(frames):
+            self.now_ns += FRAME_NS
+            boxes = tuple(PersonBox(track, "", 10.0 * track, 20.0, 30.0, 90.0, 0.9) for track in tracks)
+            frame = People(self.now_ns, "front", self.now_ns // FRAME_NS, 640, 480, boxes, 8.0)
+            self.events += self.presence.update(frame)[1]
+            for track, number in tracks.items():
+                looks = PersonLooks(self.now_ns, "front", track, kind, f"{kind}-net", self.look(number), quality)
+                self.events += self.presence.take_looks(looks)
+
+    def wait(self, seconds: float) -> None:
+        """Nobody is seen for a while."""
+        self.now_ns += round(seconds * 1e9)
+        self.events += self.presence.tick(self.now_ns)
+
+    def of(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]

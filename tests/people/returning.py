@@ -1,0 +1,151 @@
+"""People who leave and return, told apart by how they look: what the identities make of it, against the truth."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+from caris_desktop.domain.events import PersonIdentified
+from caris_desktop.domain.intents import NamePerson
+from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.presence import Presence, RecognitionSettings
+from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.following import view_qualities
+from caris_desktop.simulator.people import Visit
+from tests.support.walkers import FilmedFrame
+
+RATE_HZ = 2.0
+MORNING = datetime(2026, 11, 23, 9, 0)
+_CONFIDENCE = 0.8
+_LEAST_PX = (20.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """One frame: who is in it, how they look, and who each of the tracks really is."""
+
+    people: People
+    looks: tuple[PersonLooks, ...]
+    person_of_track: dict[int, int]
+
+
+@dataclass
+class Outcome:
+    """Of the visits of known people after their first: how often the console was right.
+
+    ``named`` are those whom it gave their name by itself, and ``wrong`` counts every identification by itself that was
+    not right, of strangers too. ``told`` has each confidence that was shown, and whether that was right.
+    """
+
+    returns: int = 0
+    suggested: int = 0
+    named: int = 0
+    wrong: int = 0
+    told: list[tuple[float, bool]] = field(default_factory=list)
+
+    @property
+    def suggested_share(self) -> float:
+        return self.suggested / max(1, self.returns)
+
+    @property
+    def named_share(self) -> float:
+        return self.named / max(1, self.returns)
+
+
+def visits_of(
+    people: Sequence[int], *, rounds: int, seed: int, clothes: Sequence[int] = (0,), stays_s: float = 6.0
+) -> list[Visit]:
+    """Everybody comes once a round, each time in another order, two or three at a time; ``clothes`` of each round."""
+    chance = Random(f"{seed}/returns")  # noqa: S311 - walks, no secrets
+    visits, comes_s = [], 0.0
+    for number in range(rounds):
+        for person in chance.sample(people, len(people)):
+            stay_s = stays_s * chance.uniform(0.8, 1.2)
+            visits.append(Visit(person, comes_s, stay_s, clothes[number % len(clothes)]))
+            comes_s += 0.75 * stays_s * chance.uniform(0.8, 1.2)
+        comes_s += 8.0
+    return visits
+
+
+def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Sight]:
+    """What perception would tell if it found everybody, and knew every track to its end."""
+    for frame in frames:
+        boxes = [box for box in frame.boxes if box.width_px >= _LEAST_PX[0] and box.height_px >= _LEAST_PX[1]]
+        if not boxes:
+            yield Sight(_people(frame.stamp_ns, ()), (), {})
+            continue
+        corners = np.array(
+            [(box.left_px, box.top_px, box.left_px + box.width_px, box.top_px + box.height_px) for box in boxes]
+        )
+        height_px, width_px = frame.image_bgr.shape[:2]
+        qualities = view_qualities(corners, np.full(len(boxes), _CONFIDENCE), (float(width_px), float(height_px)))
+        vectors = network.look(frame.image_bgr, list(corners)).astype(np.float32)
+        looks = tuple(
+            PersonLooks(frame.stamp_ns, "front", box.visit, "clothing", network.name, vector, float(quality))
+            for box, vector, quality in zip(boxes, vectors, qualities, strict=True)
+        )
+        found = tuple(
+            PersonBox(box.visit, "", box.left_px, box.top_px, box.width_px, box.height_px, _CONFIDENCE) for box in boxes
+        )
+        yield Sight(_people(frame.stamp_ns, found), looks, {box.visit: box.person for box in boxes})
+
+
+def _people(stamp_ns: int, boxes: tuple[PersonBox, ...]) -> People:
+    return People(stamp_ns, "front", stamp_ns // 10**6, 640, 480, boxes, 8.0)
+
+
+def recognised(
+    sights: Iterable[Sight],
+    known: Iterable[int],
+    settings: RecognitionSettings = RecognitionSettings(),  # noqa: B008
+) -> Outcome:
+    """The wizard names the ``known`` at their first visit, and does nothing any more."""
+    to_name = set(known)
+    everybody = frozenset(to_name)
+    now_ns = 0
+    knowing = KnownPeople(now=lambda: MORNING + timedelta(microseconds=now_ns / 1000.0))
+    presence = Presence(knowing, confirm_frames=1, settings=settings)
+    outcome = Outcome()
+    truth: dict[str, int] = {}  # of each visit
+    named_at_first: set[str] = set()
+    last_told: dict[str, list[str]] = defaultdict(list)
+    for sight in sights:
+        now_ns = sight.people.stamp_ns
+        events = presence.update(sight.people)[1]
+        for row in presence.persons():
+            truth.setdefault(row.visit_id, sight.person_of_track.get(row.track, -1))
+        for looks in sight.looks:
+            events += presence.take_looks(looks)
+        for event in events:
+            if isinstance(event, PersonIdentified):
+                right = truth[event.person_id] == truth[event.is_person_id]
+                outcome.wrong += not right
+                outcome.named += right and event.is_person_id in named_at_first
+        for row in presence.persons():
+            if truth[row.visit_id] in to_name:
+                to_name.remove(truth[row.visit_id])
+                named_at_first.add(row.visit_id)
+                presence.do(NamePerson(row.person_id, f"Name {truth[row.visit_id]}"), now_ns)
+            elif row.person_id != row.visit_id:
+                last_told[row.visit_id] = [row.person_id]
+            else:
+                last_told[row.visit_id] = [suggested.person_id for suggested in row.suggestions]
+                outcome.told += [
+                    (suggested.confidence, truth[suggested.person_id] == truth[row.visit_id])
+                    for suggested in row.suggestions[:1]
+                ]
+    for visit_id, person in truth.items():
+        if person in everybody and visit_id not in named_at_first:
+            outcome.returns += 1
+            outcome.suggested += person in {truth[each] for each in last_told[visit_id]}
+    return outcome
+
+
+def find_osnet(folder: Path) -> Path:
+    return folder / "osnet_x0_25_msmt17.onnx"

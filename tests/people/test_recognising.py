@@ -1,0 +1,202 @@
+"""Who comes back is known again, and nobody is taken for somebody else, on injected time and made-up looks."""
+
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import PersonIdentified, PersonSuggested
+from caris_desktop.people.presence import RecognitionSettings
+from caris_desktop.people.store import PeopleStore
+from tests.people.crowd import Room
+
+ASK_FIRST = RecognitionSettings(confirm_at=1.0)
+ADA, BO, CY = 1, 2, 3
+
+
+def named(room: Room, **names: int) -> dict[str, str]:
+    """They come one after the other and get their names; gives the ids."""
+    ids = {}
+    for name, number in names.items():
+        (visit,) = room.visit(number)
+        room.presence.do(intents.NamePerson(visit, name), room.now_ns)
+        ids[name] = visit
+    room.events.clear()
+    return ids
+
+
+def test_who_returns_gets_their_name_back_by_several_looks() -> None:
+    room = Room()
+    ids = named(room, Ada=ADA, Bo=BO)
+    room.visit(BO, frames=4, leaves=False)
+    assert room.of(PersonIdentified) == [], "not by a glance"
+    room.visit(ADA, leaves=False)
+    (row,) = [row for row in room.presence.persons() if row.name == "Ada"]
+    (event,) = room.of(PersonIdentified)
+    assert isinstance(event, PersonIdentified)
+    assert (event.person_id, event.is_person_id, event.by, event.actor) == (
+        row.visit_id,
+        ids["Ada"],
+        "console",
+        "console",
+    )
+    assert event.confidence >= 0.95 > event.runner_up
+    assert (row.person_id, row.known, row.suggestions) == (ids["Ada"], True, ())
+
+
+def test_boxes_bear_the_id_of_who_it_is() -> None:
+    room = Room()
+    ids = named(room, Ada=ADA)
+    room.visit(ADA, leaves=False)
+    room.events.clear()
+    (row,) = room.presence.persons()
+    assert row.person_id == ids["Ada"] != row.visit_id
+    room.see({row.track: ADA}, frames=1)
+    assert room.events == [], "the same person is not news"
+
+
+def test_where_the_wizard_decides_alone_there_are_suggestions_only() -> None:
+    room = Room(settings=ASK_FIRST)
+    ids = named(room, Ada=ADA, Bo=BO)
+    (visit,) = room.visit(ADA, leaves=False)
+    (event,) = room.of(PersonSuggested)
+    assert isinstance(event, PersonSuggested)
+    assert (event.person_id, event.is_person_id, event.kind) == (visit, ids["Ada"], "clothing")
+    assert room.of(PersonIdentified) == []
+    (row,) = room.presence.persons()
+    assert row.suggestion is not None
+    assert (row.suggestion.name, row.suggestion.person_id) == ("Ada", ids["Ada"])
+    assert row.suggestion.confidence > 0.9
+    (event,) = room.presence.do(intents.ConfirmPerson(visit, ids["Ada"]), room.now_ns)
+    assert isinstance(event, PersonIdentified)
+    assert (event.by, event.actor, event.is_person_id) == ("wizard", "wizard", ids["Ada"])
+    (row,) = room.presence.persons()
+    assert (row.name, row.suggestions) == ("Ada", ())
+
+
+def test_a_stranger_is_nobody_known_and_is_known_again_as_the_same_stranger() -> None:
+    room = Room()
+    named(room, Ada=ADA, Bo=BO)
+    (first,) = room.visit(CY)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    room.visit(CY, leaves=False)
+    (event,) = room.of(PersonIdentified)
+    assert isinstance(event, PersonIdentified) and event.is_person_id == first
+    (row,) = room.presence.persons()
+    assert (row.name, row.known) == ("Person 3", False)
+
+
+def test_between_two_who_look_alike_only_the_wizard_decides() -> None:
+    room = Room(settings=ASK_FIRST)
+    named(room, Ada=ADA, Anna=-ADA)
+    room.presence.use_settings(RecognitionSettings())
+    room.visit(ADA, frames=30, leaves=False)
+    assert room.of(PersonIdentified) == []
+    (row,) = room.presence.persons()
+    assert {suggested.name for suggested in row.suggestions} == {"Ada", "Anna"}
+
+
+def test_poor_views_teach_nothing_and_tell_nothing() -> None:
+    room = Room()
+    named(room, Ada=ADA)
+    room.visit(ADA, frames=40, quality=0.2)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+
+
+def test_who_is_here_already_cannot_come_in_once_more() -> None:
+    room = Room()
+    named(room, Ada=ADA)
+    room.visit(ADA, leaves=False)
+    assert len(room.of(PersonIdentified)) == 1
+    here = room.presence.persons()[0].track
+    room.events.clear()
+    room.see({here: ADA, 99: ADA}, frames=20)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    assert len(room.presence.persons()) == 2
+
+
+def test_of_two_who_come_together_and_both_look_like_one_neither_is_named() -> None:
+    room = Room()
+    named(room, Ada=ADA)
+    room.visit(ADA, ADA, frames=20, leaves=False)
+    assert room.of(PersonIdentified) == []
+
+
+def test_who_it_is_not_is_remembered_for_that_visit_also_where_it_was_taken_for_granted() -> None:
+    room = Room()
+    ids = named(room, Ada=ADA)
+    (visit,) = room.visit(ADA, leaves=False)
+    (row,) = room.presence.persons()
+    assert row.person_id == ids["Ada"]
+    (event,) = room.presence.do(intents.RejectPerson(row.person_id, ids["Ada"]), room.now_ns)
+    assert (event.person_id, event.is_person_id) == (visit, ids["Ada"])  # type: ignore[union-attr]
+    room.events.clear()
+    room.see({row.track: ADA}, frames=20)
+    (row,) = room.presence.persons()
+    assert (row.person_id, row.name, row.suggestions) == (visit, "Person 2", ())
+    assert room.events == []
+
+
+def test_yesterdays_clothes_tell_nothing(tmp_path: Path) -> None:
+    late = datetime(2026, 11, 23, 23, 59)
+    store = PeopleStore(tmp_path / "people.sqlite")
+    room = Room(store, morning=late)
+    named(room, Ada=ADA)
+    room.wait(120.0)
+    room.visit(ADA, leaves=False)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    room.presence.close()
+
+
+def test_who_was_here_before_the_program_ended_is_known_again_on_the_same_day_only(tmp_path: Path) -> None:
+    def opened(morning: datetime) -> Room:
+        room = Room(morning=morning)
+        store = PeopleStore(tmp_path / "people.sqlite", utc_now_ns=lambda: room.knowing.utc_now_ns())
+        room.__init__(store, morning=morning)  # type: ignore[misc]
+        return room
+
+    room = opened(datetime(2026, 11, 23, 9, 0))
+    ids = named(room, Ada=ADA)
+    room.presence.close()
+    room = opened(datetime(2026, 11, 23, 15, 0))
+    room.visit(ADA, leaves=False)
+    (row,) = room.presence.persons()
+    assert (row.person_id, row.name) == (ids["Ada"], "Ada")
+    assert row.summary.startswith("was here once before, last on 23 November, 09:00")
+    room.presence.close()
+    room = opened(datetime(2026, 11, 24, 9, 0))
+    room.visit(ADA, leaves=False)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    room.presence.close()
+
+
+def test_a_scenario_that_recognises_nobody_learns_nothing() -> None:
+    room = Room(settings=RecognitionSettings("nobody"))
+    named(room, Ada=ADA)
+    room.visit(ADA)
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    assert room.knowing.identities.held() == 0
+
+
+@pytest.mark.parametrize(
+    ("recognise", "agreed", "is_known"), [("faces", True, True), ("faces", False, False), ("clothing", True, False)]
+)
+def test_a_face_is_known_on_another_day_only_with_consent_and_where_the_scenario_wants_it(
+    tmp_path: Path, recognise: str, agreed: bool, is_known: bool
+) -> None:
+    settings = RecognitionSettings(recognise)  # type: ignore[arg-type]
+    store = PeopleStore(tmp_path / "people.sqlite")
+    room = Room(store, settings=settings)
+    (visit,) = room.visit(ADA, leaves=False, kind="face")
+    room.presence.do(intents.NamePerson(visit, "Ada"), room.now_ns)
+    room.presence.do(intents.NoteConsent(visit, "face", given=agreed), room.now_ns)
+    room.see({1: ADA}, frames=12, kind="face")
+    room.wait(24 * 3600.0)
+    assert len(store.looks()) == int(is_known)
+    room.visit(ADA, leaves=False, kind="face")
+    assert len(room.of(PersonIdentified)) == int(is_known)
+    if is_known:
+        room.presence.do(intents.NoteConsent(visit, "face", given=False), room.now_ns)
+        assert store.looks() == (), "taken back, it is gone"
+    room.presence.close()
