@@ -15,7 +15,7 @@ import numpy as np
 from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.people.gallery import GOOD_QUALITY, Gallery, Vectors, Views
 
-SUGGEST_FROM = 0.1
+SUGGEST_FROM = 0.08
 """Who is less likely than that is not mentioned."""
 _LOOKS_KEPT = 12
 _SUGGEST_AFTER_LOOKS = 2
@@ -37,10 +37,11 @@ class Line:
     margin: float
 
 
-# Of OSNet on people of the simulator, other ones than those of the benchmark's report. A face is as ArcFace's own
-# models tell apart: two pictures of one person lie above 0.4, of two people below 0.3.
+# Of OSNet, on the simulator's people in the clothes that the benchmark does not report on: somebody in the same clothes
+# comes to 0.89 to 0.98, the stranger who looks most like anybody known to 0.88; people on a real street to 0.85 to 0.91
+# and 0.66. Of a face, as ArcFace's models tell people apart: two pictures of one lie above 0.4, of two below 0.3.
 LINES: Mapping[LooksKind, Line] = {
-    "clothing": Line(stranger_at=0.84, scale=40.0, margin=3.0),
+    "clothing": Line(stranger_at=0.865, scale=45.0, margin=3.0),
     "face": Line(stranger_at=0.38, scale=30.0, margin=3.0),
 }
 

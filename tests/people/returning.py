@@ -4,7 +4,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
-from pathlib import Path
 from random import Random
 
 import numpy as np
@@ -145,7 +144,3 @@ def recognised(
             outcome.returns += 1
             outcome.suggested += person in {truth[each] for each in last_told[visit_id]}
     return outcome
-
-
-def find_osnet(folder: Path) -> Path:
-    return folder / "osnet_x0_25_msmt17.onnx"
