@@ -38,13 +38,15 @@ REMEMBERED_S = 300.0
 # alone, and by how much whoever comes second must be worse; up to where a better view is waited for.
 _LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN, _LOOKS_LIKELY = 0.3, 0.27, 0.06, 0.4
 _WAIT_FOR_VIEW_S = 0.5
+_LOOKS_COUNT = 2.0
+_UNLIKE, _MISTAKEN_BY = 0.3, 0.15
 _LOOKS_KEPT = 0.9
 _LOOK_AGAIN_S = 0.5
 _GOOD_VIEW = 0.5
-_CONTESTED = 0.15
+_CONTESTED, _RIVAL = 0.15, 0.5
 _DOUBTED_AFTER_S = 0.25
-_LOOKS_AT_MOST = 6
-"""In one picture: each costs a few milliseconds."""
+_LOOKS_AT_MOST, _LOOKS_PER_S = 6, 20.0
+"""Of one camera's people, in one picture and in the long run: each costs a few milliseconds."""
 _TALL_PX = 96.0
 
 AppearanceOf = Callable[[Sequence[int]], Floats]
@@ -83,6 +85,8 @@ class Follower:
         self._new_number = new_number or itertools.count(1).__next__
         self._tracks: list[_Track] = []
         self._began = False
+        self._stamp_s: float | None = None
+        self._looks_left = 0.0
 
     def follow(
         self,
@@ -116,7 +120,9 @@ class Follower:
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
         waiting = [track for track in self._tracks if stamp_s - track.seen_s <= LOST_S]
-        views = _Views(appearance_of)
+        since_s = math.inf if self._stamp_s is None else max(0.0, stamp_s - self._stamp_s)
+        self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
+        views = _Views(appearance_of, at_most=int(self._looks_left))
         views.look_at(_doubtful(waiting, sure, corners_px, stamp_s))
         pairs: list[tuple[_Track, int]] = []
         for buffer in BUFFERS:
@@ -136,9 +142,10 @@ class Follower:
         taken = {box for _, box in pairs}
         left = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
         pairs += self._begin(left, corners_px, confidences, stamp_s, [box for _, box in pairs])
-        _learn_looks(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
+        self._learn_looks(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
         followed = [Followed(track.number, box, views.of(box)) for track, box in pairs if self._counts(track, stamp_s)]
         self._forget(stamp_s)
+        self._looks_left -= len(views)
         self._began = True
         return followed
 
@@ -157,6 +164,47 @@ class Follower:
             self._tracks.append(track)
             begun.append((track, box))
         return begun
+
+    def _learn_looks(self, pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: "_Views") -> None:
+        """Learn from good views, now and then. Of somebody new every view counts until there is a good one."""
+        new = [(track, box) for track, box in pairs if not track.confirmed]
+        due = [
+            (track, box)
+            for track, box in pairs
+            if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _LOOK_AGAIN_S
+        ]
+        views.look_at([box for _, box in (*new, *due)])
+        here = {id(track): box for track, box in pairs}
+        for track, box in (*new, *due):
+            looks, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
+            if looks is None or (track.well_seen and not good):
+                continue
+            if track.confirmed:
+                self._exchange_mistaken(track, looks, here, qualities, views)
+            track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
+            track.well_seen, track.looked_s = track.well_seen or good, stamp_s
+
+    def _exchange_mistaken(
+        self, track: _Track, looks: Floats, here: dict[int, int], qualities: Floats, views: "_Views"
+    ) -> None:
+        """Who clearly looks like somebody else, and not like themselves, was taken for them when they met."""
+        own = _apart(track.looks_like, looks)
+        if own <= _UNLIKE:
+            return
+        others = [other for other in self._tracks if other is not track and other.confirmed and other.well_seen]
+        other = min(others, key=lambda each: _apart(each.looks_like, looks), default=None)
+        if other is None or _apart(other.looks_like, looks) > min(_LOOKS_SAME, own - _MISTAKEN_BY):
+            return
+        box = here.get(id(other))
+        if box is not None:
+            if qualities[box] < _GOOD_VIEW:
+                return
+            views.look_at([box])
+            theirs = views.of(box)
+            if theirs is None or _apart(track.looks_like, theirs) > _apart(other.looks_like, theirs) - _MISTAKEN_BY:
+                return
+        track.number, other.number = other.number, track.number
+        track.looks_like, other.looks_like = other.looks_like, track.looks_like
 
     def _counts(self, track: _Track, stamp_s: float) -> bool:
         if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):
@@ -215,17 +263,21 @@ def _covered(corners: Floats, others: Floats) -> float:
 class _Views:
     """How the people in the boxes of one picture look, as far as somebody has looked."""
 
-    def __init__(self, appearance_of: AppearanceOf | None) -> None:
+    def __init__(self, appearance_of: AppearanceOf | None, at_most: int) -> None:
         self._appearance_of = appearance_of
+        self._at_most = at_most
         self._known: dict[int, Floats] = {}
 
     def look_at(self, boxes: Sequence[int]) -> None:
-        unknown = [box for box in boxes if box not in self._known][: _LOOKS_AT_MOST - len(self._known)]
+        unknown = [box for box in boxes if box not in self._known][: self._at_most - len(self._known)]
         if self._appearance_of is not None and unknown:
             self._known.update(zip(unknown, self._appearance_of(unknown), strict=True))
 
     def of(self, box: int) -> Floats | None:
         return self._known.get(box)
+
+    def __len__(self) -> int:
+        return len(self._known)
 
 
 def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_s: float) -> list[int]:
@@ -236,26 +288,9 @@ def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_
         return boxes
     overlap = overlaps(corners_of(tracks), corners_px[boxes], BUFFERS[0])
     lost = np.array([stamp_s - track.seen_s > _DOUBTED_AFTER_S for track in tracks])
-    near = overlap > _CONTESTED
+    near = overlap > np.maximum(_CONTESTED, _RIVAL * overlap.max(axis=0))
     clear = (near.sum(axis=0) == 1) & ~near[lost].any(axis=0)
     return [box for box, is_clear in zip(boxes, clear.tolist(), strict=True) if not is_clear]
-
-
-def _learn_looks(pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: _Views) -> None:
-    """Learn from good views, now and then. Of somebody new every view counts until there is a good one."""
-    new = [(track, box) for track, box in pairs if not track.confirmed]
-    due = [
-        (track, box)
-        for track, box in pairs
-        if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _LOOK_AGAIN_S
-    ]
-    views.look_at([box for _, box in (*new, *due)])
-    for track, box in (*new, *due):
-        looks, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
-        if looks is None or (track.well_seen and not good):
-            continue
-        track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
-        track.well_seen, track.looked_s = track.well_seen or good, stamp_s
 
 
 def _mixed(before: Floats | None, looks: Floats | None) -> Floats | None:
@@ -287,7 +322,7 @@ def _pairs(
     cost = 1.0 - overlap * (0.5 + 0.5 * confidences[boxes][None, :])
     if views is not None:
         looks = [views.of(box) for box in boxes]
-        cost += [[_apart(track.looks_like, each) - _LOOKS_USUAL for each in looks] for track in tracks]
+        cost += [[_LOOKS_COUNT * (_apart(track.looks_like, each) - _LOOKS_USUAL) for each in looks] for track in tracks]
     return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0) if overlap[row, column] >= least]
 
 

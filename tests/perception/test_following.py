@@ -1,6 +1,6 @@
 """Who is followed under one number: pictures that are missing, a camera that turns, people who hide and come back."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import mean
 
 import numpy as np
@@ -113,6 +113,39 @@ def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not(
     assert look([box(300.0)], [1], 6.0) == [2], "elsewhere, five seconds later"
     look([box(300.0), box(10.0)], [1, 3], 6.1)
     assert look([box(300.0), box(10.0)], [1, 3], 6.2) == [2, 3], "somebody else, where the first one was"
+
+
+def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_seen_well() -> None:
+    follower = Follower()
+    likenesses = np.eye(2)
+
+    def seen(xs: list[float], who: list[int], stamp_s: float) -> list[int]:
+        corners = np.array([box(x) for x in xs])
+        followed = follower.follow(
+            corners, np.full(len(xs), 0.9), stamp_s, appearance_of=lambda rows: likenesses[[who[row] for row in rows]]
+        )
+        return [number for _, number in sorted((each.box, each.number) for each in followed)]
+
+    assert seen([10.0, 300.0], [0, 1], 0.0) == [1, 2]
+    # Where one stood stands the other now; no way tells, and nothing is in doubt.
+    assert seen([10.0, 300.0], [1, 0], 0.2) == [1, 2]
+    later = [seen([10.0, 300.0], [1, 0], 0.2 * step) for step in range(2, 10)]
+    assert later[2:] == [[2, 1]] * 6
+
+
+def test_looks_are_few_also_in_a_crowd() -> None:
+    follower = Follower()
+    asked: list[int] = []
+
+    def appearance_of(rows: Sequence[int]) -> Floats:
+        asked.append(len(rows))
+        return np.eye(12)[list(rows)]
+
+    corners = np.array([box(50.0 * place) for place in range(12)])
+    for step in range(50):
+        follower.follow(corners, np.full(12, 0.9), 0.04 * step, appearance_of=appearance_of)
+    assert max(asked) <= 6
+    assert sum(asked) <= 6 + 20 * 2
 
 
 def test_a_turn_of_the_camera_is_no_walk_of_everybody() -> None:
