@@ -167,7 +167,14 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
                 failures.append(ToldFailure(str(error), meaning, error.advice, severity="warning"))
                 continue
             if camera.mount is not None:
-                models[chosen[-1].name] = camera.mount
+                stands = next((place for place in scenario.places if place.name == camera.place), None)
+                if camera.place and stands is None:
+                    what = f"The camera {chosen[-1].name} stands at “{camera.place}”, which is none of the places."
+                    meaning = "It is shown, but its people have no place in the map."
+                    failures.append(ToldFailure(what, meaning, "Correct the scenario file.", severity="warning"))
+                    continue
+                at = None if stands is None else stands.pose_in_map
+                models[chosen[-1].name] = replace(camera.mount, stands_in_map=at)
     own = with_distinct_names(camera for camera in chosen if camera.kind != "robot")
     of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
     bodies_of = {camera.name: ProcessBody(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}

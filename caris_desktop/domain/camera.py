@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass, replace
 
+from caris_desktop.domain.geometry import Pose2D
+
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
@@ -12,6 +14,9 @@ class CameraModel:
     principal point ``cx_px``, ``cy_px`` belong to. The optical centre lies at (x_m, y_m, z_m) in the robot frame
     (REP 103: x forward, y left, z up from the floor), looking along ``heading_rad`` (left positive) and
     ``tilt_rad`` (down positive). ``on_head``: pan and tilt of the robot's head are added to these two.
+
+    ``stands_in_map``: the camera is not on the robot but stands in the room, and this is where in the map; all of the
+    above is then seen from there.
     """
 
     width_px: int
@@ -26,6 +31,7 @@ class CameraModel:
     heading_rad: float = 0.0
     tilt_rad: float = 0.0
     on_head: bool = False
+    stands_in_map: Pose2D | None = None
 
     @classmethod
     def from_field_of_view(cls, *, width_px: int, height_px: int, horizontal_rad: float) -> "CameraModel":

@@ -268,13 +268,16 @@ class People:
 
 @dataclass(frozen=True, slots=True)
 class PersonPlace:
-    """Where one person stands. ``source`` says what measured the distance; ``spread_m`` is one standard deviation."""
+    """Where one person stands. ``source`` says what measured the distance, ``floor`` where their feet are in the
+    picture; ``spread_m`` is one standard deviation. ``track`` is that of their box, -1 in older recordings.
+    """
 
     person_id: str
     x_m: float
     y_m: float
     spread_m: float
-    source: Literal["lidar", "depth"]
+    source: Literal["lidar", "depth", "floor"]
+    track: int = -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -264,8 +264,7 @@ class PerceptionWorker(QObject):
             return
         self._publish(places)
         pose = self._locator.pose_at(people.stamp_ns)
-        if pose is not None:
-            presence.take_places(places, pose.pose_in_map)
+        self._publish_all(presence.take_places(places, None if pose is None else pose.pose_in_map))
 
     def _publish_all(self, events: Iterable[Event]) -> None:
         for event in events:

@@ -16,7 +16,7 @@ from caris_desktop.domain.events import (
     PersonIdentified,
     PersonRejected,
 )
-from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap
+from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -358,7 +358,13 @@ class LiveState(QObject):
         ]
         if len(together) == 1:
             return places
-        return PeopleInMap(places.stamp_ns, tuple(person for one in together for person in one.people))
+        # Whom two cameras see stands where the surer one says; who is not known yet may be anybody.
+        best: dict[str, PersonPlace] = {}
+        for number, person in enumerate(person for one in together for person in one.people):
+            key = person.person_id or f"{number}"
+            if key not in best or person.spread_m < best[key].spread_m:
+                best[key] = person
+        return PeopleInMap(places.stamp_ns, tuple(best.values()))
 
     def check_freshness(self) -> None:
         for stream in self._all_streams():

@@ -102,14 +102,19 @@ class Decisions:
             case intents.ForgetPerson(person_id=person_id):
                 return self._forget(person_id, now_ns, asked.actor)
 
-    def identify(self, visit: Visit, is_person_id: str, now_ns: int, actor: Actor = CONSOLE) -> list[Event]:
-        """Of this visit everything is ``is_person_id``'s from now on."""
+    def identify(
+        self, visit: Visit, is_person_id: str, now_ns: int, actor: Actor = CONSOLE, *, both_here: bool = False
+    ) -> list[Event]:
+        """Of this visit everything is ``is_person_id``'s from now on.
+
+        ``both_here``: two cameras see one person, so that it is no mistake that they are here already.
+        """
         root = self._known.root_of(is_person_id)
         if root == visit.person_id:
             return []
         if root == visit.visit_id:
             return self._split(visit.visit_id, visit.visit_id, now_ns, actor)
-        if any(other.here for other in self._visits.of_person(root)) and visit.here:
+        if not both_here and visit.here and any(other.here for other in self._visits.of_person(root)):
             return [_here_already(now_ns)]
         told = next((guess for guess in visit.judgement.guesses if guess.person_id == root), None)
         others = [guess for guess in visit.judgement.guesses if guess.person_id != root]

@@ -1,9 +1,9 @@
-"""Where people stand: the direction from the camera, the distance from the LIDAR."""
+"""Where people stand: the direction from the camera, the distance from the LIDAR, or from where their feet are."""
 
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,36 @@ _GAP_M = 0.35  # two returns that are farther apart belong to different things
 _BEARING_ERROR_RAD = 0.03
 _HALF_A_BODY_M = 0.12  # the LIDAR sees the front of the legs
 _EDGE_PX = 4.0
+_FLOOR_ERROR = 0.08  # as a share of the distance: how exactly a box ends at the feet
 
 
 def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
+    """Everybody whom a camera on the robot sees and the LIDAR, too. ``camera`` is the camera as it looked then."""
+    return _placed(people, camera, map_from_robot, _points_in_robot(scan, map_from_robot), by_floor=False)
+
+
+def _placed(
+    people: People, camera: CameraModel, map_from_base: Pose2D, points_in_base: NDArray[np.float64], *, by_floor: bool
+) -> tuple[PersonPlace, ...]:
     """A place in the map for each person in whose direction the LIDAR saw something person-sized.
 
     Of several things in that direction the one that agrees best with where the feet stand in the picture is taken,
-    and the nearest where the feet are not to be seen. ``camera`` is the camera as it looked when the picture was taken.
+    and the nearest where the feet are not to be seen.
+
+    Parameters
+    ----------
+    camera
+        As it looked when the picture was taken.
+    map_from_base
+        What the camera is mounted on: the robot, or a place in the room.
+    points_in_base
+        Where the beams of the LIDAR ended, shape (beams, 2).
+    by_floor
+        Whether the feet alone are enough where the LIDAR saw nobody. On a robot, which shakes and looks low over the
+        floor, no place is better than that one.
     """
     camera = camera.scaled_to(people.frame_width_px, people.frame_height_px)
-    points = _points_in_robot(scan, map_from_robot)
-    if not len(points):
-        return ()
-    seen_from_camera = points - (camera.x_m, camera.y_m)
+    seen_from_camera = points_in_base - (camera.x_m, camera.y_m)
     bearings = np.arctan2(seen_from_camera[:, 1], seen_from_camera[:, 0])
     distances = np.hypot(seen_from_camera[:, 0], seen_from_camera[:, 1])
     places = []
@@ -41,16 +58,33 @@ def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot
         middle, half = (left + right) / 2.0, max(abs(left - right) / 2.0, 0.01)
         off = np.abs(np.remainder(bearings - middle + math.pi, 2.0 * math.pi) - math.pi)
         inside = np.flatnonzero((off <= half) & (distances <= FARTHEST_M))
+        source: Literal["lidar", "floor"] = "lidar"
         distance_m = _distance_of(box, distances[inside], people, camera)
+        if distance_m is not None:
+            distance_m += _HALF_A_BODY_M
+            spread_m = math.hypot(0.1, distance_m * _BEARING_ERROR_RAD)
+        elif by_floor:
+            source, distance_m = "floor", _distance_on_floor(box, people, camera)
+            spread_m = math.hypot(0.15, _FLOOR_ERROR * (distance_m or 0.0))
         if distance_m is None:
             continue
-        distance_m += _HALF_A_BODY_M
-        in_map = map_from_robot @ Pose2D(
+        in_map = map_from_base @ Pose2D(
             camera.x_m + distance_m * math.cos(middle), camera.y_m + distance_m * math.sin(middle), 0.0
         )
-        spread_m = math.hypot(0.1, distance_m * _BEARING_ERROR_RAD)
-        places.append(PersonPlace(box.person_id, in_map.x_m, in_map.y_m, spread_m, "lidar"))
+        places.append(PersonPlace(box.person_id, in_map.x_m, in_map.y_m, spread_m, source, box.track))
     return tuple(places)
+
+
+def _distance_on_floor(box: PersonBox, people: People, camera: CameraModel) -> float | None:
+    """How far away the feet stand; None where they are not in the picture, or too far away to tell."""
+    feet_px = box.top_px + box.height_px
+    if feet_px >= people.frame_height_px - _EDGE_PX:
+        return None
+    feet = camera.floor_point(box.left_px + box.width_px / 2.0, feet_px)
+    if feet is None:
+        return None
+    distance_m = math.hypot(feet[0] - camera.x_m, feet[1] - camera.y_m)
+    return distance_m if distance_m <= FARTHEST_M else None
 
 
 def _distance_of(box: PersonBox, distances: NDArray[np.float64], people: People, camera: CameraModel) -> float | None:
@@ -98,6 +132,11 @@ def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.floa
     )
 
 
+def _moved(points: NDArray[np.float64], by: Pose2D) -> NDArray[np.float64]:
+    cos, sin = math.cos(by.heading_rad), math.sin(by.heading_rad)
+    return points @ np.array([(cos, sin), (-sin, cos)]) + (by.x_m, by.y_m)
+
+
 class _Stamped(Protocol):
     @property
     def stamp_ns(self) -> int: ...
@@ -130,7 +169,9 @@ class PeopleLocator:
         return _nearest(tuple(self._poses), stamp_ns)
 
     def locate(self, people: People, camera: CameraModel) -> PeopleInMap | None:
-        """None where there is no scan or pose of that moment."""
+        """None where there is no scan or pose of that moment, which a camera that stands in the room does not need."""
+        if camera.stands_in_map is not None:
+            return self._locate_from(camera.stands_in_map, people, camera)
         scan = _nearest(tuple(self._scans), people.stamp_ns)
         pose = _nearest(tuple(self._poses), people.stamp_ns)
         if scan is None or pose is None:
@@ -139,6 +180,15 @@ class PeopleLocator:
         if head is not None:
             camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
         return PeopleInMap(people.stamp_ns, located(people, scan, camera, pose.pose_in_map), people.camera)
+
+    def _locate_from(self, base: Pose2D, people: People, camera: CameraModel) -> PeopleInMap:
+        """By a camera that stands in the room: what the robot's LIDAR sees helps, where it looks there too."""
+        scan = _nearest(tuple(self._scans), people.stamp_ns)
+        pose = self.pose_at(people.stamp_ns)
+        points = np.zeros((0, 2))
+        if scan is not None and pose is not None:
+            points = _moved(_points_in_robot(scan, pose.pose_in_map), base.inverse() @ pose.pose_in_map)
+        return PeopleInMap(people.stamp_ns, _placed(people, camera, base, points, by_floor=True), people.camera)
 
 
 def _nearest(values: Sequence[_S], stamp_ns: int) -> _S | None:

@@ -25,12 +25,15 @@ from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.store import HistoryEntry
+from caris_desktop.people.together import Spot, Together
 from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
 # Of how many looks the longest pause counts, and how many pauses of that length without somebody are a leaving.
 _LOOKS, _LOOKS_MISSED = 5, 2.5
+# Of two cameras that see somebody the one that saw them first speaks for them, until it has lost them for so long.
+_OTHER_CAMERA_AFTER_NS = 1_000_000_000
 _MOST_PATIENCE_NS = 6_000_000_000
 # Who looks like nobody known after so many looks is somebody new.
 _STRANGER_AFTER_LOOKS = 8
@@ -156,6 +159,7 @@ class Presence:
         self._candidates: dict[Track, _Candidate] = {}
         self._visits = Visits()
         self._decisions = Decisions(self._known, self._visits, self.portraits)
+        self._together = Together()
         self._looks_ns: dict[str, deque[int]] = {}
         self._session = ""
         self._speaking = ""
@@ -184,6 +188,7 @@ class Presence:
         self._looks_ns.setdefault(people.camera, deque(maxlen=_LOOKS)).append(now_ns)
         events: list[Event] = []
         for box in people.boxes:
+            self._together.see((people.camera, box.track), now_ns)
             events += self._see((people.camera, box.track), now_ns)
             self._note_state((people.camera, box.track), box)
         events += self.tick(now_ns)
@@ -206,6 +211,8 @@ class Presence:
 
     def take_looks(self, looks: PersonLooks) -> list[Event]:
         """How somebody looked: to learn, and to find out who it is."""
+        if self._settings.recognise != "nobody":
+            self._together.take_looks(looks)
         visit = self._visits.of_track((looks.camera, looks.track))
         if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
             return []
@@ -228,8 +235,18 @@ class Presence:
             self.portraits.put(_portrait_key(visit), portrait.jpeg)
             self._known.keep_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
 
-    def take_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
-        """Where people stand, seen from where the robot is."""
+    def take_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
+        """Where people stand, and who of them are one person; ``map_from_robot`` is None where that is not known."""
+        for place in places.people:
+            if place.track >= 0:
+                spot = Spot(places.stamp_ns, place.x_m, place.y_m, place.spread_m)
+                self._together.take_spot((places.camera, place.track), spot)
+        if map_from_robot is not None:
+            self._note_places(places, map_from_robot)
+        return self._join_and_part(places.stamp_ns)
+
+    def _note_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
+        """Seen from the robot, where it is now."""
         for place in places.people:
             visit = self._visits.find(place.person_id)
             if visit is None or not visit.here:
@@ -299,6 +316,7 @@ class Presence:
     def restart_tracks(self, now_ns: int) -> list[Event]:
         """The tracker began to count anew: its numbers no longer mean the people that they meant."""
         self._candidates.clear()
+        self._together.forget()
         events = [event for visit in self._visits.here() for event in self._leave(visit, now_ns)]
         self._visits.forget_tracks()
         return events
@@ -323,7 +341,9 @@ class Presence:
             candidate.last_seen_ns = now_ns
             return self._appear(track, now_ns) if candidate.frames >= self._confirm_frames else []
         visit.last_seen_ns = now_ns
-        visit.camera, visit.track = track
+        if track == (visit.camera, visit.track) or now_ns - visit.seen_by_camera_ns > _OTHER_CAMERA_AFTER_NS:
+            visit.camera, visit.track = track
+            visit.seen_by_camera_ns = now_ns
         if visit.here:
             return []
         alone = not self._is_here(visit.person_id)
@@ -334,11 +354,67 @@ class Presence:
 
     def _appear(self, track: Track, now_ns: int) -> list[Event]:
         del self._candidates[track]
+        seen_already = self._seen_by_another(track)
+        if seen_already is not None:
+            self._visits.attach(seen_already, track)
+            return []
         person_id = self._known.add()
         visit = Visit(person_id, person_id, *track, now_ns, now_ns, self._known.utc_now_ns())
+        visit.seen_by_camera_ns = now_ns
         self._visits.begin(visit, track)
         number = self._visits.number_of(person_id)
         return [PersonAppeared(now_ns, person_id, track[1], number), *self._known.problems(now_ns)]
+
+    # Several cameras
+
+    def _seen_by_another(self, track: Track) -> Visit | None:
+        """Who is here already, before another camera."""
+        for partner in self._together.partners(track):
+            visit = self._visits.of_track(partner)
+            # Somebody whom this camera sees as another track is not this one.
+            if visit is not None and visit.here and not self._in_view_of(visit, track[0]):
+                return visit
+        return None
+
+    def _in_view_of(self, visit: Visit, camera: str) -> bool:
+        seen = (self._together.seen_ns(track) for track in visit.tracks if track[0] == camera)
+        return any(visit.last_seen_ns - at_ns <= self._leave_after_ns for at_ns in seen)
+
+    def _join_and_part(self, now_ns: int) -> list[Event]:
+        """Visits that turn out to be one person's are that from now on, and tracks that are not are parted again."""
+        events: list[Event] = []
+        here = self._visits.here()
+        for visit in here:
+            if len(visit.tracks) > 1:
+                self._part(visit)
+        if len({visit.camera for visit in here}) < 2:
+            return events
+        for visit in sorted(here, key=lambda each: each.since_ns, reverse=True):
+            other = self._seen_by_another((visit.camera, visit.track))
+            if other is None or other.person_id == visit.person_id or self._never(visit, other):
+                continue
+            newer, older = (other, visit) if self._is_decided(visit) else (visit, other)
+            if self._is_decided(newer):
+                continue  # two people whom somebody knows: that is for the wizard to say
+            events += self._decisions.identify(newer, older.person_id, now_ns, both_here=True)
+        return events
+
+    def _is_decided(self, visit: Visit) -> bool:
+        return visit.identified or self._known.is_known(visit.person_id)
+
+    def _never(self, one: Visit, other: Visit) -> bool:
+        """Whether the wizard said that these are two people."""
+        return (
+            other.person_id in self._known.rejected_for(one.visit_id)
+            or one.person_id in self._known.rejected_for(other.visit_id)
+        )  # fmt: skip
+
+    def _part(self, visit: Visit) -> None:
+        """A track that stands elsewhere now begins anew, as a candidate."""
+        its_own = (visit.camera, visit.track)
+        for track in tuple(visit.tracks - {its_own}):
+            if self._together.verdict(its_own, track) == "different" and track[0] != visit.camera:
+                self._visits.detach(track)
 
     def _leave(self, visit: Visit, now_ns: int) -> list[Event]:
         visit.here = False
@@ -378,7 +454,7 @@ class Presence:
 
     def _note_state(self, track: Track, box: object) -> None:
         visit = self._visits.of_track(track)
-        if visit is not None:
+        if visit is not None and track == (visit.camera, visit.track):
             visit.posture = getattr(box, "posture", "")
             visit.hand_raised = getattr(box, "hand_raised", None)
             visit.facing = getattr(box, "facing", None)
@@ -452,7 +528,8 @@ class Presence:
     # Rows
 
     def _row(self, visits: list[Visit]) -> PersonRow:
-        visit = max(visits, key=lambda each: (each.here, each.last_seen_ns))
+        # Of several that are here the first one speaks for all: the row stays as it is while cameras take turns.
+        visit = max(visits, key=lambda each: (each.here, -each.since_ns if each.here else each.last_seen_ns))
         about = self._known.about(visit.person_id)
         number = self._visits.number_of(visit.person_id)
         here = [each for each in visits if each.here]

@@ -39,6 +39,7 @@ class Visit:
     facing: bool | None = None
     summary: str = ""
     tracks: set[Track] = field(default_factory=set)
+    seen_by_camera_ns: int = 0  # when ``camera`` saw them last, as ``track``
 
     @property
     def identified(self) -> bool:
@@ -72,6 +73,12 @@ class Visits:
             before.tracks.discard(track)
         self._of_track[track] = visit
         visit.tracks.add(track)
+
+    def detach(self, track: Track) -> None:
+        """That track is somebody else, who is yet to be found out."""
+        visit = self._of_track.pop(track, None)
+        if visit is not None:
+            visit.tracks.discard(track)
 
     def of_track(self, track: Track) -> Visit | None:
         return self._of_track.get(track)

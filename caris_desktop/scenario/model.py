@@ -226,6 +226,11 @@ class CameraSettings:
         "Where it is on the robot and what it sees, as in a robot profile: then its people have places in the map.",
         some_of=("horizontal_fov_deg", "fx_px"), needs="a mount has either horizontal_fov_deg or fx_px.", quiet=True,
     )] = None  # fmt: skip
+    place: Annotated[str, Rule(
+        "The name of one of the `places`: the camera stands there, as on a desk, rather than on the robot, and looks "
+        "the way the place does. Together with `mount`, which is seen from there.",
+        longest=80, quiet=True, beside=("mount",),
+    )] = ""  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

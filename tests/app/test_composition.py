@@ -54,6 +54,23 @@ def test_a_scenario_names_its_cameras_and_the_command_line_goes_before_it(tmp_pa
         assert (names(wanted), wanted.of_robot) == (own, of_robot)
 
 
+def test_a_camera_on_a_desk_stands_at_one_of_the_places(tmp_path: Path) -> None:
+    study = composition.open_study(tmp_path / "study")
+    mount = "mount: {width_px: 1280, height_px: 720, horizontal_fov_deg: 70, z_m: 1.2}"
+    places = "places:\n  - {name: Desk, x_m: 4.0, y_m: -2.0, heading_deg: 90}\n"
+    text = f"{places}cameras:\n  - {{source: '0', name: desk, {mount}, place: PLACE}}\n"
+    wanted = composition.parts(study=study).cameras(scenario_with(text.replace("PLACE", "Desk"), tmp_path))
+    model = wanted.own[0].model
+    assert model is not None and model.stands_in_map is not None
+    assert (model.z_m, model.stands_in_map.x_m, model.stands_in_map.y_m) == (1.2, 4.0, -2.0)
+    assert wanted.failures == ()
+    wanted = composition.parts(study=study).cameras(scenario_with(text.replace("PLACE", "Dusk"), tmp_path))
+    assert (names(wanted), wanted.own[0].model) == (["desk"], None), "it is shown all the same"
+    assert "“Dusk”" in wanted.failures[0].what
+    with pytest.raises(composition.StartError, match="mount"):
+        scenario_with("cameras:\n  - {source: '0', place: Desk}\n", tmp_path)
+
+
 def test_a_camera_that_is_not_understood_is_told_before_the_start_or_with_its_scenario(tmp_path: Path) -> None:
     study = composition.open_study(tmp_path / "study")
     with pytest.raises(composition.StartError, match="ftp://"):

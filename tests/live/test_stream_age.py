@@ -149,3 +149,14 @@ def test_the_map_shows_whom_all_cameras_see(state: LiveState) -> None:
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-2", "p-3"}
     state.take(seen("front", "p-3", at_ns=now_ns + 2 * S))
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-3"}, "that was too long ago"
+
+
+def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
+    now_ns = clock.now_ns()
+    state.take(PeopleInMap(now_ns, (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3),), "desk"))
+    by_front = (PersonPlace("p-1", 1.1, 2.0, 0.1, "lidar", 7), PersonPlace("", 5.0, 2.0, 0.1, "lidar", 8))
+    state.take(PeopleInMap(now_ns, by_front, "front"))
+    by_desk = (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3), PersonPlace("", 5.1, 2.0, 0.4, "floor", 4))
+    state.take(PeopleInMap(now_ns, by_desk, "desk"))
+    shown = sorted((place.person_id, place.x_m) for place in state.people_in_map.value.people)
+    assert shown == [("", 5.0), ("", 5.1), ("p-1", 1.1)], "where the surer one says; who is not known may be anybody"

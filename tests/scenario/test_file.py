@@ -286,7 +286,9 @@ COMPLETE = Scenario(
     controls=CONTROLS,
     cameras=(
         model.CameraSettings("robot"),
-        model.CameraSettings("0", "desk", replace(FROM_DATA_SHEET, heading_rad=math.pi / 2.0, tilt_rad=math.pi / 6.0)),
+        model.CameraSettings(
+            "0", "desk", replace(FROM_DATA_SHEET, heading_rad=math.pi / 2.0, tilt_rad=math.pi / 6.0), "Kitchen"
+        ),
         # Angles that no number of degrees gives exactly
         model.CameraSettings(
             "oak", "mast", replace(FROM_DATA_SHEET, fx_px=501.0, heading_rad=0.1, tilt_rad=0.3, on_head=True)

@@ -1,0 +1,154 @@
+"""A robot's camera and one on a desk see the same people, each from its own side: a row for each, whoever crosses."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
+from caris_desktop.people.location import PeopleLocator
+from caris_desktop.people.presence import PersonRow, Presence
+
+MS, S = 1_000_000, 1_000_000_000
+ROBOT = Pose2D(1.0, 2.0, 0.0)
+FRONT = replace(
+    CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(70)), x_m=0.15, z_m=1.1
+)
+# Beside the way, on a desk, looking across what the robot looks along.
+DESK = replace(FRONT, x_m=0.0, z_m=1.4, tilt_rad=0.2, stands_in_map=Pose2D(4.0, -1.8, math.pi / 2))
+BEAMS = 720
+Way = Callable[[float], tuple[float, float]]
+
+
+def box_of(camera: CameraModel, x_m: float, y_m: float, track: int, rng: np.random.Generator) -> PersonBox | None:
+    """What a detector finds of somebody at that place in the map, a few pixels off; None out of the picture."""
+    base = ROBOT if camera.stands_in_map is None else camera.stands_in_map
+    at = base.inverse() @ Pose2D(x_m, y_m, 0.0)
+    feet, head = camera.pixel_of(at.x_m, at.y_m, 0.0), camera.pixel_of(at.x_m, at.y_m, 1.72)
+    if feet is None or head is None or not 20 < feet[0] < 620:
+        return None
+    top, bottom = max(0.0, head[1]), min(480.0, feet[1])
+    half_px = 0.14 * (feet[1] - head[1])
+    shake = rng.normal(0.0, 2.0, 4)
+    return PersonBox(track, "", feet[0] - half_px + shake[0], top + shake[1], 2 * half_px, bottom - top + shake[3], 0.9)
+
+
+def scan_of(people: list[tuple[float, float]], stamp_ns: int) -> LaserScan:
+    angles = -math.pi + 2.0 * math.pi / BEAMS * np.arange(BEAMS)
+    ranges = np.full(BEAMS, 9.0)
+    for x_m, y_m in people:
+        at = ROBOT.inverse() @ Pose2D(x_m, y_m, 0.0)
+        along = at.x_m * np.cos(angles) + at.y_m * np.sin(angles)
+        aside = np.abs(-at.x_m * np.sin(angles) + at.y_m * np.cos(angles))
+        hit = (along > 0) & (aside < 0.15)
+        ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(0.15**2 - aside[hit] ** 2))
+    return LaserScan(
+        stamp_ns, None, "laser", -math.pi, 2.0 * math.pi / BEAMS, 0.05, 12.0, ranges.astype(np.float32),
+        Pose2D(0.0, 0.0, 0.0),
+    )  # fmt: skip
+
+
+class Scene:
+    """Looks at people with both cameras in turn, as the console does: the one on show three times as often."""
+
+    def __init__(self, presence: Presence, *ways: Way) -> None:
+        self.presence = presence
+        self.ways = ways
+        self.locator = PeopleLocator()
+        self.rng = np.random.default_rng(5)
+        self.happened: list[object] = []
+        self.places_from = {"front": 0, "desk": 0}
+        self.step = 0
+
+    def play(self, seconds: float, *, cameras: tuple[str, ...] = ("front", "desk")) -> tuple[PersonRow, ...]:
+        for _ in range(round(seconds * 10)):
+            self.step += 1
+            stamp_ns = self.step * 100 * MS
+            people = [way(self.step / 10.0) for way in self.ways]
+            self.locator.take(scan_of(people, stamp_ns))
+            self.locator.take(RobotPose(stamp_ns, None, ROBOT))
+            name = "desk" if self.step % 3 == 0 else "front"
+            if name in cameras:
+                self._look(name, DESK if name == "desk" else FRONT, people, stamp_ns)
+            self.happened += self.presence.tick(stamp_ns)
+        return self.presence.persons()
+
+    def _look(self, name: str, camera: CameraModel, people: list[tuple[float, float]], stamp_ns: int) -> None:
+        # The other camera's tracker counts the other way round.
+        tracks = range(1, len(people) + 1) if name == "front" else range(len(people) + 20, 20, -1)
+        boxes = [box_of(camera, *at, track, self.rng) for track, at in zip(tracks, people, strict=True)]
+        seen = People(stamp_ns, name, self.step, 640, 480, tuple(box for box in boxes if box is not None), 9.0)
+        told, events = self.presence.update(seen)
+        self.happened += events
+        placed = self.locator.locate(told, camera)
+        assert placed is not None
+        self.places_from[name] += len(placed.people)
+        self.happened += self.presence.take_places(placed, ROBOT)
+
+    def count(self, kind: type) -> int:
+        return sum(isinstance(event, kind) for event in self.happened)
+
+
+def standing(x_m: float, y_m: float) -> Way:
+    return lambda _seconds: (x_m, y_m)
+
+
+def test_somebody_whom_both_cameras_see_is_one_row() -> None:
+    scene = Scene(Presence(), standing(4.0, 2.2))
+    (row,) = scene.play(4.0)
+    assert set(row.cameras) == {"front", "desk"}, "both are perceived"
+    assert min(scene.places_from.values()) >= 10
+    assert scene.count(PersonAppeared) == 1, "the second camera brings nobody new, not even for a moment"
+    assert row.distance_m == pytest.approx(3.0, abs=0.3)
+    rows = {scene.play(0.1)[0] for _ in range(10)}
+    assert len({replace(each, last_seen_ns=0) for each in rows}) == 1, "the row stays as it is while cameras take turns"
+
+
+def test_who_walks_out_of_one_camera_stays_by_the_other_and_leaves_once() -> None:
+    scene = Scene(Presence(), lambda seconds: (4.0, 1.6) if seconds < 4.0 else (0.2, 2.0))
+    scene.play(3.5)
+    (row,) = scene.play(0.4)
+    (still,) = scene.play(1.0)
+    assert still.person_id == row.person_id
+    assert scene.play(6.0) == ()
+    assert (scene.count(PersonAppeared), scene.count(PersonLeft)) == (1, 1)
+
+
+def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
+    scene = Scene(
+        Presence(),
+        lambda seconds: (3.0 + 0.25 * min(seconds, 8.0), 1.6 + 0.15 * min(seconds, 8.0)),
+        lambda seconds: (5.0 - 0.25 * min(seconds, 8.0), 2.9 - 0.15 * min(seconds, 8.0)),
+    )
+    for _ in range(10):
+        rows = scene.play(1.0)
+    assert len(rows) == 2
+    assert {frozenset(row.cameras) for row in rows} == {frozenset(("front", "desk"))}
+    of = scene.presence._visits
+    assert of.of_track(("front", 1)).person_id == of.of_track(("desk", 22)).person_id
+    assert of.of_track(("front", 2)).person_id == of.of_track(("desk", 21)).person_id
+
+
+def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(Presence(), standing(4.0, 2.2))
+    with monkeypatch.context() as blind:
+        blind.setattr("caris_desktop.people.together.Together.take_spot", lambda *_: None)
+        assert len(scene.play(3.0)) == 2
+    (row,) = scene.play(2.0)
+    assert set(row.cameras) == {"front", "desk"}
+    (joined,) = [event for event in scene.happened if isinstance(event, PersonIdentified)]
+    assert (joined.is_person_id, joined.by) == (row.person_id, "console")
+
+
+def test_somebody_elsewhere_is_never_taken_for_them() -> None:
+    scene = Scene(Presence(), standing(4.0, 2.2), standing(4.4, 0.9))
+    for _ in range(5):
+        rows = scene.play(1.0)
+        assert len(rows) in (1, 2)
+    assert len(rows) == 2
+    assert scene.count(PersonAppeared) == 2
