@@ -134,7 +134,8 @@ def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.floa
 
 def _moved(points: NDArray[np.float64], by: Pose2D) -> NDArray[np.float64]:
     cos, sin = math.cos(by.heading_rad), math.sin(by.heading_rad)
-    return points @ np.array([(cos, sin), (-sin, cos)]) + (by.x_m, by.y_m)
+    moved: NDArray[np.float64] = points @ np.array([(cos, sin), (-sin, cos)]) + (by.x_m, by.y_m)
+    return moved
 
 
 class _Stamped(Protocol):

@@ -297,7 +297,7 @@ COMPLETE = Scenario(
     recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
     perception=model.PerceptionSettings("faces", 0.9),
     blur=model.BlurSettings("without_consent", "faces", shown=True),
-    assistant=model.AssistantSettings(system_prompt="Be kind"),
+    assistant=model.AssistantSettings(system_prompt="Be kind", pictures=True),
 )
 
 
