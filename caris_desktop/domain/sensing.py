@@ -254,6 +254,8 @@ class People:
     """Everybody who is seen in one frame; ``stamp_ns`` is the stamp of that frame.
 
     ``things`` are those of the kinds that the scenario lists, which are not followed from frame to frame.
+    ``unfollowed`` are boxes of whom may be a person, too, seen too briefly or too poorly to be told of as one; only
+    where people have to be covered in pictures. Their ``track`` is 0.
     """
 
     stamp_ns: int
@@ -264,6 +266,7 @@ class People:
     boxes: tuple[PersonBox, ...]
     inference_ms: float
     things: tuple[ThingBox, ...] = ()
+    unfollowed: tuple[PersonBox, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

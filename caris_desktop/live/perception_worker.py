@@ -72,7 +72,7 @@ class PerceptionWorker(QObject):
         self._locator = PeopleLocator()
         self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
-        self._faces = False
+        self._faces = self._to_cover = False
 
     @property
     def child_pid(self) -> int | None:
@@ -91,10 +91,11 @@ class PerceptionWorker(QObject):
         with self._turns_lock:
             self._turns.show(name)
 
-    def look_to_cover(self, *, every_camera: bool) -> None:
+    def look_to_cover(self, to_cover: bool) -> None:
         """Whether people have to be covered in what every camera records, on show or not."""
+        self._to_cover = to_cover
         with self._turns_lock:
-            self._turns.others_every_ns = TO_COVER_EVERY_NS if every_camera else OTHERS_EVERY_NS
+            self._turns.others_every_ns = TO_COVER_EVERY_NS if to_cover else OTHERS_EVERY_NS
 
     def look_at_most_every(self, seconds: float) -> None:
         """Leave the processor to others for a while after each look."""
@@ -242,9 +243,9 @@ class PerceptionWorker(QObject):
         """A camera that the robot does not carry does not turn with it."""
         camera = self._cameras.get(frame.camera)
         if camera is None:
-            return Look(frame, faces=self._faces)
+            return Look(frame, faces=self._faces, to_cover=self._to_cover)
         looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
-        return Look(frame, looked, camera.fx_px / camera.width_px, self._faces)
+        return Look(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
     def _start_child(self) -> ChildProcess:
         self._set_status(PerceptionStatus(state="loading"))

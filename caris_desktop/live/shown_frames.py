@@ -12,7 +12,7 @@ from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.perception import blur
-from caris_desktop.recording.recorder.blurring import HOLD_NS, parts_at
+from caris_desktop.recording.recorder.blurring import NEAR_NS, parts_at
 from caris_desktop.recording.recorder.messages import BlurDemand
 from caris_desktop.scenario.model import Scenario
 
@@ -47,7 +47,7 @@ class ShownFrames:
         if image_bgr is None or demand is None:
             return image_bgr
         with self._lock:
-            looks = [each for each in self._looks.get(ref.camera, ()) if abs(ref.stamp_ns - each.stamp_ns) <= HOLD_NS]
+            looks = [each for each in self._looks.get(ref.camera, ()) if abs(ref.stamp_ns - each.stamp_ns) <= NEAR_NS]
         if looks and ref.stamp_ns - looks[-1].stamp_ns <= _SEEN_WITHIN_NS:
             blur.cover(image_bgr, parts_at(ref.stamp_ns, looks, demand, self._consenting, blur), demand.what)
         else:

@@ -270,8 +270,9 @@ class Presence:
                 self._session = event.folder
             case SessionEnded():
                 self._session = ""
-            case PhotoTaken(person_id=person_id, file_name=file_name) if person_id:
-                self._known.add_history(self._visit_id(person_id), "photo", file_name, session=self._session)
+            case PhotoTaken(person_id=person_id, person_ids=person_ids, file_name=file_name):
+                for seen in dict.fromkeys(each for each in (person_id, *person_ids) if each):
+                    self._known.add_history(self._visit_id(seen), "photo", file_name, session=self._session)
             case UtteranceChanged(speaker="participant", state=state, person_id=person_id):
                 self._speaking = person_id if state in ("requested", "started") else ""
                 if state == "finished" and person_id:

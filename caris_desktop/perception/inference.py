@@ -174,6 +174,7 @@ def _people(ref: FrameRef, perceived: Perceived, work_s: float) -> People:
         boxes=tuple(_person_box(box, perceived.poses.get(box.track, Pose())) for box in perceived.boxes),
         inference_ms=work_s * 1e3,
         things=perceived.things,
+        unfollowed=perceived.unfollowed,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonPortrait
-from caris_desktop.domain.sensing import ThingBox
+from caris_desktop.domain.sensing import PersonBox, ThingBox
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.chosen import Chosen, DetectorSettings, open_chosen
 from caris_desktop.perception.detector import Detections
@@ -29,6 +29,7 @@ class Perceived:
     boxes: list[TrackedBox]
     poses: dict[int, Pose]
     things: tuple[ThingBox, ...]
+    unfollowed: tuple[PersonBox, ...]
     portraits: list[PersonPortrait]
     detections: Detections
     detector_s: float
@@ -65,6 +66,7 @@ class Perceiver:
             name for name in things if name.lower() not in {known.lower() for known in self._things.values()}
         )
         """Those of ``things`` that the detector does not know."""
+        self._people = frozenset(chosen.people)
         self._poses = Poses()
         self._detector = detector
         self._tracker = tracker
@@ -85,7 +87,19 @@ class Perceiver:
                 box.track: self._poses.of(box.track, detections.keypoints[box.detection], stamp_s) for box in boxes
             }
         things = self._things_of(detections)
-        return Perceived(boxes, poses, things, portraits, detections, detected_s - began_s, tracked_s - detected_s)
+        unfollowed = self._unfollowed(detections, boxes) if look.to_cover else ()
+        detector_s, tracker_s = detected_s - began_s, tracked_s - detected_s
+        return Perceived(boxes, poses, things, unfollowed, portraits, detections, detector_s, tracker_s)
+
+    def _unfollowed(self, detections: Detections, boxes: list[TrackedBox]) -> tuple[PersonBox, ...]:
+        """Whoever the detector takes for a person and the tracker does not (yet)."""
+        followed = {box.detection for box in boxes}
+        found = zip(detections.corners_px.tolist(), detections.confidences.tolist(), detections.classes, strict=True)
+        return tuple(
+            PersonBox(0, "", left, top, right - left, bottom - top, confidence)
+            for row, ((left, top, right, bottom), confidence, kind) in enumerate(found)
+            if int(kind) in self._people and row not in followed
+        )
 
     def _things_of(self, detections: Detections) -> tuple[ThingBox, ...]:
         if not self._things:

@@ -27,13 +27,15 @@ _SAME_PERSON = 0.7
 class Look:
     """A picture to find people in. ``looked`` is where its camera pointed when it was taken: heading (left positive,
     not wrapped) and tilt (down positive) in radians; None where nobody told. ``focal_per_width`` is its lens.
-    ``faces``: faces may be looked at, too.
+    ``faces``: faces may be looked at, too. ``to_cover``: people have to be covered in this camera's pictures, so
+    whoever may be one is to be told of.
     """
 
     frame: FrameRef
     looked: tuple[float, float] | None = None
     focal_per_width: float = USUAL_FOCAL_PER_WIDTH
     faces: bool = False
+    to_cover: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,8 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
+from caris_desktop.perception.inference import InferenceSettings
+from caris_desktop.recording.recorder.media_writer import ENCODER_NICENESS
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import BlurWho, Scenario
 
@@ -94,7 +96,7 @@ class PeopleService(Service):
         self._cover = scenario.blur.who != "nobody"
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
-            self._worker.look_to_cover(every_camera=self._cover)
+            self._worker.look_to_cover(self._cover)
 
     @property
     def inference_pid(self) -> int | None:
@@ -104,8 +106,9 @@ class PeopleService(Service):
         body = self._parts.inference
         if body is None:
             return
+        arguments = tuple(self._ranked(argument) for argument in body.arguments)
         worker = PerceptionWorker(
-            replace(body, arguments=(self._rings, *body.arguments)),
+            replace(body, arguments=(self._rings, *arguments)),
             self._parts.open_presence,
             self._bus.publish,
             self._state.portraits,
@@ -116,12 +119,20 @@ class PeopleService(Service):
         worker.history_found.connect(self._state.person_history.set_anew, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
-        worker.look_to_cover(every_camera=self._cover)
+        worker.look_to_cover(self._cover)
         self._thread.started.connect(worker.run)
         self._worker = worker
         self._on_cameras_changed(None)
         worker.show_camera(self._state.camera.value)
         self._thread.start(QThread.Priority.LowPriority)
+
+    def _ranked(self, argument: Any) -> Any:
+        """Where people have to be covered in the record, looking for them ranks with what writes it. A process cannot
+        come forward again once it has stepped back, so a scenario that is opened later changes nothing of this.
+        """
+        if self._cover and isinstance(argument, InferenceSettings):
+            return replace(argument, niceness=ENCODER_NICENESS)
+        return argument
 
     def stop(self) -> None:
         if self._worker is not None:

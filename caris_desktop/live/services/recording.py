@@ -244,9 +244,13 @@ class RecordingService(Service):
             return
         state = self._state
         people: People | None = state.people.value if state.people.freshness == "fresh" else None
-        seen = () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
+        boxes = [] if people is None else [box for box in people.boxes if box.person_id]
+        seen = tuple(dict.fromkeys(box.person_id for box in boxes))
+        # Whose box is the largest is nearest, as a rule.
+        largest = max(boxes, key=lambda box: box.width_px * box.height_px, default=None)
+        attended = state.selected_person.value or ("" if largest is None else largest.person_id)
         pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
-        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, seen, pose))
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, attended, seen, pose))
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         """Who agreed to be filmed is not covered where only those who did not have to be."""

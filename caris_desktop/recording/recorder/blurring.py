@@ -24,14 +24,20 @@ Corners = tuple[float, float, float, float]
 
 GAP_AT_MOST_NS = 350_000_000
 """Looks further apart than this say nothing of the frames between them."""
-AHEAD_NS = 250_000_000
+AHEAD_NS = 300_000_000
 """How much later than a frame the newest look has to be: somebody new is told of with the second look."""
 HOLD_NS = 600_000_000
 """How long somebody whom a look misses stays covered."""
+NEAR_NS = HOLD_NS + GAP_AT_MOST_NS
+"""Looks of how long before and after a frame say where people are in it."""
 WAIT_AT_MOST_NS = 700_000_000
 MAX_WAITING_FRAMES, MAX_WAITING_BYTES = 45, 128 * 1024 * 1024
 _SILENT_AFTER_NS = 2_000_000_000
-_MARGIN, _MARGIN_OF_WAY, _GROWTH_PER_S = 0.12, 0.35, 0.6
+_MARGIN, _MARGIN_OF_WAY, _GROWTH_PER_S = 0.12, 0.35, 1.0
+# Of their width: how far somebody whom nobody follows goes from one look to the next. And how much of a box has to be
+# in another one for both to be the same person.
+_SAME_WITHIN = 1.5
+_TWICE = 0.8
 _KEPT_LOOKS = 60
 
 
@@ -191,8 +197,7 @@ class _Line:
         after_ns = before_ns if before_ns == stamp_ns else looks[after].stamp_ns if after < len(looks) else None
         if after_ns is None or after_ns - before_ns > GAP_AT_MOST_NS:
             return None
-        until_ns = max(stamp_ns + AHEAD_NS, after_ns)
-        return [look for look in looks if stamp_ns - HOLD_NS <= look.stamp_ns <= until_ns]
+        return [look for look in looks if abs(stamp_ns - look.stamp_ns) <= NEAR_NS]
 
 
 def parts_at(
@@ -204,12 +209,37 @@ def parts_at(
     spare = consenting if demand.who == "without_consent" else frozenset()
     ways: dict[int, list[_Seen]] = {}
     bare: dict[int, bool] = {}
+    brief: list[list[_Seen]] = []
     for people in looks:
         for box in people.boxes:
             seen = _Seen(people.stamp_ns, covering.part_to_cover(box, demand.what))
             ways.setdefault(box.track, []).append(seen)
             bare[box.track] = bare.get(box.track, True) and box.person_id in spare
-    return [_where(way, stamp_ns) for track, way in ways.items() if not bare[track]]
+        shown = [box for box in people.boxes if box.person_id in spare]
+        unfollowed = [box for box in people.unfollowed if not any(_within(box, other) for other in shown)]
+        _link(brief, [_Seen(people.stamp_ns, covering.part_to_cover(box, demand.what)) for box in unfollowed])
+    covered = [*brief, *(way for track, way in ways.items() if not bare[track])]
+    # Looks from longer ago only say which way somebody went.
+    return [_where(way, stamp_ns) for way in covered if min(abs(stamp_ns - seen.stamp_ns) for seen in way) <= HOLD_NS]
+
+
+def _link(ways: list[list[_Seen]], seen: list[_Seen]) -> None:
+    """Put whom nobody follows to whoever was nearest in the looks before, or begin somebody new."""
+    open_ways = list(ways)
+    for one in seen:
+        near = min(open_ways, key=lambda way: _distance_px(way[-1].corners, one.corners), default=None)
+        if near is not None and _distance_px(near[-1].corners, one.corners) <= _SAME_WITHIN * _wide_px(one.corners):
+            near.append(one)
+            open_ways = [way for way in open_ways if way is not near]
+        else:
+            ways.append([one])
+
+
+def _within(box: PersonBox, other: PersonBox) -> bool:
+    """Whether it is most likely the other one once more, as detectors now and then find somebody twice."""
+    across = min(box.left_px + box.width_px, other.left_px + other.width_px) - max(box.left_px, other.left_px)
+    down = min(box.top_px + box.height_px, other.top_px + other.height_px) - max(box.top_px, other.top_px)
+    return max(0.0, across) * max(0.0, down) >= _TWICE * box.width_px * box.height_px
 
 
 def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
@@ -219,11 +249,11 @@ def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
         one, other = way[after - 1], way[after]
         at = _between(one, other, stamp_ns)
         moved_px = _distance_px(one.corners, other.corners)
-        return _grown(at, _MARGIN * (at[2] - at[0]) + _MARGIN_OF_WAY * moved_px)
+        return _grown(at, _MARGIN * _wide_px(at) + _MARGIN_OF_WAY * moved_px)
     # Seen on one side only: there, and where the way so far leads, and the longer ago the larger.
     nearest = way[after - 1] if after else way[0]
     away_s = abs(stamp_ns - nearest.stamp_ns) / 1e9
-    wide_px = nearest.corners[2] - nearest.corners[0]
+    wide_px = _wide_px(nearest.corners)
     corners = nearest.corners
     if len(way) > 1 and away_s > 0:
         one, other = (way[-2], way[-1]) if after else (way[0], way[1])
@@ -240,6 +270,10 @@ def _between(one: _Seen, other: _Seen, stamp_ns: int) -> Corners:
     share = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
     left, top, right, bottom = (a + share * (b - a) for a, b in zip(one.corners, other.corners, strict=True))
     return left, top, right, bottom
+
+
+def _wide_px(corners: Corners) -> float:
+    return corners[2] - corners[0]
 
 
 def _distance_px(one: Corners, other: Corners) -> float:

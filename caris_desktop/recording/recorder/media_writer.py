@@ -29,7 +29,7 @@ from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
-_ENCODER_NICENESS = 5
+ENCODER_NICENESS = 5
 _CROWDED_SHARE = 0.6
 
 
@@ -379,7 +379,7 @@ def photo_event(wanted: TakePhoto, file_name: str) -> PhotoTaken:
     """What tells of a photo once it is on disk."""
     ref = wanted.ref
     return PhotoTaken(
-        ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor,
+        ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor, wanted.person_id,
         person_ids=wanted.person_ids, pose_in_map=wanted.pose_in_map,
     )  # fmt: skip
 
@@ -461,4 +461,4 @@ class _PhotoThread:
 def be_nice() -> None:
     """The calling thread alone: events and the console come first."""
     if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _ENCODER_NICENESS)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), ENCODER_NICENESS)

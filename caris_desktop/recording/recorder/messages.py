@@ -114,14 +114,15 @@ class OfferMarkers:
 class TakePhoto:
     """Keep this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` while there is none.
 
-    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session. ``person_ids`` and
-    ``pose_in_map`` are as in ``PhotoTaken``.
+    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session. ``person_id``,
+    ``person_ids`` and ``pose_in_map`` are as in ``PhotoTaken``.
     """
 
     ref: FrameRef
     without_session: Path
     actor: Actor = ""
     blur: BlurDemand = BlurDemand()
+    person_id: str = ""
     person_ids: tuple[str, ...] = ()
     pose_in_map: Pose2D | None = None
 

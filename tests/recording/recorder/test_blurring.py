@@ -1,6 +1,6 @@
 """Nobody is seen in what is kept: walking people with known truth, looks that come late, miss somebody, or fail."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,22 +68,28 @@ WALKERS = (
 )
 
 
-def seen(at_s: float, random: np.random.Generator, *, known_from_s: dict[int, float]) -> tuple[PersonBox, ...]:
+FOLLOWED_AFTER_S = 0.6
+"""As a tracker waits for a good view of somebody who may be back."""
+
+
+def seen(at_s: float, random: np.random.Generator, *, known_from_s: dict[int, float]) -> People:
     """What a detector and a tracker make of it: boxes that are a little off, somebody missed now and then, and nobody
-    told of with the first look.
+    followed from the first look on.
     """
-    boxes = []
+    boxes: list[PersonBox] = []
+    unfollowed: list[PersonBox] = []
     for walker in WALKERS:
         box = walker.box(at_s)
         visible = box is not None and min(box[0] + box[2], WIDTH_PX) - max(box[0], 0.0) > 0.2 * box[2]
         if box is None or not visible or random.random() < 0.08:
             continue
-        if walker.track not in known_from_s:
-            known_from_s[walker.track] = at_s
-            continue
-        off = random.normal(0.0, 0.02 * box[2], 4)
-        boxes.append(PersonBox(walker.track, f"p-{walker.track}", *(np.array(box) + off), 0.8))
-    return tuple(boxes)
+        left, top, width, height = np.array(box) + random.normal(0.0, 0.02 * box[2], 4)
+        if at_s - known_from_s.setdefault(walker.track, at_s) < FOLLOWED_AFTER_S:
+            unfollowed.append(PersonBox(0, "", left, top, width, height, 0.3))
+        else:
+            boxes.append(PersonBox(walker.track, f"p-{walker.track}", left, top, width, height, 0.8))
+    stamp_ns = SECOND_NS + round(at_s * RATE_HZ) * SECOND_NS // RATE_HZ
+    return People(stamp_ns, "front", 0, WIDTH_PX, HEIGHT_PX, tuple(boxes), 60.0, unfollowed=tuple(unfollowed))
 
 
 def truth_of(what: BlurWhat, box: tuple[float, float, float, float]) -> tuple[int, int, int, int] | None:
@@ -147,9 +153,8 @@ def play(what: BlurWhat, *, without: frozenset[int], frames: int = FRAMES) -> Ou
         stamp_ns, came_ns[number] = now_ns, now_ns
         if number * LOOK_HZ // RATE_HZ > (number - 1) * LOOK_HZ // RATE_HZ:
             looks += 1
-            boxes = seen(number / RATE_HZ, random, known_from_s=known_from_s)
+            people = seen(number / RATE_HZ, random, known_from_s=known_from_s)
             if looks not in without:
-                people = People(stamp_ns, "front", number, WIDTH_PX, HEIGHT_PX, boxes, 60.0)
                 waiting_looks.append((stamp_ns + LATE_NS, people))
         if number < frames:
             at = int(random.integers(0, 40))
@@ -220,6 +225,22 @@ def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
     for at_ms in (100, 350):
         blurring.look(look(at_ms, ADA), ref.stamp_ns)
     assert share_the_same(done[0], image, ADA) < SURELY_THE_SAME
+
+
+def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_found_twice() -> None:
+    blurring = Blurring(blur)
+    blurring.use_demand(BlurDemand("without_consent"))
+    blurring.use_consents({"p-ada"})
+    ref, image = frame(at_ms=50)
+    done: list[NDArray[np.uint8]] = []
+    twice = replace(ADA, track=0, person_id="", left_px=55, width_px=60, confidence=0.2)
+    brief = replace(BEN, track=0, person_id="")
+    blurring.look(look(0, ADA), ref.stamp_ns)
+    blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
+    for at_ms in (100, 350):
+        blurring.look(replace(look(at_ms, ADA), unfollowed=(twice, brief)), ref.stamp_ns)
+    assert share_the_same(done[0], image, ADA) == 1.0
+    assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
 
 
 def test_what_waits_is_bounded_and_goes_on_covered() -> None:
