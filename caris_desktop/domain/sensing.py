@@ -4,6 +4,7 @@
 robot's own stamp (nanoseconds of its clock), where it sent one.
 """
 
+import math
 import zlib
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -164,6 +165,27 @@ class CameraState:
     width_px: int = 0
     height_px: int = 0
     fps: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthGrid:
+    """How far in front of a camera is what it sees, along its axis.
+
+    ``depths_mm`` is uint16, shape (rows, columns): the picture in that many parts; 0 where it is not known.
+    """
+
+    stamp_ns: int
+    camera: str
+    depths_mm: NDArray[np.uint16] = field(metadata={"shape": (-1, -1)})
+
+    def median_m(self, left: float, top: float, right: float, bottom: float) -> float | None:
+        """The middle one of the depths within, in shares of the picture (0 to 1); None where too few are known."""
+        rows, columns = self.depths_mm.shape
+        across = slice(max(0, math.floor(left * columns)), max(0, math.ceil(right * columns)))
+        down = slice(max(0, math.floor(top * rows)), max(0, math.ceil(bottom * rows)))
+        inside = self.depths_mm[down, across]
+        known = inside[inside > 0]
+        return float(np.median(known)) / 1000.0 if known.size * 4 >= max(inside.size, 1) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -79,6 +79,7 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera", well_known=foxglove.CALIBRATION),
     StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
     StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
+    StreamSpec("depth", sensing.DepthGrid, Delivery.LATEST, 0.3, source="camera", record_every_s=0.5),
     StreamSpec("camera_state", sensing.CameraState, Delivery.LATEST, source="camera"),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1, source="camera"),
 )

@@ -292,3 +292,43 @@ def test_a_picture_tells_when_it_was_taken_by_the_robots_clock() -> None:
         assert bench.of(FrameRef)[-1].taken_ns is None
 
     with_link(RAW, test, media=True, prepare=prepare)
+
+
+def test_odd_pictures_are_made_to_fit_and_those_of_no_use_are_one_problem() -> None:
+    robot = RobotProfile(
+        "test", "Test", cameras=(CameraTopic("front", CAMERA), CameraTopic("raw", "/raw", type="Image"))
+    )
+
+    def png(image: np.ndarray) -> bytes:
+        return cv2.imencode(".png", image)[1].tobytes()
+
+    async def test(bench: LoopBench) -> None:
+        kept = Kept()
+        bench.link._frames = kept
+        odd = (
+            jpeg(90, width_px=7680, height_px=4320),
+            png(np.full((48, 64), 40, np.uint8)),
+            png(np.full((48, 64), 50 << 8, np.uint16)),
+            png(np.full((48, 64, 4), 60, np.uint8)),
+        )
+        for count, content in enumerate(odd, start=1):
+            await bench.bridge.publish(CAMERA, {**image_message(content), "data": content}, cbor=True)
+            await bench.until(lambda count=count: len(bench.of(FrameRef)) == count, "the picture")
+        assert [image.shape for image in kept.images] == [(1080, 1920, 3), *[(48, 64, 3)] * 3]
+        assert [abs(int(image[5, 5, 0]) - grey) <= 1 for image, grey in zip(kept.images, (90, 40, 50, 60), strict=True)]
+        large = raw_message(np.full((2160, 3840, 1), 70, np.uint8), "mono8")
+        await bench.bridge.publish("/raw", large, cbor=True)
+        await bench.until(lambda: len(bench.of(FrameRef)) == 5, "the raw picture")
+        assert kept.images[-1].shape == (1080, 1920, 3)
+        await bench.bridge.publish("/raw", raw_message(np.zeros((1, 1, 3), np.uint8), "rgb8"), cbor=True)
+        whole = jpeg(100)
+        for content in (jpeg(9, width_px=1, height_px=1), whole[: len(whole) // 2], whole[:-40]):
+            await bench.bridge.publish(CAMERA, {**image_message(content), "data": content}, cbor=True)
+        await bench.bridge.publish(CAMERA, {**image_message(whole), "data": whole}, cbor=True)
+        await bench.until(lambda: len(bench.of(FrameRef)) == 6, "the next whole one")
+        told = await bench.until(lambda: len(bench.of(Problem)) >= 2 and bench.of(Problem), "a problem of each camera")
+        first = {problem.what.partition(" were")[0].rpartition(" ")[2]: problem.what for problem in reversed(told)}
+        assert sorted(first) == ["front", "raw"]
+        assert "1 x 1 pixels, which is too small" in first["raw"]
+
+    with_link(robot, test, media=True)

@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.sensing import CameraState
+from caris_desktop.domain.sensing import CameraState, DepthGrid
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.open_camera import open_camera
@@ -25,6 +28,7 @@ _RETRY_AFTER_S = (1.0, 2.0, 5.0)
 _CATCH_UP_AT_MOST_S = 1.0
 # Pictures of no use that come one after the other: the camera is no better than one that is lost.
 _REFUSED_AT_MOST = 100
+_DEPTH_COLUMNS = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +147,8 @@ class _Running:
             if picture.taken_ns is not None:
                 ref = replace(ref, taken_ns=picture.taken_ns, taken_uncertainty_ns=picture.taken_uncertainty_ns)
             self._connection.send(ref)
+            if picture.depth_mm is not None:
+                self._connection.send(DepthGrid(ref.stamp_ns, self._chosen.name, _coarse(picture.depth_mm)))
             picture = self._read(camera)
 
     def _wait(self, seconds: float) -> None:
@@ -171,3 +177,9 @@ class _Running:
                 until="picture",
             )
         )
+
+
+def _coarse(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Enough for people, and little to send: some of its points, as many as ``_DEPTH_COLUMNS`` in a row."""
+    step = max(1, depth_mm.shape[1] // _DEPTH_COLUMNS)
+    return np.ascontiguousarray(depth_mm[step // 2 :: step, step // 2 :: step])

@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError
-from caris_desktop.domain.sensing import CameraState, FrameRef
+from caris_desktop.domain.sensing import CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process
 from caris_desktop.perception.cameras.camera_process import PlayVideo
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
@@ -193,3 +193,21 @@ def test_a_video_can_be_played_as_fast_as_it_is_read(tmp_path: Path, start: Star
     camera.until(has_state("ended"))
     assert len(camera.of(FrameRef)) == PICTURES
     assert time.monotonic() - began_s < PICTURES / 2, "at its own rate it takes twice as long"
+
+
+def test_depth_goes_along_with_its_picture_in_few_points(start: Start) -> None:
+    depth_mm = np.full((180, 320), 3000, np.uint16)
+    depth_mm[:, :160] = 1500
+    pictures = iter([Picture(GOOD), Picture(GOOD, depth_mm=depth_mm), Picture(GOOD)])
+
+    class WithDepth(ToldCamera):
+        def read(self) -> Picture | None:
+            return next(pictures, None)
+
+    camera = start("clip.mp4?fast", open_one=lambda _chosen: WithDepth(iter(())), name="mast")
+    camera.connection.send(PlayVideo())
+    camera.until(has_state("ended"))
+    (grid,) = camera.of(DepthGrid)
+    assert (grid.stamp_ns, grid.camera) == (camera.of(FrameRef)[1].stamp_ns, "mast")
+    assert grid.depths_mm.shape == (45, 80)
+    assert (grid.depths_mm[20, 5], grid.depths_mm[20, 70]) == (1500, 3000)
