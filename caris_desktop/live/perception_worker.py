@@ -18,7 +18,16 @@ from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, PhotoTaken, Problem, SessionEnded, SessionStarted, UtteranceChanged
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, People, RobotPose
+from caris_desktop.domain.sensing import (
+    CameraLens,
+    DepthGrid,
+    FrameRef,
+    HeadState,
+    LaserScan,
+    Odometry,
+    People,
+    RobotPose,
+)
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
@@ -107,7 +116,7 @@ class PerceptionWorker(QObject):
             self._turns.forget()
         self._inputs.put(_FORGET)
 
-    def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry) -> None:
+    def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry | DepthGrid) -> None:
         """What tells where the people of a picture stand, and which way its camera looked."""
         if isinstance(value, HeadState | Odometry):
             self._turning.take(value)

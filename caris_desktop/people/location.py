@@ -1,4 +1,4 @@
-"""Where people stand: the direction from the camera, the distance from the LIDAR, or from where their feet are."""
+"""Where people stand: the direction from the camera, the distance from its depth, the LIDAR, or where the feet are."""
 
 import math
 from collections import deque
@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import HeadState, LaserScan, People, PeopleInMap, PersonBox, PersonPlace, RobotPose
+from caris_desktop.domain.sensing import (
+    DepthGrid,
+    HeadState,
+    LaserScan,
+    People,
+    PeopleInMap,
+    PersonBox,
+    PersonPlace,
+    RobotPose,
+)
 
 WIDEST_PERSON_M = 1.0
 FARTHEST_M = 10.0
@@ -19,6 +28,8 @@ _GAP_M = 0.35  # two returns that are farther apart belong to different things
 _BEARING_ERROR_RAD = 0.03
 _HALF_A_BODY_M = 0.12  # the LIDAR sees the front of the legs
 _EDGE_PX = 4.0
+_DEEPEST_M = 8.0
+_DEPTH_ERROR = 0.02  # per metre, of two eyes 7.5 cm apart: it grows with the square of the distance
 _FLOOR_ERROR = 0.08  # as a share of the distance: how exactly a box ends at the feet
 
 
@@ -28,9 +39,16 @@ def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot
 
 
 def _placed(
-    people: People, camera: CameraModel, map_from_base: Pose2D, points_in_base: NDArray[np.float64], *, by_floor: bool
+    people: People,
+    camera: CameraModel,
+    map_from_base: Pose2D,
+    points_in_base: NDArray[np.float64],
+    *,
+    by_floor: bool,
+    depth: DepthGrid | None = None,
 ) -> tuple[PersonPlace, ...]:
-    """A place in the map for each person in whose direction the LIDAR saw something person-sized.
+    """A place in the map for each person whose distance the camera knows, or in whose direction the LIDAR saw something
+    person-sized.
 
     Of several things in that direction the one that agrees best with where the feet stand in the picture is taken,
     and the nearest where the feet are not to be seen.
@@ -58,9 +76,11 @@ def _placed(
         middle, half = (left + right) / 2.0, max(abs(left - right) / 2.0, 0.01)
         off = np.abs(np.remainder(bearings - middle + math.pi, 2.0 * math.pi) - math.pi)
         inside = np.flatnonzero((off <= half) & (distances <= FARTHEST_M))
-        source: Literal["lidar", "floor"] = "lidar"
-        distance_m = _distance_of(box, distances[inside], people, camera)
+        source: Literal["lidar", "depth", "floor"] = "lidar"
+        distance_m = None if depth is None else _distance_in_depth(box, people, camera, depth)
         if distance_m is not None:
+            source, spread_m = "depth", math.hypot(0.05, _DEPTH_ERROR * distance_m**2)
+        elif (distance_m := _distance_of(box, distances[inside], people, camera)) is not None:
             distance_m += _HALF_A_BODY_M
             spread_m = math.hypot(0.1, distance_m * _BEARING_ERROR_RAD)
         elif by_floor:
@@ -73,6 +93,21 @@ def _placed(
         )
         places.append(PersonPlace(box.person_id, in_map.x_m, in_map.y_m, spread_m, source, box.track))
     return tuple(places)
+
+
+def _distance_in_depth(box: PersonBox, people: People, camera: CameraModel, depth: DepthGrid) -> float | None:
+    """How far away the middle of the body is along the floor, by its trunk: least of the room is seen beside that."""
+    u_px, v_px = box.left_px + box.width_px / 2.0, box.top_px + 0.4 * box.height_px
+    along_axis_m = depth.median_m(
+        (u_px - box.width_px / 4.0) / people.frame_width_px,
+        (v_px - box.height_px / 5.0) / people.frame_height_px,
+        (u_px + box.width_px / 4.0) / people.frame_width_px,
+        (v_px + box.height_px / 5.0) / people.frame_height_px,
+    )
+    if along_axis_m is None or along_axis_m > _DEEPEST_M:
+        return None
+    forward, left, _up = camera.ray(u_px, v_px)
+    return along_axis_m * math.hypot(forward, left) + _HALF_A_BODY_M
 
 
 def _distance_on_floor(box: PersonBox, people: People, camera: CameraModel) -> float | None:
@@ -156,9 +191,12 @@ class PeopleLocator:
         self._scans: deque[LaserScan] = deque(maxlen=20)
         self._poses: deque[RobotPose] = deque(maxlen=40)
         self._heads: deque[HeadState] = deque(maxlen=40)
+        self._depths: dict[str, deque[DepthGrid]] = {}
 
-    def take(self, value: LaserScan | RobotPose | HeadState) -> None:
-        if isinstance(value, LaserScan):
+    def take(self, value: LaserScan | RobotPose | HeadState | DepthGrid) -> None:
+        if isinstance(value, DepthGrid):
+            self._depths.setdefault(value.camera, deque(maxlen=20)).append(value)
+        elif isinstance(value, LaserScan):
             self._scans.append(value)
         elif isinstance(value, RobotPose):
             self._poses.append(value)
@@ -175,12 +213,15 @@ class PeopleLocator:
             return self._locate_from(camera.stands_in_map, people, camera)
         scan = _nearest(tuple(self._scans), people.stamp_ns)
         pose = _nearest(tuple(self._poses), people.stamp_ns)
-        if scan is None or pose is None:
+        depth = self._depth_at(people)
+        if pose is None or (scan is None and depth is None):
             return None
         head = _nearest(tuple(self._heads), people.stamp_ns)
         if head is not None:
             camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
-        return PeopleInMap(people.stamp_ns, located(people, scan, camera, pose.pose_in_map), people.camera)
+        points = np.zeros((0, 2)) if scan is None else _points_in_robot(scan, pose.pose_in_map)
+        places = _placed(people, camera, pose.pose_in_map, points, by_floor=False, depth=depth)
+        return PeopleInMap(people.stamp_ns, places, people.camera)
 
     def _locate_from(self, base: Pose2D, people: People, camera: CameraModel) -> PeopleInMap:
         """By a camera that stands in the room: what the robot's LIDAR sees helps, where it looks there too."""
@@ -189,7 +230,11 @@ class PeopleLocator:
         points = np.zeros((0, 2))
         if scan is not None and pose is not None:
             points = _moved(_points_in_robot(scan, pose.pose_in_map), base.inverse() @ pose.pose_in_map)
-        return PeopleInMap(people.stamp_ns, _placed(people, camera, base, points, by_floor=True), people.camera)
+        places = _placed(people, camera, base, points, by_floor=True, depth=self._depth_at(people))
+        return PeopleInMap(people.stamp_ns, places, people.camera)
+
+    def _depth_at(self, people: People) -> DepthGrid | None:
+        return _nearest(tuple(self._depths.get(people.camera, ())), people.stamp_ns)
 
 
 def _nearest(values: Sequence[_S], stamp_ns: int) -> _S | None:

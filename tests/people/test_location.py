@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import HeadState, LaserScan, People, PersonBox, RobotPose
+from caris_desktop.domain.sensing import DepthGrid, HeadState, LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator, located
 
 CAMERA = CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(70))
@@ -106,3 +106,44 @@ def test_a_scan_that_was_taken_before_the_robot_turned_still_shows_the_person() 
     cos, sin = math.cos(-0.5), math.sin(-0.5)
     (found,) = located(seen((2.0 * cos, 2.0 * sin)), scan, CAMERA, now)
     assert math.dist((found.x_m, found.y_m), (3.0, 1.0)) < 0.2
+
+
+def depth_of(people: People, camera: CameraModel, *depths_m: float, stamp_ns: int = 0) -> DepthGrid:
+    """A wall in 6 m with these people before it, each at this depth along the camera's axis."""
+    grid = np.full((45, 80), 6000, np.uint16)
+    for box, depth_m in zip(people.boxes, depths_m, strict=True):
+        across = slice(int(box.left_px / 8), int((box.left_px + box.width_px) / 8) + 1)
+        down = slice(int(box.top_px * 45 / 480), int((box.top_px + box.height_px) * 45 / 480) + 1)
+        grid[down, across] = round(depth_m * 1000)
+    return DepthGrid(stamp_ns, "front", grid)
+
+
+def test_a_camera_that_knows_depth_places_people_without_a_scan_and_before_one() -> None:
+    near, far = (2.0, 0.6), (4.0, -0.9)
+    people = seen(near, far)
+    locator = PeopleLocator()
+    locator.take(RobotPose(0, None, Pose2D(1.0, 0.0, 0.0)))
+    assert locator.locate(people, CAMERA) is None
+    # What the front of a body is from the camera, along its axis
+    locator.take(depth_of(people, CAMERA, 2.0 - 0.12, 4.0 - 0.12))
+    for scan in (None, scan_of((3.0, 0.9), (1.2, -0.27))):  # of others, in the same directions
+        if scan is not None:
+            locator.take(scan)
+        places = locator.locate(people, CAMERA)
+        assert places is not None
+        assert [place.source for place in places.people] == ["depth", "depth"]
+        for place, (x_m, y_m) in zip(places.people, (near, far), strict=True):
+            assert math.dist((place.x_m, place.y_m), (x_m + 1.0, y_m)) < 0.15
+        assert places.people[0].spread_m < places.people[1].spread_m
+
+
+def test_depth_of_another_moment_or_camera_or_too_far_away_says_nothing() -> None:
+    people = seen((2.0, 0.0), stamp_ns=2_000_000_000)
+    locator = PeopleLocator()
+    locator.take(RobotPose(2_000_000_000, None, Pose2D(0.0, 0.0, 0.0)))
+    locator.take(depth_of(people, CAMERA, 2.0, stamp_ns=1_000_000_000))
+    locator.take(replace(depth_of(people, CAMERA, 2.0, stamp_ns=2_000_000_000), camera="rear"))
+    assert locator.locate(people, CAMERA) is None
+    locator.take(depth_of(people, CAMERA, 9.0, stamp_ns=2_000_000_000))
+    places = locator.locate(people, CAMERA)
+    assert places is not None and places.people == ()

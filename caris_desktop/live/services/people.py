@@ -18,7 +18,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import CameraLens, FrameRef, HeadState, LaserScan, Odometry, RobotPose
+from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -74,7 +74,7 @@ class PeopleService(Service):
         state.robot.changed.connect(self._on_cameras_changed)
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
-        bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens))
+        bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
     def handlers(self) -> Handlers:
         return dict.fromkeys(get_args(PeopleIntent), self._decide) | {
