@@ -20,6 +20,7 @@ COMMANDS = {
     "track": ("caris_desktop.app.track_command", "people in a recorded video, followed as the console does"),
     "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
     "camera-server": ("caris_desktop.app.camera_server_command", "a camera for the console on another computer"),
+    "perceive": ("caris_desktop.app.perceive_command", "people are found here for a console on another computer"),
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 

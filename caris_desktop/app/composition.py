@@ -37,9 +37,11 @@ from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.store import PeopleStore
+from caris_desktop.perception.backends.chosen import DetectorSettings
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference import InferenceSettings
+from caris_desktop.perception.weights import ModelChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.robot.link import LinkSettings
@@ -128,6 +130,7 @@ def parts(
         people=PeopleParts(
             inference=ProcessBody("inference", bodies.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
+            as_told=_inference_as_told,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantParts(
@@ -296,6 +299,19 @@ def _build_prompt(
     return build_messages(
         question, system_prompt=scenario.assistant.system_prompt, conversation=conversation, people=people
     )
+
+
+def _inference_as_told(body: ProcessBody, scenario: Scenario) -> ProcessBody:
+    (settings,) = body.arguments
+    told = scenario.perception
+    folder = scenario.path.parent if scenario.path is not None else None
+    detector = DetectorSettings(
+        ModelChoice(told.model, told.sha256, folder if told.model else None, told.input_px),
+        device=told.device,
+        things=told.classes,
+        server=told.server,
+    )
+    return replace(body, arguments=(replace(settings, detector=detector, tracker=told.tracker),))
 
 
 def _load_scenario(path: Path) -> Scenario:

@@ -88,6 +88,10 @@ class PerceptionWorker(QObject):
         """The inference process, None before it runs."""
         return None if self._child is None else self._child.pid
 
+    def use_body(self, body: ProcessBody) -> None:
+        """Another detector, or another place for it, from now on: inference starts anew."""
+        self._inputs.put(_UseBody(body))
+
     def offer(self, ref: FrameRef) -> None:
         """A new frame; one of its camera that was not taken yet is overwritten."""
         with self._turns_lock:
@@ -178,7 +182,13 @@ class PerceptionWorker(QObject):
                 item = None
             if item is _STOP:
                 break
-            if item is _FORGET:
+            if isinstance(item, _UseBody):
+                self._body, ready, busy, asked, restarts = item.body, False, False, None, Restarts()
+                if child is not None:
+                    child.stop(grace_s=2.0)
+                self._publish_all(presence.restart_tracks(clock.now_ns()))
+                child = self._start_child()
+            elif item is _FORGET:
                 asked = None
                 self._turning.forget()
                 self._look_rates.forget()
@@ -328,6 +338,11 @@ class _Recognise:
 class _ChildEnded:
     def __init__(self, child: ChildProcess) -> None:
         self.child = child
+
+
+class _UseBody:
+    def __init__(self, body: ProcessBody) -> None:
+        self.body = body
 
 
 _FRAME_WAITS = object()

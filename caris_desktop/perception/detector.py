@@ -26,6 +26,10 @@ class Detections:
     keypoints: NDArray[np.float64] | None = None
 
 
+class DetectorAwayError(Exception):
+    """A detector on another machine cannot be asked now; says why, without an end. Trying again may help."""
+
+
 class Detector(Protocol):
     """For one thread. ``label`` is what the wizard reads."""
 

@@ -18,6 +18,7 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.backends.chosen import DetectorSettings
+from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
@@ -27,6 +28,7 @@ from caris_desktop.perception.weights import WeightsError
 log = logging.getLogger(__name__)
 
 _FAILURES_AT_MOST = 5
+_ASK_AGAIN_AFTER_S = 2.0
 
 
 def default_threads() -> int:
@@ -106,15 +108,9 @@ def run_inference(connection: Connection, frames: FrameReader, settings: Inferen
 def _serve(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
     started_ns = clock.now_ns()
     try:
-        perceiver = open_perceiver(
-            settings.weights_path,
-            tracker=settings.tracker,
-            threads=settings.threads,
-            recognise_looks=settings.recognise_looks,
-            allow_download=settings.allow_download,
-            confidence=settings.confidence,
-            settings=settings.detector,
-        )
+        perceiver = _open(connection, settings)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        raise
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
         _fail(connection, _weights_problem(error))
@@ -131,8 +127,30 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     _follow(connection, frames, perceiver, settings)
 
 
+def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
+    """Waits for a detector on another machine until it is there, or the connection ends."""
+    away = ""
+    while True:
+        try:
+            return open_perceiver(
+                settings.weights_path,
+                tracker=settings.tracker,
+                threads=settings.threads,
+                recognise_looks=settings.recognise_looks,
+                allow_download=settings.allow_download,
+                confidence=settings.confidence,
+                settings=settings.detector,
+            )
+        except DetectorAwayError as error:
+            if str(error) != away:
+                away = str(error)
+                connection.send(_away_problem(away))
+        if connection.poll(_ASK_AGAIN_AFTER_S):
+            newest(connection)
+
+
 def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, settings: InferenceSettings) -> None:
-    failures = 0
+    failures, away = 0, ""
     faces = StudyFaces(settings.face_model, threads=settings.threads)
     while True:
         look = newest(connection)
@@ -144,6 +162,13 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
             continue
         try:
             perceived = perceiver.perceive(image_bgr, look)
+        except DetectorAwayError as error:
+            if str(error) != away:
+                away = str(error)
+                log.warning("pictures are passed over: %s", error)
+                connection.send(_away_problem(away))
+            connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
+            continue
         except Exception:
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
@@ -151,7 +176,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
                 _fail(connection, _processing_problem())
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
-        failures = 0
+        failures, away = 0, ""
         work_s = (clock.now_ns() - began_ns) / 1e9
         connection.send(_people(ref, perceived, work_s))
         for told in (*_looks(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
@@ -245,6 +270,17 @@ def _looks_problem(trouble: str) -> Problem:
         trouble,
         "People are followed, but who comes back is not known again by how they look.",
         "Replace or remove the file in the models folder; the log has the details.",
+        until="people",
+    )
+
+
+def _away_problem(why: str) -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        f"{why}.",
+        "It looks for people in this computer's place: there are no boxes until it answers; everything else works.",
+        "It is asked again every other second. See whether it runs, or remove perception.server from the scenario.",
         until="people",
     )
 

@@ -173,7 +173,71 @@ class RecordingSettings:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionSettings:
-    """What is found out about the people that the cameras see."""
+    """How people are found in the pictures of the cameras, and what is found out about them."""
+
+    model: Annotated[
+        str,
+        Rule(
+            "The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the scenario or "
+            "in a models folder, or an `https://` address; the usual one if empty.",
+            longest=1000,
+            quiet=True,
+        ),
+    ] = ""
+    sha256: Annotated[
+        str,
+        Rule(
+            "The checksum of that file, without which no address and no .pt file is used.",
+            pattern="^([0-9a-fA-F]{64})?$",
+            allowed="the 64 digits that sha256sum prints.",
+            quiet=True,
+        ),
+    ] = ""
+    input_px: Annotated[
+        int,
+        Rule(
+            "The longer side of what the detector sees, where its file leaves that open: more finds people farther "
+            "away, and takes longer.",
+            unit="pixels",
+            at_least=160,
+            at_most=1920,
+            quiet=True,
+        ),
+    ] = 416
+    device: Annotated[
+        Literal["auto", "cpu", "cuda", "mps"],
+        Rule(
+            "What computes: `auto` is a graphics processor that is here and can be used, or else the processor.",
+            quiet=True,
+        ),
+    ] = "auto"
+    server: Annotated[
+        str,
+        Rule(
+            "Address of a `caris-desktop perceive --serve` that finds people in this computer's place; its token is in "
+            "the environment variable CARIS_PERCEPTION_TOKEN.",
+            pattern="^(wss?://.+)?$",
+            allowed="wss://HOST:PORT, or ws://HOST:PORT on this computer.",
+            longest=300,
+            quiet=True,
+        ),
+    ] = ""
+    tracker: Annotated[
+        Literal["own", "deepsort", "bytetrack", "botsort"],
+        Rule(
+            "What follows people from picture to picture: this program's own, or one of others to compare with.",
+            quiet=True,
+        ),
+    ] = "own"
+    classes: Annotated[
+        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
+        Rule(
+            "Things beside people that are boxed, recorded and told to the assistant, by the detector's names.",
+            longest=80,
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
 
     recognise: Annotated[
         Literal["nobody", "clothing", "faces"],

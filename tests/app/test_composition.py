@@ -6,6 +6,7 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.live.services.cameras import WantedCameras
+from caris_desktop.perception.weights import ModelChoice
 from caris_desktop.scenario.model import Scenario
 
 
@@ -79,3 +80,17 @@ def test_a_camera_that_is_not_understood_is_told_before_the_start_or_with_its_sc
     wanted = composition.parts(study=study).cameras(scenario)
     assert names(wanted) == ["camera-1"]
     assert ["ftp://" in failure.what for failure in wanted.failures] == [True]
+
+
+def test_a_scenario_says_how_people_are_found(tmp_path: Path) -> None:
+    study = composition.open_study(tmp_path / "study")
+    people = composition.parts(study=study).people
+    assert people.inference is not None
+    told = "model: beside.onnx, input_px: 640, device: cpu, tracker: bytetrack, classes: [chair, dog]"
+    body = people.as_told(people.inference, scenario_with(f"perception: {{{told}, server: 'wss://lab:1'}}\n", tmp_path))
+    (settings,) = body.arguments
+    assert settings.tracker == "bytetrack"
+    assert (settings.detector.device, settings.detector.things) == ("cpu", ("chair", "dog"))
+    assert settings.detector.server == "wss://lab:1"
+    assert settings.detector.model == ModelChoice("beside.onnx", "", tmp_path, 640)
+    assert people.as_told(people.inference, scenario_with("", tmp_path)) == people.inference, "no change, no new start"

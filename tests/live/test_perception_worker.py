@@ -31,7 +31,9 @@ class Setup:
         )
         self.statuses: list[str] = []
         self.rows: list[Any] = []
+        self.models: list[str] = []
         self.worker.status_changed.connect(lambda status: self.statuses.append(status.state))
+        self.worker.status_changed.connect(lambda status: self.models.append(status.model))
         self.worker.persons_changed.connect(self.rows.append)
         self.thread = QThread()
         self.worker.moveToThread(self.thread)
@@ -109,6 +111,19 @@ def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: 
     assert "recognition" in setup.of(Problem)[0].what
     seen = len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen + 2)
+
+
+def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
+    first = setup.worker.child_pid
+    setup.worker.use_body(
+        ProcessBody("inference", bodies.brightness, (RingsToRead((setup.ring.name,)), "of another scenario"))
+    )
+    qtbot.waitUntil(lambda: setup.models[-1] == "brightness of another scenario", timeout=20_000)
+    assert setup.worker.child_pid != first
+    assert not setup.of(Problem), "nothing has gone wrong"
+    seen = len(setup.people())
+    _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen)
 
 
 def test_people_before_two_cameras_stay_who_they_are(qtbot: QtBot, setup: Setup) -> None:

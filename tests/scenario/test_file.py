@@ -295,7 +295,17 @@ COMPLETE = Scenario(
         ),
     ),
     recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
-    perception=model.PerceptionSettings("faces", 0.9),
+    perception=model.PerceptionSettings(
+        model="other.onnx",
+        sha256="0" * 64,
+        input_px=640,
+        device="cpu",
+        server="wss://lab:8768",
+        tracker="bytetrack",
+        classes=("chair",),
+        recognise="faces",
+        confirm_at=0.9,
+    ),
     blur=model.BlurSettings("without_consent", "faces", shown=True),
     assistant=model.AssistantSettings(system_prompt="Be kind", pictures=True),
 )

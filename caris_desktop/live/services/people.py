@@ -42,10 +42,11 @@ _PORTRAITS: dict[BlurWho, PortraitsOf] = {
 
 @dataclass(frozen=True, slots=True)
 class PeopleParts:
-    """``inference`` is None where nobody is looked for."""
+    """``inference`` is None where nobody is looked for; ``as_told`` makes of it what a scenario wants."""
 
     inference: ProcessBody | None
     open_presence: Callable[[], tuple[Presence, list[Event]]]
+    as_told: Callable[[ProcessBody, Scenario], ProcessBody] = lambda body, _scenario: body
 
 
 class PeopleService(Service):
@@ -68,6 +69,7 @@ class PeopleService(Service):
         self._thread = QThread(self)
         self._thread.setObjectName("perception")
         self._worker: PerceptionWorker | None = None
+        self._inference = parts.inference
         self._recognition = RecognitionSettings()
         self._may_decide = True
         self._cover = False
@@ -94,21 +96,28 @@ class PeopleService(Service):
         )
         self._may_decide = names
         self._cover = scenario.blur.who != "nobody"
+        body = self._parts.inference
+        if body is not None:
+            before, self._inference = self._inference, self._parts.as_told(body, scenario)
+            if self._worker is not None and self._inference != before:
+                self._worker.use_body(self._placed(self._inference))
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
             self._worker.look_to_cover(self._cover)
+
+    def _placed(self, body: ProcessBody) -> ProcessBody:
+        return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
 
     @property
     def inference_pid(self) -> int | None:
         return None if self._worker is None else self._worker.child_pid
 
     def start(self) -> None:
-        body = self._parts.inference
+        body = self._inference
         if body is None:
             return
-        arguments = tuple(self._ranked(argument) for argument in body.arguments)
         worker = PerceptionWorker(
-            replace(body, arguments=(self._rings, *arguments)),
+            self._placed(body),
             self._parts.open_presence,
             self._bus.publish,
             self._state.portraits,

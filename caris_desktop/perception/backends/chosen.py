@@ -1,29 +1,34 @@
 """Opens the detector that a scenario or the user chose, or the usual one: here, or on another machine."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from caris_desktop.perception.backends.choice import open_fastest
 from caris_desktop.perception.backends.opening import Device
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.weights import ModelChoice, find_weights
+from caris_desktop.perception.weights import ModelChoice, WeightsError, find_weights
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
     """What a scenario says of the detector; picklable.
 
-    ``things`` are the classes beside people that are told of.
+    ``things`` are the classes beside people that are told of. ``server`` is the address of another machine that looks
+    in this one's place, empty for none.
     """
 
     model: ModelChoice = field(default_factory=ModelChoice)
     device: Device = "auto"
     things: tuple[str, ...] = ()
+    server: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chosen:
-    """``people`` are the rows of the detector's class names that mean a person. ``folder`` is where its file is."""
+    """``people`` are the rows of the detector's class names that mean a person.
+
+    ``folder`` is where its file is, None where that is elsewhere.
+    """
 
     detector: Detector
     people: tuple[int, ...]
@@ -39,7 +44,20 @@ def open_chosen(
     ------
     WeightsError
         When there is no detector, it cannot be loaded, or it finds no people.
+    DetectorAwayError
+        When the other machine cannot be asked now.
     """
+    if settings.server:
+        from caris_desktop.perception.backends.remote import RemoteDetector
+
+        remote = RemoteDetector(settings.server, confidence=confidence)
+        if not remote.people:
+            raise WeightsError(
+                f"The detector at {settings.server} does not detect people",
+                advice="Start the server there with a detector that has a class named person",
+            )
+        return Chosen(remote, remote.people, None)
     weights = find_weights(own or settings.model, allow_download=allow_download)
+    weights = replace(weights, input_px=settings.model.input_px)
     detector = open_fastest(weights, confidence=confidence, threads=threads, device=settings.device)
     return Chosen(detector, person_classes(detector, weights), weights.path.parent)

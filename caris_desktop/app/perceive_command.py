@@ -1,0 +1,146 @@
+"""``caris-desktop perceive --serve``: a computer with a graphics card finds people for a console on another."""
+
+import argparse
+import asyncio
+import ipaddress
+import os
+import signal
+import ssl
+import sys
+from pathlib import Path
+from typing import get_args
+
+from caris_desktop.perception.backends.chosen import DetectorSettings, open_chosen
+from caris_desktop.perception.backends.opening import Device
+from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
+from caris_desktop.perception.backends.serving import serving
+from caris_desktop.perception.inference import default_threads
+from caris_desktop.perception.perceiver import LEAST_CONFIDENCE
+from caris_desktop.perception.weights import ModelChoice, WeightsError
+
+DEFAULT_PORT = 8768
+LEAST_TOKEN = 16
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--serve", action="store_true", required=True, help="answer until Ctrl+C")
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="where to listen (default: %(default)s, this computer only)"
+    )
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="the port, 0 for any (default: %(default)s)")
+    parser.add_argument(
+        "--model",
+        metavar="FILE|URL",
+        default="",
+        help="the detector (default: the usual one)",
+    )
+    parser.add_argument("--sha256", default="", help="checksum of the detector")
+    parser.add_argument("--input-px", type=int, default=416, help="longer side of what it sees (default: %(default)s)")
+    parser.add_argument(
+        "--device", choices=get_args(Device), default="auto", help="what computes (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=default_threads(), help="processors to use (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--token-env",
+        metavar="NAME",
+        default=TOKEN_VARIABLE,
+        help="environment variable with the token that consoles have to tell (default: %(default)s)",
+    )
+    parser.add_argument("--cert", metavar="FILE", type=Path, help="certificate for wss://, PEM")
+    parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    token = os.environ.get(arguments.token_env, "").strip()
+    try:
+        tls = _tls(arguments.cert, arguments.key)
+        _check(arguments, token, tls)
+        own = (
+            Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
+        )
+        chosen = open_chosen(
+            own,
+            DetectorSettings(
+                ModelChoice("" if own else arguments.model, arguments.sha256, Path.cwd(), arguments.input_px),
+                device=arguments.device,
+            ),
+            confidence=LEAST_CONFIDENCE,
+            threads=arguments.threads,
+            allow_download=True,
+        )
+    except _WrongError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except WeightsError as error:
+        print(f"{error}. {error.advice}.", file=sys.stderr)
+        return 1
+
+    async def serve() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        async with serving(
+            chosen.detector, chosen.people, host=arguments.host, port=arguments.port, token=token, tls=tls, note=_tell
+        ) as server:
+            host, port = server.sockets[0].getsockname()[:2]
+            shown = f"[{host}]" if ":" in host else host
+            _tell(
+                f"{chosen.detector.label} answers at {'ws' if tls is None else 'wss'}://{shown}:{port}; Ctrl+C ends it."
+            )
+            await stop.wait()
+
+    try:
+        asyncio.run(serve())
+    except OSError as error:
+        print(f"Port {arguments.port} of {arguments.host} cannot be used ({error.strerror}).", file=sys.stderr)
+        return 1
+    return 0
+
+
+class _WrongError(Exception):
+    """Told to whoever asked."""
+
+
+def _tls(cert: Path | None, key: Path | None) -> ssl.SSLContext | None:
+    if cert is None and key is None:
+        return None
+    if cert is None or key is None:
+        raise _WrongError("A certificate (--cert) and its key (--key) belong together.")
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        context.load_cert_chain(cert, key)
+    except (OSError, ssl.SSLError) as error:
+        raise _WrongError(f"The certificate {cert} and the key {key} cannot be used: {error}.") from error
+    return context
+
+
+def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:
+    if token and len(token) < LEAST_TOKEN:
+        raise _WrongError(f"The token in {arguments.token_env} is short: take {LEAST_TOKEN} characters or more.")
+    if _is_loopback(arguments.host):
+        return
+    if not token:
+        raise _WrongError(
+            f"{arguments.host} can be reached by others: put a token of {LEAST_TOKEN} characters or more into the "
+            f"environment variable {arguments.token_env}, here and where the console runs."
+        )
+    if tls is None:
+        raise _WrongError(
+            f"{arguments.host} can be reached by others, who could read the pictures on their way: give a certificate "
+            "with --cert and --key, or listen at 127.0.0.1 and use an SSH tunnel."
+        )
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _tell(words: str) -> None:
+    print(words, flush=True)

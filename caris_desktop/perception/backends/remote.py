@@ -1,0 +1,183 @@
+"""Detection on another machine: a picture there as JPEG, what was found in it back as JSON, one at a time.
+
+The server greets with what its detector is. Then each binary message is a picture, and each answer the boxes in it.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import socket
+import ssl
+import time
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from websockets.exceptions import InvalidHandshake, InvalidStatus, InvalidURI, WebSocketException
+from websockets.sync.client import ClientConnection, connect
+
+from caris_desktop.domain.address import is_loopback, without_credentials
+from caris_desktop.perception.detector import Detections, DetectorAwayError
+
+log = logging.getLogger(__name__)
+
+PROTOCOL = 1
+TOKEN_VARIABLE = "CARIS_PERCEPTION_TOKEN"  # noqa: S105 - the name of a variable, not what is in it
+_CONNECT_WITHIN_S = 3.0
+ANSWER_WITHIN_S = 3.0
+# Of what is larger a detector sees nothing more, and the network would carry it for nothing.
+_LONGEST_PX = 1280
+_JPEG_QUALITY = 90
+_MESSAGE_AT_MOST_BYTES = 4_000_000
+_TRY_AGAIN_AFTER_S = 2.0
+
+
+class RemoteDetector:
+    """A ``Detector``. Without its server, ``detect`` raises DetectorAwayError and tries again every other second.
+
+    Raises
+    ------
+    DetectorAwayError
+        When the server cannot be reached, or is none that can be used; trying again may help.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        confidence: float,
+        answer_within_s: float = ANSWER_WITHIN_S,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._address = address
+        self._shown = urlsplit(without_credentials(address)).netloc or address
+        self._confidence = confidence
+        self._answer_within_s = answer_within_s
+        self._monotonic_s = monotonic_s
+        self._connection: ClientConnection | None = None
+        self._open = contextlib.ExitStack()
+        self._tried_s = monotonic_s()
+        hello = self._connect()
+        self.label = f"{hello['label']}, on {self._shown}"
+        self.class_names = tuple(str(name) for name in hello["class_names"])
+        self.people = tuple(int(row) for row in hello["people"])
+
+    def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
+        if not image_bgr.size:
+            return _read({"boxes": []}, 1.0)
+        if self._connection is None:
+            self._connect_again()
+        scale = min(1.0, _LONGEST_PX / max(image_bgr.shape[:2]))
+        sent = image_bgr
+        if scale < 1.0:
+            size = (max(1, round(image_bgr.shape[1] * scale)), max(1, round(image_bgr.shape[0] * scale)))
+            sent = np.asarray(cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+        _, jpeg = cv2.imencode(".jpg", sent, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        try:
+            answer = self._ask(jpeg.tobytes())
+            found = _read(answer, scale)
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            self.close()
+            raise DetectorAwayError(f"What {self._shown} answers cannot be understood") from error
+        known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
+        limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
+        return Detections(
+            found.corners_px[known].clip(0.0, limits),
+            found.confidences[known],
+            found.classes[known],
+            None if found.keypoints is None else found.keypoints[known],
+        )
+
+    def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            # At once: who does not answer would not say goodbye either.
+            connection.close_socket()
+        self._open.close()
+
+    def _connect(self) -> dict[str, Any]:
+        address = urlsplit(self._address)
+        if address.scheme == "ws" and not is_loopback(self._address):
+            raise DetectorAwayError(
+                f"Pictures are not sent to {self._shown} where anybody can read them: it needs wss://"
+            )
+        token = os.environ.get(TOKEN_VARIABLE, "")
+        try:
+            self._connection = self._open.enter_context(
+                connect(
+                    self._address,
+                    additional_headers={"Authorization": f"Bearer {token}"} if token else None,
+                    open_timeout=_CONNECT_WITHIN_S,
+                    close_timeout=1.0,
+                    max_size=_MESSAGE_AT_MOST_BYTES,
+                    compression=None,
+                    proxy=None,
+                )
+            )
+            hello = _greeting(self._connection.recv(timeout=_CONNECT_WITHIN_S))
+        except InvalidStatus as error:
+            refused = error.response.status_code in (401, 403)
+            words = f"{self._shown} refuses the token" if refused else f"{self._shown} is no server of perception"
+            raise DetectorAwayError(words) from error
+        except ssl.SSLError as error:
+            raise DetectorAwayError(f"{self._shown} cannot prove who it is ({error.reason})") from error
+        except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
+            self.close()
+            raise DetectorAwayError(f"{self._shown} does not answer") from error
+        except (KeyError, TypeError, ValueError) as error:
+            self.close()
+            raise DetectorAwayError(f"{self._shown} is no server of perception, or one of another version") from error
+        log.info("people are looked for by %s at %s", hello["label"], self._shown)
+        return hello
+
+    def _connect_again(self) -> None:
+        now_s = self._monotonic_s()
+        if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
+            raise DetectorAwayError(f"{self._shown} does not answer")
+        self._tried_s = now_s
+        hello = self._connect()
+        if tuple(hello["class_names"]) != self.class_names:
+            self.close()
+            raise DetectorAwayError(f"{self._shown} has another detector by now")
+
+    def _ask(self, jpeg: bytes) -> dict[str, Any]:
+        connection = self._connection
+        assert connection is not None  # noqa: S101
+        try:
+            connection.send(jpeg)
+            answer = json.loads(connection.recv(timeout=self._answer_within_s))
+        except (OSError, TimeoutError, WebSocketException) as error:
+            # A late answer would be taken for that to the next picture.
+            self.close()
+            self._tried_s = self._monotonic_s()
+            raise DetectorAwayError(f"{self._shown} does not answer") from error
+        return dict(answer)
+
+
+def _greeting(message: str | bytes) -> dict[str, Any]:
+    """Raises KeyError, TypeError and ValueError where it is none of ours."""
+    told = json.loads(message)
+    if told["caris_perception"] != PROTOCOL:
+        raise ValueError("another version")
+    return {"label": str(told["label"]), "class_names": list(told["class_names"]), "people": list(told["people"])}
+
+
+def _read(answer: dict[str, Any], scale: float) -> Detections:
+    boxes = np.array(answer["boxes"], np.float64).reshape(-1, 6)
+    keypoints = answer.get("keypoints")
+    points = None
+    if keypoints is not None:
+        points = np.array(keypoints, np.float64).reshape(len(boxes), 17, 3)
+        points[..., :2] /= scale
+    return Detections(boxes[:, :4] / scale, boxes[:, 4], boxes[:, 5].astype(np.int64), points)
+
+
+def told(found: Detections) -> str:
+    """What the server answers."""
+    boxes = np.column_stack([found.corners_px.round(2), found.confidences.round(4), found.classes])
+    keypoints = None if found.keypoints is None else found.keypoints.round(2).tolist()
+    return json.dumps({"boxes": boxes.tolist(), "keypoints": keypoints})

@@ -1,0 +1,111 @@
+"""A detector for other computers: takes pictures over a websocket, one after the other, and answers with the boxes."""
+
+import contextlib
+import hmac
+import http
+import json
+import logging
+import ssl
+from collections.abc import AsyncIterator, Callable
+
+import cv2
+import numpy as np
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from caris_desktop.perception.backends.remote import PROTOCOL, told
+from caris_desktop.perception.detector import Detector
+
+log = logging.getLogger(__name__)
+
+_PICTURE_AT_MOST_BYTES = 8_000_000
+_PIXELS_AT_MOST = 40_000_000
+_CLIENTS_AT_MOST = 4
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    detector: Detector,
+    people: tuple[int, ...],
+    *,
+    host: str,
+    port: int,
+    token: str,
+    tls: ssl.SSLContext | None,
+    note: Callable[[str], None] = lambda _words: None,
+) -> AsyncIterator[Server]:
+    """Serve while the context lasts. ``people`` are the rows of the class names that mean a person.
+
+    One picture is looked at after the other, whoever sends them: a detector is for one thread. Who cannot tell
+    ``token`` gets no answer, nor does a page in somebody's browser.
+    """
+    clients: set[ServerConnection] = set()
+    hello = json.dumps(
+        {
+            "caris_perception": PROTOCOL,
+            "label": detector.label,
+            "class_names": list(detector.class_names),
+            "people": list(people),
+        }
+    )
+
+    def admit(_connection: ServerConnection, request: Request) -> Response | None:
+        if token and not hmac.compare_digest(
+            request.headers.get("Authorization", "").encode(), f"Bearer {token}".encode()
+        ):
+            return _refusal(http.HTTPStatus.UNAUTHORIZED)
+        return _refusal(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
+
+    async def answer(connection: ServerConnection) -> None:
+        clients.add(connection)
+        note(f"{_name(connection)} has come.")
+        try:
+            await connection.send(hello)
+            async for message in connection:
+                await connection.send(_look(detector, message))
+        except ConnectionClosed:
+            pass
+        finally:
+            clients.discard(connection)
+            note(f"{_name(connection)} has gone.")
+
+    async with serve(
+        answer,
+        host,
+        port,
+        ssl=tls,
+        origins=[None],
+        process_request=admit,
+        max_size=_PICTURE_AT_MOST_BYTES,
+        max_queue=2,
+        compression=None,
+        server_header=None,
+    ) as server:
+        yield server
+
+
+def _look(detector: Detector, message: str | bytes) -> str:
+    if isinstance(message, str) or len(message) < 4:
+        return json.dumps({"error": "This is no picture."})
+    try:
+        image = cv2.imdecode(np.frombuffer(message, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        image = None
+    if image is None or image.shape[0] * image.shape[1] > _PIXELS_AT_MOST:
+        return json.dumps({"error": "This picture cannot be read."})
+    try:
+        return told(detector.detect(np.asarray(image, np.uint8)))
+    except Exception:  # one picture that fails is not the end of the server
+        log.exception("a picture of %s pixels could not be looked at", image.shape[:2])
+        return json.dumps({"error": "The detector failed on this picture."})
+
+
+def _refusal(status: http.HTTPStatus) -> Response:
+    return Response(status.value, status.phrase, Headers([("Content-Length", "0"), ("Connection", "close")]), b"")
+
+
+def _name(connection: ServerConnection) -> str:
+    address = connection.remote_address
+    return str(address[0]) if isinstance(address, tuple) else "Somebody"
