@@ -447,6 +447,7 @@ class _SpeechDesk:
                 voice="computer",
                 detail=detail,
                 actor=self._silenced_by if state == "interrupted" else utterance.actor,
+                person_id=utterance.person_id,
             )
         )
 

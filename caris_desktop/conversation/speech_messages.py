@@ -18,12 +18,16 @@ class SpeechSettings:
 
 @dataclass(frozen=True, slots=True)
 class Speak:
-    """Say ``text`` after whatever is waiting. ``text`` and ``origin`` come back with what is told of it."""
+    """Say ``text`` after whatever is waiting.
+
+    ``text``, ``origin`` and ``person_id`` come back with what is told of it.
+    """
 
     utterance_id: str
     text: str
     origin: UtteranceOrigin
     actor: Actor = ""
+    person_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,13 +149,14 @@ class UseControl:
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """Speak through the robot's own voice. ``origin`` comes back with what is told of it."""
+    """Speak through the robot's own voice. ``origin`` and ``person_id`` come back with what is told of it."""
 
     stamp_ns: int
     utterance_id: str
     text: str
     actor: Actor = ""
     origin: UtteranceOrigin = "typed"
+    person_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
+from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
 
 VoiceKind = Literal["robot", "computer"]
@@ -57,8 +58,11 @@ class SpeechQueue(QObject):
         self._kind = kind
         self._state.speech.set(replace(self._state.speech.value, voice=kind))
 
-    def say(self, text: str, origin: UtteranceOrigin, actor: Actor = CONSOLE) -> str:
-        """The new utterance's id; empty text says nothing and gives an empty id."""
+    def say(self, text: str, origin: UtteranceOrigin, actor: Actor = CONSOLE, *, person_id: str = "") -> str:
+        """The new utterance's id; empty text says nothing and gives an empty id.
+
+        Without a ``person_id`` it is said to whom the wizard means, or who is nearest.
+        """
         text = " ".join(text.split())
         if not text:
             return ""
@@ -71,6 +75,7 @@ class SpeechQueue(QObject):
             "requested",
             voice=self._kind,
             actor=actor,
+            person_id=person_id or addressee(self._state),
         )
         self._publish(utterance, None)
         self._waiting.append(utterance)

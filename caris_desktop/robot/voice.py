@@ -325,5 +325,6 @@ def _tell(
             voice="robot",
             detail=detail,
             actor=asked.actor if actor is None else actor,
+            person_id=asked.person_id,
         )
     )

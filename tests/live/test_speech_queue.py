@@ -10,6 +10,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
+from caris_desktop.people.presence import PersonRow
 
 
 class TestVoice:
@@ -148,3 +149,33 @@ def test_blank_text_says_nothing(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     assert queue.say("  \n", "typed") == ""
     assert not voice.said and not published
+
+
+def _row(person_id: str, distance_m: float | None = None, *, here: bool = True) -> PersonRow:
+    return PersonRow(person_id, 1, "Person 1", here, 0, 0, distance_m=distance_m)
+
+
+def test_what_is_said_names_to_whom(qtbot: QtBot) -> None:
+    """Who was asked for, or else who is meant and here, or else who is nearest or the only one; and nobody in doubt."""
+    queue, voice, published, state = _setup()
+
+    def addressed(person_id: str = "") -> str:
+        published.clear()
+        queue.silence()
+        queue.say("Hello", "typed", person_id=person_id)
+        _report(queue, voice.said[-1], "finished")
+        (told,) = {event.person_id for event in published}
+        return told
+
+    assert addressed() == ""
+    state.persons.set((_row("p-1"),))
+    assert addressed() == "p-1"
+    state.persons.set((_row("p-1"), _row("p-2")))
+    assert addressed() == "", "nobody knows which of the two"
+    state.persons.set((_row("p-1", 2.5), _row("p-2", 1.2), _row("p-3")))
+    assert addressed() == "p-2"
+    state.selected_person.set("p-3")
+    assert addressed() == "p-3"
+    assert addressed("p-1") == "p-1"
+    state.persons.set((_row("p-1", 4.0), _row("p-3", here=False), _row("p-4", 5.0)))
+    assert addressed() == "", "who is meant has left, and nobody else is near"

@@ -220,7 +220,7 @@ def test_what_happens_with_somebody_is_their_history(room: Room) -> None:
         UtteranceChanged(room.now_ns, "u2", "participant", "Is it real?", "heard", "finished", person_id=ada)
     )
     assert not rows(room)[ada].speaking
-    room.presence.note(PhotoTaken(room.now_ns, "front", 3, "photos/1.png", person_id=ada))
+    room.presence.note(PhotoTaken(room.now_ns, "front", 3, "photos/1.png", person_ids=(ada,)))
     room.wait(4.0)
     store = room.knowing.store
     assert store is not None

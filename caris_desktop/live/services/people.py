@@ -19,6 +19,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
+from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -188,9 +189,12 @@ class PeopleService(Service):
         self._state.selected_person.set(asked.person_id)
         self._bus.publish(PersonAttended(clock.now_ns(), asked.person_id, asked.actor))
 
-    def _note(self, event: Any) -> None:
-        if self._worker is not None:
-            self._worker.note(event)
+    def _note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+        if self._worker is None:
+            return
+        if isinstance(event, UtteranceChanged) and event.speaker == "participant" and not event.person_id:
+            event = replace(event, person_id=addressee(self._state))
+        self._worker.note(event)
 
     def _on_cameras_changed(self, _value: object) -> None:
         if self._worker is None:

@@ -33,7 +33,14 @@ class RobotVoice:
 
     def say(self, utterance: UtteranceChanged) -> bool:
         return self._state.link.value.state == "connected" and self._robot.send(
-            Say(utterance.stamp_ns, utterance.utterance_id, utterance.text, utterance.actor, utterance.origin)
+            Say(
+                utterance.stamp_ns,
+                utterance.utterance_id,
+                utterance.text,
+                utterance.actor,
+                utterance.origin,
+                utterance.person_id,
+            )
         )
 
     def silence(self, actor: Actor) -> bool:
@@ -105,7 +112,7 @@ class SpeechService(Service):
                 self._tell(message)
 
     def _say(self, asked: intents.Say) -> None:
-        self.queue.say(asked.text, asked.origin, asked.actor)
+        self.queue.say(asked.text, asked.origin, asked.actor, person_id=asked.person_id)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """What a process with a voice sends. What became of an utterance is on record whatever the GUI thread does."""
@@ -165,7 +172,9 @@ class _Computer:
         self._service = service
 
     def say(self, utterance: UtteranceChanged) -> bool:
-        return self._service.send(Speak(utterance.utterance_id, utterance.text, utterance.origin, utterance.actor))
+        return self._service.send(
+            Speak(utterance.utterance_id, utterance.text, utterance.origin, utterance.actor, utterance.person_id)
+        )
 
     def silence(self, actor: Actor) -> bool:
         return self._service.send(SilenceSpeech(actor))

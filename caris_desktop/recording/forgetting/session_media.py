@@ -149,7 +149,8 @@ class SessionMedia:
             told.add(path)
             moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
             areas = {area for at_ns in moments for area in self._seen.areas_at(camera, at_ns)}
-            if not areas and str(photo.get("person_id") or "") in self._ids:
+            meant = (str(photo.get("person_id") or ""), *map(str, photo.get("person_ids") or ()))
+            if not areas and self._ids.intersection(meant):
                 areas = {WHOLE}
             yield path, tuple(sorted(areas))
         ids = [person_id.encode() for person_id in self._ids]
