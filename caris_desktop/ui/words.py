@@ -6,7 +6,7 @@ from datetime import datetime
 
 from caris_desktop.domain import clock, events
 from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
-from caris_desktop.domain.sensing import CameraState
+from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
@@ -271,6 +271,16 @@ def camera_title(name: str) -> str:
 def camera_in_text(name: str) -> str:
     """A camera's name within a sentence, after "the": "front camera" for front."""
     return camera_title(name)[:1].lower() + camera_title(name)[1:]
+
+
+def person_state(box: PersonBox) -> str:
+    """What somebody does who is seen, in a word or two: nothing for what is usual, or is not known."""
+    told = (
+        "sitting" if box.posture == "sitting" else "",
+        "hand raised" if box.hand_raised else "",
+        "looks here" if box.facing else "",
+    )
+    return " · ".join(word for word in told if word)
 
 
 def no_picture(age_s: float | None, told: CameraState | None) -> str:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QImage, QPainter, QRegion
+from PySide6.QtGui import QColor, QImage, QPainter, QRegion
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QDockWidget, QLabel, QWidget
 from pytestqt.qtbot import QtBot
@@ -14,10 +14,11 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import HeadState, People, PersonBox, RobotPose
+from caris_desktop.domain.sensing import HeadState, People, PersonBox, RobotPose, ThingBox
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
+from caris_desktop.ui import words
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.video import VideoPanel, guard_chip
@@ -255,3 +256,28 @@ def test_who_has_a_name_has_a_solid_box_and_who_has_none_a_dashed_one(panel: Vid
     named, unnamed = panel.theme.color("box_named").name(), panel.theme.color("box_unnamed").name()
     assert colors_beside(60) == {named}
     assert colors_beside(400) == {unnamed, "#5a5a5a"}, "dashes, and the picture between them"
+
+
+def test_things_are_boxed_thinly_and_named_and_people_say_what_they_do(panel: VideoPanel, console: FakeConsole) -> None:
+    frame = console.state.frame.value
+    before = panel.view.grab().toImage()
+    chair = ThingBox("chair", 60.0, 200.0, 120.0, 150.0, 0.8)
+    person = PersonBox(1, "", 400.0, 100.0, 120.0, 250.0, 0.9, "sitting", hand_raised=True, facing=False)
+    console.state.take(People(frame.stamp_ns, "front", frame.sequence, 640, 480, (person,), 9.0, (chair,)))
+    panel.view.update()
+    after = panel.view.grab().toImage()
+    differing = {
+        (x, y)
+        for x in range(0, after.width(), 1)
+        for y in range(0, after.height(), 4)
+        if before.pixel(x, y) != after.pixel(x, y)
+    }
+    edge = panel.view.to_view(60.0, 330.0).toPoint()
+    row = edge.y() // 4 * 4
+    assert 1 <= sum((edge.x() + dx, row) in differing for dx in range(-4, 5)) <= 2, "a thin line"
+    assert QColor(after.pixel(edge.x(), row)).saturation() < 60, "a grey one"
+    inside = panel.view.to_view(120.0, 300.0).toPoint()
+    assert (inside.x(), inside.y() // 4 * 4) not in differing
+    assert words.person_state(person) == "sitting · hand raised"
+    assert words.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9, "standing", False, True)) == "looks here"
+    assert words.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9)) == ""

@@ -340,8 +340,13 @@ class FrameView(QWidget):
         painter.setOpacity(box_strength(people, frame))
         picture = self.picture_rect()
         scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
+        for thing in people.things:
+            left, top = picture.left() + thing.left_px * scale_x, picture.top() + thing.top_px * scale_y
+            area = QRectF(left, top, thing.width_px * scale_x, thing.height_px * scale_y)
+            self._paint_thing(painter, area.intersected(picture.adjusted(2, 2, -2, -2)), thing.label)
         for box in people.boxes:
             label, named = self._words_for(box)
+            label = " · ".join(part for part in (label, words.person_state(box)) if part)
             right_px = moved.get(box.track, 0.0)
             rect = QRectF(
                 picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
@@ -355,6 +360,27 @@ class FrameView(QWidget):
             top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
             self._paint_tag(painter, QPointF(rect.left() - 1, top), label, role)
         painter.setOpacity(1.0)
+
+    def _paint_thing(self, painter: QPainter, rect: QRectF, label: str) -> None:
+        """What is no person stands back: a thin grey line, and its name within."""
+        edge, color = rect.toRect(), self._theme.color("video_dim")
+        for bar in (
+            QRect(edge.left(), edge.top(), edge.width(), 1), QRect(edge.left(), edge.bottom(), edge.width(), 1),
+            QRect(edge.left(), edge.top(), 1, edge.height()), QRect(edge.right(), edge.top(), 1, edge.height()),
+        ):  # fmt: skip
+            painter.fillRect(bar, color)
+        font = self._theme.font(tokens.STATUS_PX)
+        size = QSizeF(math.ceil(QFontMetricsF(font).horizontalAdvance(label)) + 8, 18)
+        if size.width() > rect.width() or size.height() > rect.height():
+            return
+
+        def paint(onto: QPainter) -> None:
+            onto.fillRect(QRectF(QPointF(0, 0), size), self._theme.color("video_chip"))
+            onto.setFont(font)
+            onto.setPen(color)
+            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, label)
+
+        self._painted.draw(painter, rect.topLeft(), size, ("thing", label), paint)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
         """A second line outside the first, light inside dark, so that it stands out on every picture."""
