@@ -309,6 +309,39 @@ def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Re
         qtbot.waitUntil(lambda: _newest_of(console, camera) == wanted_ns, timeout=5_000)  # noqa: B023 - used at once
 
 
+@pytest.mark.logs("of the session is not shown")
+def test_every_camera_of_the_session_is_seen_while_one_is_large(
+    made: MadeSession, open_replay: Replay, qtbot: QtBot
+) -> None:
+    console = open_replay()
+    state = console.state
+    console.state.cameras.set(("front", "rear"))  # as the session's videos are, whatever it says was on show
+    at_ns = made.plan.started_ns + 5 * SECOND_NS
+    console.seek(at_ns)
+    other = {"front": "rear", "rear": "front"}[state.camera.value]
+    wanted_ns = _newest(made, FrameRef, at_ns, camera=other).stamp_ns
+
+    def small() -> FrameRef | None:
+        ref: FrameRef | None = state.frame_of(other).value
+        return ref
+
+    qtbot.waitUntil(lambda: small() is not None and small().stamp_ns == wanted_ns, timeout=5_000)
+    ref = small()
+    assert ref is not None
+    image_bgr = console.frames.read(ref)
+    times = [value.stamp_ns for _, value in made.values if isinstance(value, FrameRef) and value.camera == other]
+    assert image_bgr is not None
+    behind = times.index(wanted_ns) - number_in(image_bgr)
+    assert 0 <= behind <= 15, "the key frame before it, half a second at most: it is decoded alone"
+    assert state.frame_of(other).freshness == "fresh"
+    assert state.frame.value.camera != other
+    console.play()
+    qtbot.waitUntil(lambda: small() is not None and small().stamp_ns > wanted_ns, timeout=10_000)
+    console.pause()
+    console.seek(made.plan.started_ns + 100_000)
+    qtbot.waitUntil(lambda: console.settled, timeout=5_000)
+
+
 @dataclass(frozen=True, slots=True)
 class MoodAsked:
     """An event type that nobody but this test knows."""
