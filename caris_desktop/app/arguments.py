@@ -12,8 +12,8 @@ def build_parser() -> argparse.ArgumentParser:
         prog="caris-desktop",
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
         epilog=(
-            "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, track, robots, "
-            "camera-server, perceive, check. Each has its own --help."
+            "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, forget, track, "
+            "robots, camera-server, perceive, check. Each has its own --help."
         ),
     )
     parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")

@@ -119,6 +119,14 @@ def path_of(study: Path, person_id: str) -> Path:
     return study / FOLDER / f"under-way-{plain}.jsonl"
 
 
+def first_line_of(journal: Path) -> dict[str, Any]:
+    """Raises OSError."""
+    with journal.open("rb") as file:
+        line = file.readline()
+    told = json.loads(line) if line.endswith(b"\n") else {}
+    return told if isinstance(told, dict) else {}
+
+
 def digest_of(path: Path) -> str:
     digest = hashlib.sha256()
     with path.open("rb") as file:

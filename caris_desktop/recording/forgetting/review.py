@@ -17,7 +17,7 @@ _HEAD = """\
 #   remove   the whole file goes; for files that cannot be changed inside
 # Then run the same command again with --review THIS_FILE. The file holds the name: it is deleted once all is decided.
 """
-_NAMES = "# names: "
+_PERSON, _NAMES = "# person: ", "# names: "
 _ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
 _MAX_BYTES = 64 << 20
 _DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
@@ -25,15 +25,16 @@ _DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
 
 @dataclass(frozen=True, slots=True)
 class Review:
-    """What somebody wrote: the decisions by key of place, and the names that were looked for."""
+    """What somebody wrote: the decisions by key of place. ``names`` were looked for."""
 
+    person_id: str
     names: tuple[str, ...]
     decisions: Mapping[str, Decision]
 
 
-def write_review(path: Path, names: Iterable[str], places: Iterable[Place]) -> None:
+def write_review(path: Path, person_id: str, names: Iterable[str], places: Iterable[Place]) -> None:
     """Raises OSError."""
-    lines = [_HEAD, _NAMES + " | ".join(names) + "\n"]
+    lines = [_HEAD, f"{_PERSON}{person_id}\n", f"{_NAMES}{' | '.join(names)}\n"]
     file = None
     for place in places:
         if place.file != file:
@@ -57,11 +58,13 @@ def read_review(path: Path) -> Review:
             "Nothing was changed.",
             "Name the list of texts again.",
         ) from error
-    names: tuple[str, ...] = ()
+    person_id, names = "", ()
     decisions: dict[str, Decision] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if line.startswith(_NAMES):
             names = tuple(name.strip() for name in line.removeprefix(_NAMES).split(" | ") if name.strip())
+        if line.startswith(_PERSON):
+            person_id = line.removeprefix(_PERSON).strip()
         words = line.split(maxsplit=2)
         if not words or line.startswith(("#", "?")):
             continue
@@ -72,7 +75,7 @@ def read_review(path: Path) -> Review:
                 f"Write one of {', '.join(_DECISIONS)} there, or leave the ? for later.",
             )
         decisions[words[1]] = words[0]  # type: ignore[assignment]
-    return Review(names, decisions)
+    return Review(person_id, names, decisions)
 
 
 def _plain(text: str) -> str:

@@ -18,7 +18,7 @@ from caris_desktop.recording.forgetting import media, texts
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of
 from caris_desktop.recording.forgetting.exports import Exports
-from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, path_of
+from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
 from caris_desktop.recording.forgetting.review import write_review
 from caris_desktop.recording.forgetting.session_media import SessionMedia
 from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, sightings_in
@@ -34,6 +34,13 @@ _log = logging.getLogger(__name__)
 RECEIPT = "RECEIPT.json"
 _FORMAT, _FORMAT_VERSION = "caris-desktop forgetting", 1
 _PEOPLE = "people.sqlite"
+_KINDS = (
+    ("video", "film", "films"),
+    ("photo", "photo", "photos"),
+    ("sound", "sound", "sounds"),
+    ("text", "file of text", "files of text"),
+    ("export", "file of exports", "files of exports"),
+)
 _NOT_CHANGED = "What was done up to now is kept, and nothing else was changed."
 
 
@@ -53,6 +60,7 @@ class ForgetRequest:
     recordings: Literal["mask", "remove"] = "mask"
     otherwise: Decision = ""
     decisions: Mapping[str, Decision] = field(default_factory=dict)
+    review: Path | None = None
     keep_exports: bool = False
     only_texts: bool = False
 
@@ -73,6 +81,12 @@ class Forgotten:
     @property
     def complete(self) -> bool:
         return not (self.waiting or self.left or self.problems)
+
+
+def under_way(study: Path) -> list[str]:
+    """The ids of those whom forgetting was begun of and not ended. Raises OSError."""
+    found = [first_line_of(path).get("person_id") for path in (study / FOLDER).glob("under-way-*.jsonl")]
+    return [str(person_id) for person_id in found if person_id]
 
 
 def is_under_way(study: Path, person_id: str) -> bool:
@@ -149,7 +163,7 @@ class _Forgetting:
         begun = self._journal.noted("begun")
         if begun is None:
             begun = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-            self._journal.note(begun=begun)
+            self._journal.note(person_id=self._request.person_ids[0], begun=begun)
         for part in self._study.rglob(f".*{PART}"):
             part.unlink()
         erasing = self._journal.noted("erasing")
@@ -175,7 +189,7 @@ class _Forgetting:
         proof = self._proof()
         waiting = self._texts.open_places()
         if waiting:
-            write_review(self._review, self._words.names, waiting)
+            write_review(self._review, self._request.person_ids[0], self._words.names, waiting)
         self._journal.note(erasing=proof, waiting=len(waiting))
         return self._finish(begun, proof, len(waiting))
 
@@ -201,7 +215,7 @@ class _Forgetting:
                 continue
             if path.parent == self._study and path.name.startswith(_PEOPLE):
                 continue
-            if path != self._review:
+            if path not in (self._review, self._request.review):
                 yield path
 
     def _found_in(self, files: Iterator[Path]) -> dict[Path, Searched]:
@@ -375,7 +389,10 @@ class _Forgetting:
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
         receipt = self._write_receipt(begun, proof, in_database, waiting=waiting)
         if not waiting:
-            self._review.unlink(missing_ok=True)
+            for review in (self._review, self._request.review):
+                # One that lies somewhere else is the researcher's own.
+                if review is not None and review.is_relative_to(self._study):
+                    review.unlink(missing_ok=True)
         self._journal.end()
         self._tell(1.0, "Done")
         return Forgotten(
@@ -417,6 +434,22 @@ class _Forgetting:
             self._problems.append(f"{folder.name}: {error}")
         except FileNotFoundError as error:
             self._problems.append(f"{folder.name}: {error.filename} is missing")
+
+
+def receipt_words(path: Path) -> str:
+    """What the newest receipt says was done, as a sentence. Raises OSError."""
+    receipts = _receipts_in(path)
+    steps = receipts[-1]["steps"] if receipts else {}
+    after = receipts[-1]["search_after"] if receipts else {}
+    done = [
+        f"{count} {kind if count == 1 else kinds} {verb}"
+        for what, kind, kinds in _KINDS
+        for verb in ("changed", "removed")
+        if (count := steps.get(what, {}).get(verb, 0))
+    ]
+    found = after.get("names", 0) + after.get("pictures", 0) + after.get("in_people_database", 0)
+    searched = f"{after.get('bytes', 0) / 1e6:.0f} MB in {after.get('files', 0)} files were searched byte by byte"
+    return f"{', '.join(done) or 'No recording had to be changed'}. {searched}: found {found} times."
 
 
 def _moments_of(session: Session | None) -> Callable[[int], str]:

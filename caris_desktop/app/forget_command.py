@@ -1,0 +1,125 @@
+"""``caris-desktop forget``: nothing of a study shows or names a person any more."""
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.forgetting import ForgettingAsked, ForgettingProgress, forget, person_of
+from caris_desktop.recording.forgetting.study import Forgotten, receipt_words
+from caris_desktop.study.folder import StudyFolder
+
+_CANCELLED = 130
+_YES = "forget"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", type=Path, help="folder of the study")
+    parser.add_argument("person", help="who: the id, or the name if only one person of the study has it")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
+        "--mask-media",
+        dest="recordings",
+        action="store_const",
+        const="mask",
+        help="cover them in film and photos where they were seen (default)",
+    )
+    how.add_argument(
+        "--remove-media",
+        dest="recordings",
+        action="store_const",
+        const="remove",
+        help="remove the films, photos and microphone sound of the sessions in which they were seen",
+    )
+    parser.add_argument(
+        "--text",
+        choices=("list", "redact", "keep"),
+        default="list",
+        help="texts that may name them: list them for you to decide on (default), or replace or keep them all",
+    )
+    parser.add_argument("--review", type=Path, metavar="FILE", help="the list of texts in which you have decided")
+    parser.add_argument(
+        "--also-called", action="append", default=[], metavar="NAME", help="a further name or spelling to look for"
+    )
+    parser.add_argument(
+        "--keep-exports", action="store_true", help="leave earlier exports that show or name them, and only list them"
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask before beginning")
+    parser.set_defaults(recordings="mask")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 when nothing of them is left, 1 when something is (the words say what), 130 when cancelled."""
+    if not arguments.study.is_dir():
+        print(f"{arguments.study} is no folder. Nothing was changed.", file=sys.stderr)
+        return 1
+    study = arguments.study.absolute()
+    asked = ForgettingAsked(
+        study,
+        StudyFolder(study).people_database,
+        arguments.person,
+        tuple(arguments.also_called),
+        recordings=arguments.recordings,
+        texts="" if arguments.text == "list" else arguments.text,
+        review=None if arguments.review is None else arguments.review.absolute(),
+        keep_exports=arguments.keep_exports,
+    )
+    try:
+        person, _, _ = person_of(asked)
+        if not (arguments.yes or _agreed(asked, person.names)):
+            print("Nobody was forgotten; nothing was changed.", file=sys.stderr)
+            return _CANCELLED
+        try:
+            outcome = forget(asked, _show if sys.stderr.isatty() else lambda _: None)
+        finally:
+            _show_nothing()
+    except ToldFailure as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nStopped in the middle. Nothing is lost; the same command goes on where it stopped.", file=sys.stderr)
+        return _CANCELLED
+    _tell(outcome, study, person.person_ids[0])
+    return 0 if outcome.complete else 1
+
+
+def _agreed(asked: ForgettingAsked, names: tuple[str, ...]) -> bool:
+    what = "covered in" if asked.recordings == "mask" else "removed with"
+    print(
+        f"{' / '.join(names) or asked.who} is going to be forgotten in {asked.study}, for good: erased from the "
+        f"study's database, and {what} every film and photo in which they were seen. Exports that show or name them "
+        f"{'stay' if asked.keep_exports else 'are removed'}. This cannot be undone."
+    )
+    if not sys.stdin.isatty():
+        print("Add --yes to do it without being asked.", file=sys.stderr)
+        return False
+    return input(f"Type {_YES} to go on: ").strip() == _YES
+
+
+def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
+    print(receipt_words(outcome.receipt))
+    for problem in outcome.problems:
+        print(problem, file=sys.stderr)
+    for file in outcome.left:
+        print(f"They are still found in {file}.", file=sys.stderr)
+    if outcome.review is not None:
+        places = "1 place" if outcome.waiting == 1 else f"{outcome.waiting} places"
+        print(
+            f"{places} of text may name them and wait for you. Decide on each in {outcome.review}, then run:\n"
+            f"  caris-desktop forget {study} {person_id} --review {outcome.review}",
+            file=sys.stderr,
+        )
+    print(f"Receipt: {outcome.receipt}")
+
+
+def _show(progress: ForgettingProgress) -> None:
+    room = max(20, shutil.get_terminal_size().columns - 8)
+    sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
+    sys.stderr.flush()
+
+
+def _show_nothing() -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")
+        sys.stderr.flush()

@@ -1,0 +1,121 @@
+"""Forgets a person in a whole study: what the database knows of them is what the recordings are searched for."""
+
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Literal
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.people.forgetting import PersonToForget, erase, look_up
+from caris_desktop.recording.forgetting.review import Review, read_review
+from caris_desktop.recording.forgetting.study import ForgetRequest, Forgotten, forget_person, under_way
+from caris_desktop.recording.forgetting.texts import Decision
+
+_log = logging.getLogger(__name__)
+_PROGRESS_STEP = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingAsked:
+    """Whom to forget, and how. ``who`` is an id or a name, and ``also_called`` are further names.
+
+    ``texts``: what becomes of free text that names them, unless ``review``, a list that somebody decided in, says
+    otherwise; empty to have that list written. ``unknown``: also somebody whom the database does not know, by id.
+    """
+
+    study: Path
+    database: Path
+    who: str
+    also_called: tuple[str, ...] = ()
+    recordings: Literal["mask", "remove"] = "mask"
+    texts: Decision = ""
+    review: Path | None = None
+    keep_exports: bool = False
+    unknown: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingProgress:
+    """How far it is, 0..1, and what is being done, in words."""
+
+    fraction: float
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingEnded:
+    """What came of it, or why it stopped: what happened, what it means, what to do."""
+
+    outcome: Forgotten | None
+    failure: tuple[str, str, str] | None = None
+
+
+def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
+    """Who that is, what was decided of texts, and whether the database knows them. Raises ToldFailure."""
+    review = None if asked.review is None else read_review(asked.review)
+    known = look_up(asked.database, asked.who)
+    if known is not None:
+        return known, review, True
+    if review is not None:
+        return PersonToForget((review.person_id or asked.who,), review.names, ()), review, False
+    unfinished = [person_id for person_id in under_way(asked.study) if look_up(asked.database, person_id) is None]
+    if asked.who in unfinished or len(unfinished) == 1:
+        # Only the end of it is to be done, which needs no name.
+        return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
+    if asked.also_called or asked.unknown:
+        return PersonToForget((asked.who,), (), ()), None, False
+    raise ToldFailure(
+        f"Nobody in {asked.study} has the name or id {asked.who}.",
+        "Nobody was forgotten; nothing was changed.",
+        "Look the name up in the People panel. For somebody whom the study's database does not know, give the id and "
+        "--also-called NAME.",
+    )
+
+
+def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None] = lambda _: None) -> Forgotten:
+    """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
+    person, review, known = person_of(asked)
+    request = ForgetRequest(
+        asked.study,
+        person.person_ids,
+        (*person.names, *asked.also_called),
+        person.pictures,
+        recordings=asked.recordings,
+        otherwise=asked.texts,
+        decisions={} if review is None else review.decisions,
+        review=asked.review,
+        keep_exports=asked.keep_exports,
+        only_texts=review is not None and not known,
+    )
+    told = -1.0
+
+    def tell(fraction: float, what: str) -> None:
+        nonlocal told
+        if fraction >= told + _PROGRESS_STEP or fraction >= 1.0:
+            told = fraction
+            progress(ForgettingProgress(fraction, what))
+
+    return forget_person(request, lambda: erase(asked.database, person.person_ids), tell)
+
+
+def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
+    """Process body: sends ForgettingProgress as it goes and ForgettingEnded at the end."""
+    if threading.current_thread() is threading.main_thread():
+        # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        # The robot may be driven meanwhile.
+        os.nice(10)
+    try:
+        try:
+            ended = ForgettingEnded(forget(asked, connection.send))
+        except ToldFailure as failure:
+            ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
+        connection.send(ended)
+    except (BrokenPipeError, EOFError):
+        _log.warning("the console has gone: forgetting stopped, and goes on when it is asked for again")

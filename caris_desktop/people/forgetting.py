@@ -1,0 +1,85 @@
+"""Whom of a study's people to forget, what of them must not be found any more, and erasing them from the database."""
+
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.store import PeopleStore, StoredPerson
+
+_NOTHING_CHANGED = "Nobody was forgotten; nothing was changed."
+
+
+@dataclass(frozen=True, slots=True)
+class PersonToForget:
+    """Somebody of the study. ``person_ids`` are all that they ever had, the one that stands for them first."""
+
+    person_ids: tuple[str, ...]
+    names: tuple[str, ...]
+    pictures: tuple[bytes, ...] = field(repr=False)
+
+
+def look_up(database: Path, who: str) -> PersonToForget | None:
+    """The person of this id or name; None where the study has none.
+
+    Raises
+    ------
+    ToldFailure
+        If several have this name, or the database cannot be read.
+    """
+    if not database.exists():
+        return None
+    try:
+        with closing(PeopleStore(database)) as store:
+            person_id = _id_of(store, who)
+            if person_id is None:
+                return None
+            canaries = store.canaries_of(person_id)
+            people = [store.get(each) for each in canaries.person_ids]
+            names = dict.fromkeys(person.name for person in people if person is not None and person.name)
+            return PersonToForget(canaries.person_ids, tuple(names), canaries.blobs)
+    except PeopleStoreError as error:
+        raise ToldFailure(str(error), _NOTHING_CHANGED, "Then ask again.") from error
+
+
+def erase(database: Path, person_ids: tuple[str, ...]) -> None:
+    """Delete keys and rows of these ids. May be asked again. Raises ToldFailure."""
+    if not database.exists():
+        return
+    try:
+        with closing(PeopleStore(database)) as store:
+            for number, person_id in enumerate(person_ids):
+                # The first goes with all that are linked to it; also where it is gone already, for a kill may have
+                # left pages that hold them.
+                if number == 0 or store.get(person_id) is not None:
+                    store.forget(person_id)
+    except PeopleStoreError as error:
+        raise ToldFailure(
+            str(error),
+            "They are not yet erased from the study's database.",
+            "Then ask again: it goes on where it stopped.",
+        ) from error
+
+
+def _id_of(store: PeopleStore, who: str) -> str | None:
+    if store.get(who) is not None:
+        return who
+    wanted = " ".join(who.split()).casefold()
+    called = [
+        person for person in store.everybody() if person.name and " ".join(person.name.split()).casefold() == wanted
+    ]
+    roots = {store.ids_of(person.person_id)[0]: person for person in called}
+    if len(roots) > 1:
+        raise ToldFailure(
+            f"{len(roots)} people of this study are called {who}.",
+            _NOTHING_CHANGED,
+            f"Say which one by id: {'; '.join(_told(root, person) for root, person in roots.items())}.",
+        )
+    return next(iter(roots), None)
+
+
+def _told(person_id: str, person: StoredPerson) -> str:
+    seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
+    return f"{person_id}, last seen {seen:%Y-%m-%d %H:%M}"

@@ -1,0 +1,127 @@
+"""``caris-desktop forget`` on a study with its people's database."""
+
+import shutil
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from caris_desktop.app import commands
+from caris_desktop.people.store import About, PeopleStore, StoredLooks
+from caris_desktop.recording.forgetting.byte_search import ByteSearch
+from caris_desktop.recording.forgetting.canaries import all_of
+from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, make_study, portrait
+
+FACE = portrait()
+VECTORS = np.random.default_rng(3).normal(size=(3, 128)).astype(np.float32)
+PEOPLE = 50
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study in which 50 people are known. To be copied."""
+    study = make_study(tmp_path_factory.mktemp("made") / "study")
+    # The first two are those whom the recordings show.
+    ids = [f"p-{number + 1}" for number in range(PEOPLE)]
+    new_ids = mock.patch("caris_desktop.people.store.new_person_id", side_effect=ids)
+    with new_ids, closing(PeopleStore(study / "people.sqlite")) as store:
+        for number, person_id in enumerate(ids):
+            store.add()
+            store.describe(person_id, About(name={PERSON: NAME, "p-2": OTHER}.get(person_id, f"Somebody {number}")))
+            jpeg, vectors = (FACE, VECTORS) if person_id == PERSON else (portrait(), VECTORS[::-1] * 0.5)
+            store.keep_portrait(person_id, jpeg, 0.9)
+            store.keep_looks(StoredLooks(person_id, "face", "arcface", "", vectors), expires_utc_ns=None)
+    return study
+
+
+@pytest.fixture
+def study(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "study"))
+
+
+def run(study: Path, *words: str) -> int:
+    return commands.run(("forget", str(study), *words))
+
+
+def found_in(study: Path) -> Sequence[str]:
+    search = ByteSearch(all_of([NAME], [FACE, *(row.tobytes() for row in VECTORS)]))
+    return [path.name for path in sorted(study.rglob("*")) if path.is_file() and search.file(path).hits]
+
+
+def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
+    study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(PeopleStore(study / "people.sqlite")) as store:
+        others = {
+            each.person_id: (each.about, store.portrait(each.person_id), [one.vectors.tobytes() for one in looks])
+            for each in store.everybody()
+            if each.person_id != PERSON
+            for looks in [store.looks(person_id=each.person_id)]
+        }
+    assert len(others) == PEOPLE - 1
+    assert run(study, NAME, "--text", "redact", "--yes") == 0
+    assert found_in(study) == []
+    told = capsys.readouterr().out
+    assert "1 film changed" in told
+    assert "found 0 times" in told
+    with closing(PeopleStore(study / "people.sqlite")) as store:
+        assert {
+            each.person_id: (each.about, store.portrait(each.person_id), [one.vectors.tobytes() for one in looks])
+            for each in store.everybody()
+            for looks in [store.looks(person_id=each.person_id)]
+        } == others
+
+
+def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(study, PERSON, "--yes") == 1
+    told = capsys.readouterr().err
+    (review,) = (study / "forgotten").glob("review-*.txt")
+    assert f"caris-desktop forget {study} {PERSON} --review {review}" in told
+    # Already now neither the database nor a picture has them.
+    assert set(found_in(study)) == {"events.mcap", "speech.txt", review.name}
+    lines = review.read_text(encoding="utf-8").splitlines()
+    assert any(f"Hello »{NAME}«, welcome" in line for line in lines)
+    assert run(study, PERSON, "--yes", "--review", str(review)) == 1
+    review.write_text("\n".join(line.replace("?", "redact", 1) if line[:1] == "?" else line for line in lines), "utf-8")
+    assert run(study, PERSON, "--yes", "--review", str(review)) == 0
+    assert found_in(study) == []
+    assert not review.exists()
+
+
+def test_without_a_yes_nothing_is_done(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = found_in(study)
+    assert run(study, PERSON) == 130
+    assert "cannot be undone" in capsys.readouterr().out
+    assert found_in(study) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("Nobody At All", "--yes"), "has the name or id Nobody At All"),
+        ((PERSON, "--yes", "--review", "absent.txt"), "absent.txt cannot be read"),
+    ],
+)
+def test_what_cannot_be_done_is_told(
+    study: Path, capsys: pytest.CaptureFixture[str], words: Sequence[str], expected: str
+) -> None:
+    assert run(study, *words) == 1
+    assert expected in capsys.readouterr().err
+
+
+def test_a_list_with_a_wrong_word_changes_nothing(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    review = study.parent / "review.txt"
+    review.write_text("delete 0123456789 0:01: words\n", encoding="utf-8")
+    before = found_in(study)
+    assert run(study, PERSON, "--yes", "--review", str(review)) == 1
+    assert "'delete', which is no decision" in capsys.readouterr().err
+    assert found_in(study) == before
+
+
+def test_somebody_whom_the_database_does_not_know_is_forgotten_by_id_and_name(study: Path) -> None:
+    (study / "people.sqlite").unlink()
+    assert run(study, PERSON, "--yes", "--also-called", NAME, "--text", "redact") == 0
+    assert found_in(study) == []
