@@ -45,6 +45,12 @@ def language_model(connection: Connection) -> None:
     run_embedded_server(connection)
 
 
+def forgetting(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.live.forgetting import run_forgetting
+
+    run_forgetting(connection, *arguments)
+
+
 def control_link(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.robot.link import run_control_link
 

@@ -152,8 +152,17 @@ def parts(
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
             study=study.path,
         ),
+        forgetting=functools.partial(_forgetting, study),
         microphone=microphone or MicrophoneParts(ProcessBody("microphone", bodies.microphone), lambda: None, _forget),
     )
+
+
+def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
+    """Forgets the person in the whole study."""
+    from caris_desktop.live.forgetting import ForgettingAsked
+
+    asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True)
+    return ProcessBody("forgetting", bodies.forgetting, (asked,))
 
 
 def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:

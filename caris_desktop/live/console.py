@@ -28,6 +28,7 @@ from caris_desktop.live.service import Handler, Service
 from caris_desktop.live.services.assistant import AssistantParts, AssistantService
 from caris_desktop.live.services.cameras import CamerasService, WantedCameras
 from caris_desktop.live.services.drive import DriveService
+from caris_desktop.live.services.forgetting import ForgettingService
 from caris_desktop.live.services.governor import GovernorService
 from caris_desktop.live.services.head import HeadService
 from caris_desktop.live.services.marks import MarksService
@@ -68,6 +69,7 @@ class Parts:
     robots: RobotParts
     session: SessionParts
     microphone: MicrophoneParts
+    forgetting: Callable[[str], ProcessBody]
 
 
 class Console(QObject):
@@ -99,6 +101,7 @@ class Console(QObject):
         self._microphone = MicrophoneService(state, bus, children, parts.microphone, parent=self)
         cameras = CamerasService(state, bus, children, parts.cameras, slow_work, frames=self._frames, parent=self)
         self._people = PeopleService(state, bus, parts.people, rings=to_read, parent=self)
+        forgetting = ForgettingService(state, bus, children, parts.forgetting, then=self._people.decide, parent=self)
         self._robot = RobotService(
             state, self._media_ring,
             new_child=self._new_link, publish=bus.publish, problem=bus.problem,
@@ -123,8 +126,8 @@ class Console(QObject):
 
         # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
         self._services: tuple[Service, ...] = (
-            recording, self._microphone, cameras, self._people, self._speech, marks, self._session, assistant, photos,
-            self._robot, head, self._drive, self._scenario, governor,
+            recording, self._microphone, cameras, forgetting, self._people, self._speech, marks, self._session,
+            assistant, photos, self._robot, head, self._drive, self._scenario, governor,
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)

@@ -1,5 +1,7 @@
 """Forgets a person in a whole study: what the database knows of them is what the recordings are searched for."""
 
+from __future__ import annotations
+
 import logging
 import os
 import signal
@@ -8,13 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.people.forgetting import PersonToForget, erase, look_up
-from caris_desktop.recording.forgetting.review import Review, read_review
-from caris_desktop.recording.forgetting.study import ForgetRequest, Forgotten, forget_person, under_way
-from caris_desktop.recording.forgetting.texts import Decision
+
+if TYPE_CHECKING:
+    from caris_desktop.people.forgetting import PersonToForget
+    from caris_desktop.recording.forgetting.review import Review
+    from caris_desktop.recording.forgetting.study import Forgotten
+    from caris_desktop.recording.forgetting.texts import Decision
+# What does it is imported where it is done: the window stands sooner without.
 
 _log = logging.getLogger(__name__)
 _PROGRESS_STEP = 0.01
@@ -57,6 +62,10 @@ class ForgettingEnded:
 
 def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
     """Who that is, what was decided of texts, and whether the database knows them. Raises ToldFailure."""
+    from caris_desktop.people.forgetting import PersonToForget, look_up
+    from caris_desktop.recording.forgetting.review import read_review
+    from caris_desktop.recording.forgetting.study import under_way
+
     review = None if asked.review is None else read_review(asked.review)
     known = look_up(asked.database, asked.who)
     if known is not None:
@@ -79,6 +88,9 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
 
 def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None] = lambda _: None) -> Forgotten:
     """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
+    from caris_desktop.people.forgetting import erase
+    from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
+
     person, review, known = person_of(asked)
     request = ForgetRequest(
         asked.study,

@@ -80,7 +80,7 @@ class PeopleService(Service):
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
     def handlers(self) -> Handlers:
-        return dict.fromkeys(get_args(PeopleIntent), self._decide) | {
+        return dict.fromkeys(get_args(PeopleIntent), self.decide) | {
             intents.AttendPerson: self._attend,
             intents.LookUpPerson: self._look_up,
         }
@@ -174,7 +174,8 @@ class PeopleService(Service):
         else:
             worker.offer_evidence(value)
 
-    def _decide(self, asked: PeopleIntent) -> None:
+    def decide(self, asked: PeopleIntent) -> None:
+        """Have it decided in the thread that keeps who is here. Raises ToldFailure where nobody is looked for."""
         if self._worker is None:
             raise ToldFailure(
                 "People are not looked for here.", "Nothing about them was changed.", "Start with people detection."

@@ -6,6 +6,7 @@ from pathlib import Path
 _OF_SESSION = "export-"
 # What lies beside the sessions and is the study's own.
 _OWN = ("sessions", "photos", "forgotten")
+_STATISTICS = "statistics"
 # By one of these a folder is known as an export.
 _MARKS = (
     "ro-crate-metadata.json", "data_dictionary.csv", "report.html", "methods.html", "captions.vtt", "session.TextGrid",
@@ -36,7 +37,7 @@ class Exports:
         if parts[0] in _OWN:
             return None
         top = self._study / parts[0]
-        if len(parts) == 1 or not self._is_export(top):
+        if len(parts) == 1 or not (parts[0] == _STATISTICS or self._is_export(top)):
             return path if path.suffix.lower() in _DERIVED else None
         for count, part in enumerate(parts[1:-1], start=2):
             if part in self._sessions:

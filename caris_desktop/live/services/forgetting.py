@@ -1,0 +1,151 @@
+"""Forgetting a person from the window: a child process does it, and the wizard goes on meanwhile."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import PersonForgotten
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.forgetting import ForgettingEnded, ForgettingProgress
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.services.recording import ACTIVE
+from caris_desktop.live.state import LiveState
+
+if TYPE_CHECKING:
+    from caris_desktop.recording.forgetting.study import Forgotten
+
+_log = logging.getLogger(__name__)
+_TOLD_EVERY = 0.25
+_ENDS_WITHIN_S = 1.0
+
+
+class ForgettingService(Service):
+    """One person at a time, and nobody while a session is recorded: what is being written cannot be changed."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: Children,
+        body_of: Callable[[str], ProcessBody],
+        *,
+        then: Callable[[intents.ForgetPerson], None],
+        parent: QObject,
+    ) -> None:
+        """``body_of`` gives what forgets the person of an id. ``then`` has the console itself forget them."""
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._body_of = body_of
+        self._then = then
+        self._child: ChildProcess | None = None
+        self._asked = intents.ForgetPerson("")
+        self._ended: ForgettingEnded | None = None
+        self._told = 0.0
+
+    def handlers(self) -> Handlers:
+        return {intents.ForgetPerson: self._forget}
+
+    def processes(self) -> Mapping[str, ChildProcess]:
+        return {} if self._child is None else {self._child.body.name: self._child}
+
+    def stop(self) -> None:
+        if self._child is not None:
+            self._child.ask_to_end()
+
+    def end(self) -> None:
+        # It goes on where it is stopped when it is asked for again.
+        if self._child is not None:
+            self._child.stop(grace_s=_ENDS_WITHIN_S)
+
+    def _forget(self, asked: intents.ForgetPerson) -> None:
+        if self._child is not None:
+            raise ToldFailure(
+                "Somebody is being forgotten already.",
+                "The other person is not forgotten yet.",
+                "Ask again once that is done.",
+                severity="warning",
+            )
+        if self._state.recording.value.state in ACTIVE:
+            raise ToldFailure(
+                "A session is being recorded.",
+                "The person is not forgotten yet: what is being written cannot be changed.",
+                "End the recording, then ask again.",
+                severity="warning",
+            )
+        self._asked, self._ended, self._told = asked, None, 0.0
+        self._child = self._children.start(self._body_of(asked.person_id), ended=self._on_ended, heard=self._on_heard)
+        self._bus.problem(
+            "info",
+            "The person is being forgotten in all recordings of the study.",
+            "That takes as long as their films take to be written anew. You can go on meanwhile.",
+            "Begin the next recording once it is done.",
+        )
+
+    def _on_heard(self, message: Any) -> None:
+        if isinstance(message, ForgettingEnded):
+            self._ended = message
+        elif isinstance(message, ForgettingProgress) and message.fraction >= self._told + _TOLD_EVERY:
+            self._told = message.fraction
+            self._bus.problem(
+                "info",
+                f"Forgetting the person: {message.fraction:.0%} is done.",
+                f"{message.what}.",
+                "Nothing is to be done.",
+            )
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        if child is not self._child:
+            return
+        self._child = None
+        ended = self._ended
+        if ended is None:
+            self._bus.problem(
+                "error",
+                "Forgetting the person has stopped by itself.",
+                "They are not forgotten yet. Nothing is lost: it goes on where it stopped.",
+                "Ask for it again; the log has the details.",
+            )
+        elif ended.outcome is None:
+            what, meaning, advice = ended.failure or ("Forgetting the person has failed.", "", "Ask for it again.")
+            self._bus.problem("error", what, meaning, advice)
+        else:
+            self._forget_here()
+            self._tell(ended.outcome)
+
+    def _forget_here(self) -> None:
+        """The database has; whoever holds something of it in memory is told."""
+        try:
+            self._then(self._asked)
+        except ToldFailure:
+            # Nobody looks for people, so nobody holds anything of them.
+            self._bus.publish(PersonForgotten(clock.now_ns(), self._asked.person_id, self._asked.actor))
+
+    def _tell(self, outcome: Forgotten) -> None:
+        if outcome.review is not None:
+            places = "1 place" if outcome.waiting == 1 else f"{outcome.waiting} places"
+            self._bus.problem(
+                "warning",
+                f"The person is forgotten but for {places} of text that may name them.",
+                "Only somebody who reads them can say whether they do.",
+                f"Decide on each in {outcome.review}, then hand it back: caris-desktop forget STUDY "
+                f"{self._asked.person_id} --review FILE.",
+            )
+        for sentence in (*outcome.problems, *(f"They are still found in {file}." for file in outcome.left)):
+            self._bus.problem("warning", sentence, "That part of forgetting is not done.", "Ask for it again.")
+        if outcome.complete:
+            self._bus.problem(
+                "info",
+                "The person is forgotten: nothing of them is found in the study any more.",
+                "Recordings in which they were seen or named were changed, and say so.",
+                f"The receipt is {outcome.receipt}.",
+            )
