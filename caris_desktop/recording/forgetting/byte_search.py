@@ -113,8 +113,8 @@ class ByteSearch:
         try:
             file.seek(0)
             if head.startswith(MCAP_MAGIC):
-                for number, content in _mcap_blocks(file, closed, name):
-                    yield f"{where}block {number}", io.BytesIO(content)
+                # All in one row: there are thousands, and each for itself would take longer to begin than to search.
+                yield f"{where}blocks", _Row(_mcap_blocks(file, closed, name))
             elif head.startswith(_SQLITE_MAGIC):
                 yield f"{where}rows", _Row(_values_of(file))
             elif head.startswith(_PARQUET_MAGIC):
@@ -238,13 +238,13 @@ def _opener(head: bytes) -> Callable[[IO[bytes]], Any]:
     return next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
 
 
-def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[tuple[int, bytes]]:
+def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
     index = mcap_blocks.scan(file, thorough=False)
     for number in range(index.count):
         try:
             record = mcap_blocks.read_record(file, index, number)
             if mcap_blocks.is_chunk(record):
-                yield number, mcap_blocks.unfolded(record)
+                yield mcap_blocks.unfolded(record) + b"\n"
         except mcap_blocks.DamagedBlockError as error:
             closed.append(f"{name}: the block at byte {index.offsets[number]}: {error}")
 

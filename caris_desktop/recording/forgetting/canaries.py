@@ -65,9 +65,18 @@ class Words:
         """Where the person is named."""
         if self.pattern is None:
             return
+        # Most texts name nobody, and are told at once by that.
+        small = text.lower()
+        if not any(first in small for first in self._firsts):
+            return
         for match in self.pattern.finditer(text):
             if not _in_code(text, *match.span()):
                 yield match.span()
+
+    @cached_property
+    def _firsts(self) -> tuple[str, ...]:
+        """The first word of each form, in small letters."""
+        return tuple({form.lower().split()[0] for text in self.alternatives for form in _forms(text)})
 
     @cached_property
     def beginnings(self) -> tuple[tuple[bytes, str], ...]:

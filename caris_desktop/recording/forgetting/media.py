@@ -1,5 +1,6 @@
 """Film, sound and pictures without a person: covered where they were seen, silent where they were named."""
 
+import logging
 import struct
 from collections.abc import Callable, Iterable
 from fractions import Fraction
@@ -12,15 +13,15 @@ from numpy.typing import NDArray
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area
+from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, add_stream, x264
 from caris_desktop.recording.session.frame_times import FrameTimes
 
+_log = logging.getLogger(__name__)
 # One colour all over: what is under it cannot be guessed from it.
 _COVER_BGR = (112, 112, 112)
 ENCODER = x264("veryfast")
 _COPIED_BYTES = 1 << 20
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-_KEPT_CHUNKS = (b"tEXt", b"iTXt", b"zTXt", b"tIME", b"pHYs")
 
 
 class UnreadableMediaError(Exception):
@@ -86,8 +87,8 @@ def _stamp_of(times: FrameTimes, number: int, at_s: float, first_stamp_ns: int) 
     return first_stamp_ns + round(at_s * 1e9)
 
 
-def covered_picture(source: Path, target: Path, areas: Iterable[Area], may_stay: Callable[[bytes], bool]) -> None:
-    """Write a photo anew with these parts covered. What a PNG tells of itself in chunks that ``may_stay`` stays.
+def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
+    """Write a photo anew with these parts covered, and with what a PNG tells of itself.
 
     Raises OSError, UnreadableMediaError.
     """
@@ -103,10 +104,10 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area], may_stay:
     if not done:
         raise UnreadableMediaError(f"{source.name} cannot be written as a picture again")
     written: bytes = coded.tobytes()
-    if content.startswith(_PNG_MAGIC):
-        kept = [chunk for kind, chunk in _chunks_of(content) if kind in _KEPT_CHUNKS and may_stay(chunk)]
-        head_end = len(_PNG_MAGIC) + 25
-        written = written[:head_end] + b"".join(kept) + written[head_end:]
+    try:
+        written = with_texts(written, texts_of(content))
+    except PhotoFileError:
+        _log.debug("%s is no PNG: it tells nothing of itself", source)
     file = DiskFile(target)
     try:
         file.write(written)
@@ -125,14 +126,6 @@ def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint
         part = image[max(0, top) : bottom, max(0, left) : right]
         part[...] = _COVER_BGR[: part.shape[2]] if part.ndim == 3 and part.shape[2] <= 3 else _COVER_BGR[0]
     return image
-
-
-def _chunks_of(content: bytes) -> Iterable[tuple[bytes, bytes]]:
-    at = len(_PNG_MAGIC)
-    while at + 12 <= len(content):
-        (length,) = struct.unpack_from(">I", content, at)
-        yield content[at + 4 : at + 8], content[at : at + 12 + length]
-        at += 12 + length
 
 
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:

@@ -58,7 +58,8 @@ def read_review(path: Path) -> Review:
             "Nothing was changed.",
             "Name the list of texts again.",
         ) from error
-    person_id, names = "", ()
+    person_id = ""
+    names: tuple[str, ...] = ()
     decisions: dict[str, Decision] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if line.startswith(_NAMES):

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.recording.forgetting import media
-from caris_desktop.recording.forgetting.canaries import Words
 from caris_desktop.recording.forgetting.journal import Journal
 from caris_desktop.recording.forgetting.media import UnreadableMediaError
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area, Sightings, messages_of
+from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
@@ -19,6 +19,7 @@ from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 _log = logging.getLogger(__name__)
 _PHOTO, _UTTERANCE = "/event/photo_taken", "/event/utterance_changed"
+_ASIDE = ".deleted"
 _ROBOT_VOICE = "robot voice"
 # A photo is the newest picture when it is asked for, which is a little older than that.
 _PHOTO_FROM_NS, _PHOTO_UNTIL_NS, _PHOTO_STEP_NS = -700_000_000, 200_000_000, 100_000_000
@@ -31,15 +32,12 @@ _FILM = (".mp4",)
 class SessionMedia:
     """One session's, with its folder held. ``problems`` fills with sentences on what could not be done."""
 
-    def __init__(
-        self, session: Session, seen: Sightings, person_ids: frozenset[str], journal: Journal, words: Words
-    ) -> None:
+    def __init__(self, session: Session, seen: Sightings, person_ids: frozenset[str], journal: Journal) -> None:
         self._session = session
         self._folder = session.folder
         self._seen = seen
         self._ids = person_ids
         self._journal = journal
-        self._words = words
         self.problems: list[str] = []
 
     def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
@@ -122,17 +120,10 @@ class SessionMedia:
                 self._journal.remove(path, "photo")
                 continue
             try:
-                self._journal.replace(path, "photo", partial(self._cover, path, areas))
+                self._journal.replace(path, "photo", partial(_covered, path, areas))
             except UnreadableMediaError as error:
                 self.problems.append(f"{error}; it was removed.")
                 self._journal.remove(path, "photo")
-
-    def _cover(self, path: Path, areas: tuple[Area, ...], part: Path) -> int:
-        def may_stay(chunk: bytes) -> bool:
-            return not any(True for _ in self._words.spans(chunk.decode("utf-8", "replace")))
-
-        media.covered_picture(path, part, areas, may_stay)
-        return len(areas)
 
     def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
         """Each photo, with where the person is in it."""
@@ -147,15 +138,17 @@ class SessionMedia:
             if not path.resolve().is_relative_to(self._folder.resolve()):
                 continue
             told.add(path)
+            if not path.exists():
+                path = path.with_name(_ASIDE) / path.name
+                told.add(path)
             moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
             areas = {area for at_ns in moments for area in self._seen.areas_at(camera, at_ns)}
             meant = (str(photo.get("person_id") or ""), *map(str, photo.get("person_ids") or ()))
             if not areas and self._ids.intersection(meant):
                 areas = {WHOLE}
             yield path, tuple(sorted(areas))
-        ids = [person_id.encode() for person_id in self._ids]
-        for path in sorted((self._folder / "photos").glob("*")):
-            if path not in told and path.is_file() and any(person_id in path.read_bytes() for person_id in ids):
+        for path in photos_of(self._folder / "photos", self._ids):
+            if path not in told:
                 yield path, (WHOLE,)
 
     # Sound
@@ -191,6 +184,24 @@ class SessionMedia:
                 if message.get("speaker") == "participant" and message.get("person_id") in self._ids:
                     found.add(str(message.get("utterance_id")))
         return frozenset(found)
+
+
+def photos_of(folder: Path, person_ids: frozenset[str]) -> list[Path]:
+    """The photos in a folder that say that one of these people is in them. Raises OSError."""
+    found = []
+    for path in sorted(folder.rglob("*.png")):
+        try:
+            people = texts_of(path.read_bytes()).get(PEOPLE, "").split()
+        except PhotoFileError:
+            continue
+        if not person_ids.isdisjoint(people):
+            found.append(path)
+    return found
+
+
+def _covered(path: Path, areas: tuple[Area, ...], part: Path) -> int:
+    media.covered_picture(path, part, areas)
+    return len(areas)
 
 
 def _silenced(path: Path, first_stamp_ns: int, spans: list[tuple[int, int]], part: Path) -> int:

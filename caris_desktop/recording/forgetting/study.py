@@ -20,7 +20,7 @@ from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words
 from caris_desktop.recording.forgetting.exports import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
 from caris_desktop.recording.forgetting.review import write_review
-from caris_desktop.recording.forgetting.session_media import SessionMedia
+from caris_desktop.recording.forgetting.session_media import SessionMedia, photos_of
 from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, sightings_in
 from caris_desktop.recording.forgetting.texts import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
@@ -34,6 +34,8 @@ _log = logging.getLogger(__name__)
 RECEIPT = "RECEIPT.json"
 _FORMAT, _FORMAT_VERSION = "caris-desktop forgetting", 1
 _PEOPLE = "people.sqlite"
+# What a kill may have left of files that were being written here; none of them is in the place of its file yet.
+_PARTS = (f".*{PART}", f".{RECEIPT}.*.part", ".review-*.part", f".{MANIFEST_NAME}.*.part")
 _KINDS = (
     ("video", "film", "films"),
     ("photo", "photo", "photos"),
@@ -164,7 +166,7 @@ class _Forgetting:
         if begun is None:
             begun = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
             self._journal.note(person_id=self._request.person_ids[0], begun=begun)
-        for part in self._study.rglob(f".*{PART}"):
+        for part in (part for pattern in _PARTS for part in self._study.rglob(pattern)):
             part.unlink()
         erasing = self._journal.noted("erasing")
         if erasing is not None and not self._words.names:
@@ -180,6 +182,11 @@ class _Forgetting:
         for number, folder in enumerate(sessions):
             self._tell(0.1 + 0.7 * number / len(sessions), f"Session {number + 1} of {len(sessions)}")
             self._in_session(folder, found, 0.7 / len(sessions))
+        if not self._request.only_texts:
+            for path in photos_of(self._study / "photos", self._ids):
+                # Taken without a session: nothing tells where in it they are.
+                self._journal.remove(path, "photo")
+                found.pop(path, None)
         for path, searched in found.items():
             if not any(path.is_relative_to(folder) for folder in sessions):
                 self._in_file(path, searched)
@@ -262,7 +269,7 @@ class _Forgetting:
                 if path.suffix == ".mcap"
             }
             if session is not None and seen is not None:
-                of_media = SessionMedia(session, seen, self._ids, self._journal, self._words)
+                of_media = SessionMedia(session, seen, self._ids, self._journal)
                 before = self._progress_at
                 if not self._request.only_texts:
                     of_media.treat_pictures(
@@ -294,6 +301,10 @@ class _Forgetting:
             events = events or texts.look_at_events(work, path, file, str)
             if events.to_change:
                 self._journal.replace(path, "text", lambda part: texts.rewrite_events(work, path, file, part))
+            return
+        if path.suffix.lower() == ".png" and all(hit.what == "name" and not hit.inside for hit in searched.hits):
+            if texts.look_at_photo(work, path, file):
+                self._journal.replace(path, "text", lambda part: texts.rewrite_photo(work, path, file, part))
             return
         encoding = texts.encoding_of(path)
         if encoding is not None and all(hit.what == "name" and not hit.inside for hit in searched.hits):

@@ -9,6 +9,7 @@ from typing import Literal
 
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, Words
+from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import mcap_records as records
 from caris_desktop.recording.session.mcap_rewriting import copy_changed
@@ -141,6 +142,34 @@ def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: P
             written.write(text)
             count += here
     return count
+
+
+# Photos, whose tags are text
+
+
+def look_at_photo(work: TextWork, path: Path, file: str) -> bool:
+    """List the places in what a PNG tells of itself; whether anything is to be replaced. Raises OSError."""
+    wanted = False
+    for name, text in _photo_texts(path).items():
+        wanted = _is_to_change(work.look(text, file, lambda name=name: f"its {name}")) or wanted  # type: ignore[misc]
+    return wanted
+
+
+def rewrite_photo(work: TextWork, path: Path, file: str, target: Path) -> int:
+    """Write a photo anew without what is to go of its texts; how much that is. Raises OSError."""
+    quiet = TextWork(work.words, work.decisions, work.otherwise)
+    changed = {
+        name: redacted(text, quiet.look(text, file, str), yaml=False) for name, text in _photo_texts(path).items()
+    }
+    target.write_bytes(with_texts(path.read_bytes(), {name: text for name, (text, _) in changed.items()}))
+    return sum(count for _, count in changed.values())
+
+
+def _photo_texts(path: Path) -> dict[str, str]:
+    try:
+        return texts_of(path.read_bytes())
+    except PhotoFileError:
+        return {}
 
 
 # Records of events

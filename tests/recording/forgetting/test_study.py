@@ -23,8 +23,10 @@ from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, all_of
 from caris_desktop.recording.forgetting.review import read_review
 from caris_desktop.recording.forgetting.study import ForgetRequest, Forgotten, forget_person, is_under_way
+from caris_desktop.recording.photo_file import PEOPLE, TAGS, change_texts, texts_of
+from caris_desktop.recording.recorder.media_writer import write_photo
 from caris_desktop.recording.session.folder_lock import hold
-from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken
@@ -269,6 +271,23 @@ def test_a_kill_at_any_step_leaves_it_to_go_on_from(tmp_path: Path, request: pyt
     )
     assert told.returncode == 0, told.stderr
     assert int(told.stdout) > 20
+
+
+def test_photos_without_a_session_go_and_tags_are_text(study: Path) -> None:
+    folder = sessions_of(study)[0]
+    tagged = folder / "photos" / "0001.png"
+    change_texts(tagged, {TAGS: f"arm, {NAME}", PEOPLE: PERSON})
+    write_manifest(folder)
+    (study / "photos").mkdir()
+    mine, theirs = study / "photos" / "a.png", study / "photos" / "b.png"
+    for path, people in ((mine, f"{PERSON} p-2"), (theirs, "p-2")):
+        write_photo(np.zeros((8, 8, 3), np.uint8), path, texts={PEOPLE: people})
+    kept = theirs.read_bytes()
+    assert forget(study, recordings="mask").complete
+    assert not mine.exists()
+    assert theirs.read_bytes() == kept
+    assert texts_of(tagged.read_bytes()) == {PEOPLE: PERSON, TAGS: "arm, [forgotten]"}
+    assert verify_manifest(folder) == []
 
 
 def test_names_of_files_are_changed_too(study: Path) -> None:
