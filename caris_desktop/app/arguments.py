@@ -13,7 +13,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
         epilog=(
             "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, forget, track, "
-            "robots, camera-server, perceive, check. Each has its own --help."
+            "perceive-again, robots, camera-server, perceive, check. Each has its own --help."
         ),
     )
     parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")

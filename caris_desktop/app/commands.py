@@ -19,6 +19,7 @@ COMMANDS = {
     "agreement": ("caris_desktop.recording.annotation.command", "how far two coders of a session agree"),
     "track": ("caris_desktop.app.track_command", "people in a recorded video, followed as the console does"),
     "forget": ("caris_desktop.app.forget_command", "nothing of a study shows or names a person any more"),
+    "perceive-again": ("caris_desktop.app.perceive_again_command", "people in recordings, found by another model"),
     "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
     "camera-server": ("caris_desktop.app.camera_server_command", "a camera for the console on another computer"),
     "perceive": ("caris_desktop.app.perceive_command", "people are found here for a console on another computer"),
@@ -26,7 +27,7 @@ COMMANDS = {
 }
 
 # They tell what happened in sentences; what a reader of the code wants to know goes to the log.
-_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track")
+_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again")
 
 
 def run(words: Sequence[str]) -> int:

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.inference import default_threads
@@ -14,10 +15,6 @@ from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.tracker import TRACKERS, Look, TrackedBox
 from caris_desktop.perception.video_file import VideoFile, VideoFileError
 from caris_desktop.perception.weights import WeightsError
-
-_BAR_WIDTH = 30
-_TELL_EVERY_S = 0.2
-_TELL_LINES = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +84,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         if perceiver.trouble:
             print(perceiver.trouble, file=sys.stderr)
         loaded_s = time.perf_counter()
-        progress = _Progress(video.pictures_about)
+        progress = ProgressBar(video.pictures_about)
         rows: list[str] = []
         people: set[int] = set()
         frames, detector_s, tracker_s = 0, 0.0, 0.0
@@ -130,40 +127,3 @@ def _write(path: Path, rows: list[str]) -> None:
     except OSError as error:
         why = "the disk is full" if no_room(error) else error.strerror or str(error)
         raise _WrongError(f"The result {path} could not be written: {why}.") from error
-
-
-class _Progress:
-    """A bar that is drawn again and again in a terminal; elsewhere ten lines."""
-
-    def __init__(self, frames_about: int) -> None:
-        self._about = frames_about
-        self._drawn = sys.stderr.isatty()
-        self._began_s = time.perf_counter()
-        self._told_s = 0.0
-        self._told_tenths = 0
-
-    def tell(self, frames: int) -> None:
-        now_s = time.perf_counter()
-        if self._drawn:
-            if now_s - self._told_s >= _TELL_EVERY_S:
-                self._told_s = now_s
-                print(f"\r{self._words(frames)}", end="", file=sys.stderr, flush=True)
-            return
-        tenths = min(_TELL_LINES - 1, _TELL_LINES * frames // self._about) if self._about else 0
-        if tenths > self._told_tenths:
-            self._told_tenths = tenths
-            print(self._words(frames), file=sys.stderr, flush=True)
-
-    def end(self, frames: int) -> None:
-        self._about = frames
-        print(f"\r{self._words(frames)}" if self._drawn else self._words(frames), file=sys.stderr, flush=True)
-
-    def _words(self, frames: int) -> str:
-        fps = frames / max(1e-9, time.perf_counter() - self._began_s)
-        if not self._about:
-            return f"{frames} pictures, {fps:.1f} a second"
-        # What a file says of its length may be less than there is.
-        part = min(1.0, frames / self._about)
-        done = round(_BAR_WIDTH * part)
-        bar = "#" * done + "." * (_BAR_WIDTH - done)
-        return f"[{bar}] {part:4.0%} {frames}/{max(frames, self._about)} pictures, {fps:.1f} a second"

@@ -115,8 +115,10 @@ class Follower:
         appearance_of
             Asked for new and doubtful ones, and now and then for a good view of somebody; None without such a model.
         """
+        # Of who has been away for longer only the looks matter.
         for track in self._tracks:
-            track.advance(stamp_s, shift_px)
+            if stamp_s - track.seen_s <= LOST_S:
+                track.advance(stamp_s, shift_px)
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
         waiting = [track for track in self._tracks if stamp_s - track.seen_s <= LOST_S]

@@ -1,6 +1,6 @@
 """``manifest-sha256.txt``: the checksum of every file of a closed session, as ``sha256sum -c`` reads it.
 
-What is made of the session afterwards, annotations and exports, is no part of it.
+What is made of the session afterwards, annotations, exports and derived layers, is no part of it.
 """
 
 import hashlib
@@ -12,7 +12,9 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.recording.session.last_counts import COUNTS_NAME
 
 MANIFEST_NAME = "manifest-sha256.txt"
-_OUTSIDE = re.compile(r"annotations|export-.*")
+DERIVED_FOLDER = "derived"
+"""Of what was made of the session's videos again afterwards."""
+_OUTSIDE = re.compile(rf"annotations|export-.*|{DERIVED_FOLDER}")
 _BLOCK_BYTES = 1 << 20
 _LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)")
 
@@ -70,8 +72,8 @@ def verify_manifest(folder: Path) -> list[str]:
 def session_files(folder: Path) -> list[str]:
     """The files that make up a session, sorted, as relative paths with forward slashes.
 
-    Without the manifest itself, annotations, exports, the counts of a recording under way, and what is hidden: that is
-    there only while something is being written, or is some program's own.
+    Without the manifest itself, annotations, exports, derived layers, the counts of a recording under way, and what is
+    hidden: that is there only while something is being written, or is some program's own.
     """
     names = []
     for path in folder.rglob("*"):

@@ -1,0 +1,227 @@
+"""``caris-desktop perceive-again``: people in recordings, found again by another model, beside what was recorded."""
+
+import argparse
+import json
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from caris_desktop import __version__
+from caris_desktop.app.progress_bar import ProgressBar
+from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.events import RobotChosen
+from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People, PersonBox
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.perception.inference import default_threads
+from caris_desktop.perception.looking_back import looked_back
+from caris_desktop.perception.perceiver import Perceiver, open_perceiver
+from caris_desktop.perception.tracker import TRACKERS, USUAL_FOCAL_PER_WIDTH, Look, TrackedBox
+from caris_desktop.perception.turning import CameraTurning
+from caris_desktop.perception.weights import WeightsError
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.export import ExportError, sessions_in
+from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
+from caris_desktop.recording.session.manifest import DERIVED_FOLDER
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.robot.profile import ProfileError, parse_profile
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+_AHEAD_NS = 500_000_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="folder of a session, or of a study")
+    parser.add_argument("--model", metavar="FILE", type=Path, help="the detector (default: as the console finds one)")
+    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="who follows people (default: own)")
+    parser.add_argument(
+        "--offline-quality",
+        action="store_true",
+        help="look ahead: numbers that are one person's become one, and gaps of up to two seconds are filled",
+    )
+    parser.add_argument(
+        "--name", help="of the layer, a folder in the session's derived/ (default: after model and tracker)"
+    )
+    parser.add_argument(
+        "--threads", metavar="N", type=int, default=default_threads(), help="processors to use (default: half of them)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """One JSON object for each session on standard output; exit status 1 where one was not perceived."""
+    if arguments.name is not None and not _NAME.fullmatch(arguments.name):
+        print("--name may have letters, digits, dots, dashes and underscores only.", file=sys.stderr)
+        return 2
+    if arguments.threads < 1:
+        print("--threads needs at least 1.", file=sys.stderr)
+        return 2
+    try:
+        folders = sessions_in(arguments.recording)
+    except ExportError as error:
+        print(error, file=sys.stderr)
+        return 1
+    failed = 0
+    for folder in folders:
+        try:
+            print(json.dumps(_perceive(folder, arguments)), flush=True)
+        except WeightsError as error:  # which would fail for each of them
+            print(f"{error}. {error.advice}.", file=sys.stderr)
+            return 1
+        except (_NotPerceivedError, SessionError) as error:
+            print(f"{folder.name}: {error}", file=sys.stderr)
+            failed += 1
+        except OSError as error:
+            why = "the disk is full" if no_room(error) else error.strerror or str(error)
+            print(f"{folder.name}: the layer could not be written: {why}. Nothing was kept.", file=sys.stderr)
+            failed += 1
+        except KeyboardInterrupt:
+            print(f"\nStopped; of {folder.name} nothing was kept.", file=sys.stderr)
+            return 130
+    return 1 if failed else 0
+
+
+class _NotPerceivedError(Exception):
+    """Told with the session's name before it."""
+
+
+@dataclass(slots=True)
+class _CameraLayer:
+    """What was perceived in the videos of one camera."""
+
+    frames: list[RecordedFrame] = field(default_factory=list)
+    sizes_px: list[tuple[int, int]] = field(default_factory=list)
+    boxes: list[list[TrackedBox]] = field(default_factory=list)
+    lost: int = 0
+
+
+def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
+    session = open_session(folder, repair=False)
+    perceiver = open_perceiver(
+        arguments.model, tracker=arguments.tracker, threads=arguments.threads, recognise_looks=True
+    )
+    if perceiver.trouble:
+        print(perceiver.trouble, file=sys.stderr)
+    model = arguments.model.stem if arguments.model is not None else "usual"
+    usual_name = f"{model}-{arguments.tracker}{'-offline' if arguments.offline_quality else ''}"
+    name = arguments.name or re.sub(r"[^A-Za-z0-9._-]", "-", usual_name).lstrip(".-_")[:80] or "layer"
+    target = folder / DERIVED_FOLDER / name
+    if target.exists():
+        raise _NotPerceivedError(f"there is a layer {name} already; choose another --name. Nothing was changed.")
+    with VideoReader(session) as videos:
+        layers = {camera: _layer(session, videos, camera, perceiver) for camera in videos.cameras}
+    problems = list(videos.problems)
+    if not any(layer.frames for layer in layers.values()):
+        raise _NotPerceivedError(" ".join(["it has no video that can be read.", *problems]))
+    if arguments.offline_quality:
+        for layer in layers.values():
+            layer.boxes = looked_back(layer.boxes, [frame.stamp_ns / 1e9 for frame in layer.frames])
+    about: dict[str, object] = {
+        "layer": name,
+        "session": folder.name,
+        "program_version": __version__,
+        "model": perceiver.label,
+        "looks": perceiver.looks_model,
+        "tracker": arguments.tracker,
+        "offline_quality": arguments.offline_quality,
+        "cameras": {
+            camera: {
+                "pictures": len(layer.frames),
+                "pictures_not_readable": layer.lost,
+                "people": len({box.track for boxes in layer.boxes for box in boxes}),
+            }
+            for camera, layer in layers.items()
+        },
+        "problems": problems,
+    }
+    _write(session, target, layers, about)
+    return about
+
+
+def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Perceiver) -> _CameraLayer:
+    layer = _CameraLayer()
+    count = len(videos.frame_times_ns(camera))
+    model = _camera_model(session, camera)
+    turns, turning = _turns(session), CameraTurning()
+    waiting = next(turns, None)
+    bar = ProgressBar(count, what=f"{session.folder.name} {camera}")
+    for number in range(count):
+        picture = videos.frame(camera, number)
+        if picture is None:
+            layer.lost += 1
+            continue
+        info, image_bgr = picture.info, picture.image_bgr
+        height_px, width_px = image_bgr.shape[:2]
+        while waiting is not None and waiting.stamp_ns <= info.stamp_ns + _AHEAD_NS:
+            turning.take(waiting)
+            waiting = next(turns, None)
+        ref = FrameRef(info.stamp_ns, info.robot_stamp_ns, camera, "", 0, number, width_px, height_px)
+        looked = None if model is None else turning.looked(info.stamp_ns, on_head=model.on_head)
+        focal = USUAL_FOCAL_PER_WIDTH if model is None else model.fx_px / model.width_px
+        layer.boxes.append(perceiver.perceive(image_bgr, Look(ref, looked, focal)).boxes)
+        layer.frames.append(info)
+        layer.sizes_px.append((width_px, height_px))
+        bar.tell(number + 1)
+    bar.end(count)
+    return layer
+
+
+def _turns(session: Session) -> Iterator[Odometry | HeadState]:
+    for _, value in session.values(BY_TYPE[Odometry].name, BY_TYPE[HeadState].name):
+        yield value
+
+
+def _camera_model(session: Session, camera: str) -> CameraModel | None:
+    """Where the camera is on the robot that was driven, as its profile said then."""
+    model = None
+    for _, chosen in session.values(BY_TYPE[RobotChosen].name):
+        try:
+            profile = parse_profile(chosen.profile, file_name=f"{chosen.name}.yaml", name=chosen.name)
+        except ProfileError:
+            continue
+        model = next((each.model for each in profile.cameras if each.name == camera), model)
+    return model
+
+
+def _write(session: Session, target: Path, layers: dict[str, _CameraLayer], about: dict[str, object]) -> None:
+    """The layer is there whole or not at all."""
+    part = target.with_name(f".{target.name}.unfinished")
+    if part.exists():
+        shutil.rmtree(part)  # of a run that was killed
+    part.mkdir(parents=True)
+    try:
+        log = EventLog(
+            DiskFile(part / "people.mcap"), anchor=session.clock.anchor, metadata={"program_version": __version__}
+        )
+        try:
+            for people in sorted(_people(layers), key=lambda each: each.stamp_ns):
+                log.write(BY_TYPE[People], people, people.stamp_ns)
+        finally:
+            log.close()
+        text = json.dumps(about, indent=2, ensure_ascii=False) + "\n"
+        replace_file(part / "layer.json", text.encode(), durable=True)
+        part.rename(target)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def _people(layers: dict[str, _CameraLayer]) -> Iterator[People]:
+    for camera, layer in layers.items():
+        for info, (width_px, height_px), boxes in zip(layer.frames, layer.sizes_px, layer.boxes, strict=True):
+            yield People(
+                stamp_ns=info.stamp_ns,
+                camera=camera,
+                frame_sequence=info.number,
+                frame_width_px=width_px,
+                frame_height_px=height_px,
+                boxes=tuple(
+                    PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
+                    for box in boxes
+                ),
+                inference_ms=0.0,
+            )

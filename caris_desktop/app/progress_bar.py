@@ -1,0 +1,47 @@
+"""How far a command is, on standard error."""
+
+import sys
+import time
+
+_BAR_WIDTH = 30
+_TELL_EVERY_S = 0.2
+_TELL_LINES = 10
+
+
+class ProgressBar:
+    """A bar that is drawn again and again in a terminal; elsewhere ten lines."""
+
+    def __init__(self, pictures_about: int, *, what: str = "") -> None:
+        """``pictures_about`` is 0 where nobody knows; ``what`` stands before it."""
+        self._about = pictures_about
+        self._what = f"{what} " if what else ""
+        self._drawn = sys.stderr.isatty()
+        self._began_s = time.perf_counter()
+        self._told_s = 0.0
+        self._told_tenths = 0
+
+    def tell(self, frames: int) -> None:
+        now_s = time.perf_counter()
+        if self._drawn:
+            if now_s - self._told_s >= _TELL_EVERY_S:
+                self._told_s = now_s
+                print(f"\r{self._words(frames)}", end="", file=sys.stderr, flush=True)
+            return
+        tenths = min(_TELL_LINES - 1, _TELL_LINES * frames // self._about) if self._about else 0
+        if tenths > self._told_tenths:
+            self._told_tenths = tenths
+            print(self._words(frames), file=sys.stderr, flush=True)
+
+    def end(self, frames: int) -> None:
+        self._about = frames
+        print(f"\r{self._words(frames)}" if self._drawn else self._words(frames), file=sys.stderr, flush=True)
+
+    def _words(self, frames: int) -> str:
+        fps = frames / max(1e-9, time.perf_counter() - self._began_s)
+        if not self._about:
+            return f"{self._what}{frames} pictures, {fps:.1f} a second"
+        # What a file says of its length may be less than there is.
+        part = min(1.0, frames / self._about)
+        done = round(_BAR_WIDTH * part)
+        bar = "#" * done + "." * (_BAR_WIDTH - done)
+        return f"{self._what}[{bar}] {part:4.0%} {frames}/{max(frames, self._about)} pictures, {fps:.1f} a second"
