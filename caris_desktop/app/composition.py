@@ -303,10 +303,18 @@ def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
 
 
 def _build_prompt(
-    scenario: Scenario, conversation: Sequence[UtteranceChanged], people: Sequence[str], question: str
+    scenario: Scenario,
+    conversation: Sequence[UtteranceChanged],
+    people: Sequence[str],
+    things: Sequence[str],
+    question: str,
 ) -> tuple[ChatMessage, ...]:
     return build_messages(
-        question, system_prompt=scenario.assistant.system_prompt, conversation=conversation, people=people
+        question,
+        system_prompt=scenario.assistant.system_prompt,
+        conversation=conversation,
+        people=people,
+        things=things,
     )
 
 

@@ -1,6 +1,7 @@
 """The messages for a question to the assistant: pure, and bounded so that the smallest model can hold them."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
 from caris_desktop.conversation.transcript import Turn, turns_of
 from caris_desktop.domain.events import ChatMessage, UtteranceChanged
@@ -10,6 +11,7 @@ MAX_QUESTION_CHARACTERS = 1500
 MAX_CONVERSATION_CHARACTERS = 1500
 MAX_TURN_CHARACTERS = 300
 MAX_PEOPLE = 8
+MAX_THINGS = 20
 MAX_LABEL_CHARACTERS = 40
 
 
@@ -19,18 +21,23 @@ def build_messages(
     system_prompt: str,
     conversation: Sequence[UtteranceChanged] = (),
     people: Sequence[str] = (),
+    things: Iterable[str] = (),
 ) -> tuple[ChatMessage, ...]:
     """System message, the newest turns as the dialogue that they were, and the question as the last user message.
 
     What the robot said are the model's own turns: small models parrot a transcript that stands inside a question.
     ``people`` are labels of those who are here. The exchange is recorded and may leave this computer, so they must be
-    labels that may: opaque ones, unless the study says otherwise.
+    labels that may: opaque ones, unless the study says otherwise. ``things`` are the names of what else is in view,
+    one for each thing.
     """
     system = _shortened(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
     labels = [label for label in (_shortened(_one_line(person), MAX_LABEL_CHARACTERS) for person in people) if label]
     if labels:
         more = f" and {len(labels) - MAX_PEOPLE} more" if len(labels) > MAX_PEOPLE else ""
         system = f"{system}\n\nPeople here now: {', '.join(labels[:MAX_PEOPLE])}{more}.".strip()
+    seen = [_counted(name, number) for name, number in Counter(map(_one_line, things)).most_common(MAX_THINGS)]
+    if seen:
+        system = f"{system}\n\nIn view: {', '.join(seen)}.".strip()
     messages = [ChatMessage("system", system)] if system else []
     for message in (*_newest_turns(turns_of(conversation)), ChatMessage("user", _question(question))):
         # Some chat templates insist on alternating roles.
@@ -62,6 +69,13 @@ def _newest_turns(turns: Sequence[Turn]) -> list[ChatMessage]:
             break
         messages.append(ChatMessage("assistant" if turn.speaker == "robot" else "user", text))
     return messages[::-1]
+
+
+def _counted(name: str, number: int) -> str:
+    name = _shortened(name, MAX_LABEL_CHARACTERS)
+    if number == 1:
+        return f"1 {name}"
+    return f"{number} {name}{'es' if name.endswith(('s', 'x', 'ch', 'sh')) else 's'}"
 
 
 def _one_line(text: str) -> str:

@@ -13,6 +13,7 @@ from caris_desktop.conversation.language_models import ModelEndpoint
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
@@ -35,7 +36,11 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
     told: list[list[str]] = []
 
     def note_prompt(
-        _scenario: Scenario, conversation: Sequence[UtteranceChanged], _people: Sequence[str], question: str
+        _scenario: Scenario,
+        conversation: Sequence[UtteranceChanged],
+        _people: Sequence[str],
+        _things: Sequence[str],
+        question: str,
     ) -> tuple[ChatMessage, ...]:
         told.append([event.text for event in conversation])
         return (ChatMessage("user", question),)
@@ -55,6 +60,35 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
         console.shutdown()
     assert told[0] and set(told[0]) == {"You told me that you sleep badly."}
     assert told[1] == []
+
+
+@pytest.mark.logs(r"live\.bus: ")
+def test_the_model_is_told_what_the_cameras_see_beside_people_and_nothing_twice(qtbot: QtBot, tmp_path: Path) -> None:
+    told: list[list[str]] = []
+
+    def note_prompt(
+        _scenario: Scenario,
+        _conversation: Sequence[UtteranceChanged],
+        _people: Sequence[str],
+        things: Sequence[str],
+        question: str,
+    ) -> tuple[ChatMessage, ...]:
+        told.append(list(things))
+        return (ChatMessage("user", question),)
+
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
+    console = Console(replace(parts, assistant=replace(parts.assistant, build_prompt=note_prompt)), scenario)
+    try:
+        now_ns = clock.now_ns()
+        for camera, labels in (("front", ("chair", "chair")), ("desk", ("chair", "dog"))):
+            things = tuple(ThingBox(label, 0.0, 0.0, 5.0, 5.0, 0.9) for label in labels)
+            console.state.take(FrameRef(now_ns, None, camera, "", 0, 1, 64, 48))
+            console.state.take(People(now_ns, camera, 1, 64, 48, (), 1.0, things))
+        console.do(intents.Ask("What is there?"))
+    finally:
+        console.shutdown()
+    assert told == [["chair", "chair", "dog"]]
 
 
 @pytest.mark.logs(r"live\.bus: ")

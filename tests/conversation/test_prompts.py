@@ -17,6 +17,14 @@ def test_a_bare_question_is_one_message() -> None:
     assert [(message.role, message.content) for message in messages] == [("user", "Where is the lab?")]
 
 
+def test_the_model_learns_what_is_in_view() -> None:
+    things = ["chair", "dog", "chair", "couch", "couch"]
+    system, _ = build_messages("What is there?", system_prompt="Be brief.", people=["P1"], things=things)
+    assert system.content == "Be brief.\n\nPeople here now: P1.\n\nIn view: 2 chairs, 2 couches, 1 dog."
+    (bare,) = build_messages("What is there?", system_prompt="", things=[])
+    assert bare.role == "user"
+
+
 def test_the_model_learns_who_is_here_and_what_was_said() -> None:
     said = [
         event("u1", "requested", "Hello."),

@@ -1,6 +1,6 @@
 """The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +14,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import Actor, in_words
 from caris_desktop.domain.events import ChatMessage, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import People
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -36,7 +37,9 @@ class AssistantParts:
     server: ProcessBody
     stream_chat: StreamChat
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
-    build_prompt: Callable[[Scenario, Sequence[UtteranceChanged], Sequence[str], str], tuple[ChatMessage, ...]]
+    build_prompt: Callable[
+        [Scenario, Sequence[UtteranceChanged], Sequence[str], Sequence[str], str], tuple[ChatMessage, ...]
+    ]
 
 
 class AssistantService(Service):
@@ -139,7 +142,8 @@ class AssistantService(Service):
             )
         # Neither the record nor a model on another computer gets to know the names.
         people = [f"person {row.number}" for row in self._state.persons.value]
-        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, question)
+        things = self._things_in_view()
+        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, things, question)
         settings = self._scenario.assistant
         if not self._exchanges.ask(
             question,
@@ -160,6 +164,15 @@ class AssistantService(Service):
                 else (status.detail or "Check the scenario's model."),
                 severity="warning",
             )
+
+    def _things_in_view(self) -> list[str]:
+        """What the cameras see now beside people. What two of them see may be the same, so the most that one sees."""
+        most: Counter[str] = Counter()
+        for camera in self._state.cameras.value:
+            stream = self._state.people_of(camera)
+            if stream.freshness == "fresh" and isinstance(stream.value, People):
+                most |= Counter(thing.label for thing in stream.value.things)
+        return sorted(most.elements())
 
     def _say_answer(self, asked: intents.SayAnswer) -> None:
         utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
