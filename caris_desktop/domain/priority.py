@@ -5,6 +5,9 @@ import os
 import sys
 from pathlib import Path
 
+RECORD_NICENESS = 5
+"""Of what writes the record: behind the window and the links, before whatever only shows something."""
+
 
 def step_back(niceness: int) -> None:
     """Let the window and the links go first: this process is in the background, from now on and for good.

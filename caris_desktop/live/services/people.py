@@ -18,6 +18,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
@@ -29,7 +30,6 @@ from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
 from caris_desktop.perception.inference import InferenceSettings
-from caris_desktop.recording.recorder.media_writer import ENCODER_NICENESS
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import BlurWho, Scenario
 
@@ -141,7 +141,7 @@ class PeopleService(Service):
         come forward again once it has stepped back, so a scenario that is opened later changes nothing of this.
         """
         if self._cover and isinstance(argument, InferenceSettings):
-            return replace(argument, niceness=ENCODER_NICENESS)
+            return replace(argument, niceness=RECORD_NICENESS)
         return argument
 
     def stop(self) -> None:

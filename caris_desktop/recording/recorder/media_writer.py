@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
@@ -29,7 +30,6 @@ from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
-ENCODER_NICENESS = 5
 _CROWDED_SHARE = 0.6
 
 
@@ -461,4 +461,4 @@ class _PhotoThread:
 def be_nice() -> None:
     """The calling thread alone: events and the console come first."""
     if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), ENCODER_NICENESS)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), RECORD_NICENESS)
