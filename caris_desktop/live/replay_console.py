@@ -25,6 +25,7 @@ from caris_desktop.live.coding_desk import CodingDesk
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
+from caris_desktop.live.replay_photos import ReplayPhotos
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
@@ -98,6 +99,7 @@ class ReplayConsole(QObject):
         self._player.standing_jumped.connect(self._on_standing_jumped)
         self._coding = CodingDesk(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
+        self._photos = ReplayPhotos(session, self._state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._tell, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
         self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
@@ -110,6 +112,7 @@ class ReplayConsole(QObject):
     def start(self) -> None:
         self._player.start()
         self._thumbnails.start()
+        self._photos.start()
         self._coding.start()
         if self._live is not None:
             self._live.start()
@@ -136,6 +139,7 @@ class ReplayConsole(QObject):
             self._live.shutdown()
         self._player.close()
         self._thumbnails.close()
+        self._photos.close()
         self._asyncio.stop()
         self._state.close()
 

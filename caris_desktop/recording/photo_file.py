@@ -12,6 +12,9 @@ TIME, CAMERA, PEOPLE, POSE, TAGS = "Creation Time", "Camera", "People", "Robot p
 """The texts that this program writes. The time is UTC, people are opaque ids, the pose is x and y in metres and the
 heading in degrees."""
 
+PREVIEW_PX, THUMBNAIL_PX = 960, 200
+"""Of pictures of a photo for the window."""
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LONGEST_TEXT_BYTES = 100_000
 _NO_PICTURE = "it is no picture"

@@ -22,7 +22,9 @@ from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (
     CAMERA,
     PEOPLE,
+    PREVIEW_PX,
     TAGS,
+    THUMBNAIL_PX,
     PhotoFileError,
     change_texts,
     move_photo,
@@ -35,7 +37,6 @@ from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
 MAX_TAGS, MAX_TAG_CHARACTERS = 12, 40
-_PREVIEW_PX, _THUMBNAIL_PX = 960, 200
 _FOR_MODEL_PX = 1024
 _LISTED_AT_MOST = 200
 _LIST_AFTER_MS = 4000
@@ -296,7 +297,7 @@ class PhotosService(Service):
 
 def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:
     """Raises ToldFailure."""
-    large, small = _pictures(folder / entry.file_name, _PREVIEW_PX, _THUMBNAIL_PX)
+    large, small = _pictures(folder / entry.file_name, PREVIEW_PX, THUMBNAIL_PX)
     return replace(entry, preview_jpeg=large, thumbnail_jpeg=small)
 
 

@@ -185,7 +185,7 @@ def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str
     if photos:
         return "No photo fits.\nClear the field, or choose all photos."
     if not live:
-        return "The photos of this session are in its folder."
+        return "No photo had been taken at this moment."
     return f"No photos yet.\n{key} takes one of the picture on show." if key else "No photos yet."
 
 
