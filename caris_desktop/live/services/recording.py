@@ -12,6 +12,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
+from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.children import Children
@@ -244,13 +245,9 @@ class RecordingService(Service):
             return
         state = self._state
         people: People | None = state.people.value if state.people.freshness == "fresh" else None
-        boxes = [] if people is None else [box for box in people.boxes if box.person_id]
-        seen = tuple(dict.fromkeys(box.person_id for box in boxes))
-        # Whose box is the largest is nearest, as a rule.
-        largest = max(boxes, key=lambda box: box.width_px * box.height_px, default=None)
-        attended = state.selected_person.value or ("" if largest is None else largest.person_id)
+        seen = () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
         pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
-        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, attended, seen, pose))
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), seen, pose))
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         """Who agreed to be filmed is not covered where only those who did not have to be."""
