@@ -1,6 +1,8 @@
 """The console composed from its real parts, without its child processes."""
 
 import asyncio
+import os
+import signal
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -234,7 +236,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
     notes = tmp_path / "notes"
     camera = OwnCamera("computer", ProcessBody("camera computer", bodies.camera_that_notes, (notes,)))
     inference = ProcessBody("inference", bodies.brightness, ("test",))
-    people = replace(parts.people, inference=inference)
+    people = replace(parts.people, inference=inference, as_told=lambda body, _scenario: body)
     console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras((camera,))), scenario)
     statuses: list[PerceptionStatus] = []
     console.state.perception.changed.connect(statuses.append)
@@ -260,3 +262,31 @@ def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) ->
     console.shutdown(during)
     assert [what.split()[0] for what in told] == ["Voice,", "The"]
     assert "recording is being finished" in told[-1]
+
+
+@pytest.mark.logs(r"live\.bus: ", r"live\.child_process: camera desk ended")
+def test_a_camera_whose_process_dies_is_back_and_the_other_goes_on(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = composition.find_scenario("tour-guide")
+    parts = composition.parts(study=composition.open_study(tmp_path / "study"))
+    own = tuple(
+        OwnCamera(name, ProcessBody(f"camera {name}", bodies.link_with_camera, (name,))) for name in ("desk", "door")
+    )
+    people = replace(parts.people, inference=None)
+    console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras(own)), scenario)
+    state = console.state
+    try:
+        console.start()
+        qtbot.waitUntil(lambda: sorted(state.cameras.value) == ["desk", "door"], timeout=60_000)
+        for name in ("desk", "door"):
+            assert console.frames.read(state.frame_of(name).value) is not None
+        desk, door = (console.child_pids[f"camera {name}"] for name in ("desk", "door"))
+        os.kill(desk, signal.SIGKILL)
+        qtbot.waitUntil(lambda: state.state_of("desk").value is not None, timeout=30_000)
+        lost = state.state_of("desk").value
+        assert (lost.state, lost.detail) == ("lost", "It stopped unexpectedly.")
+        qtbot.waitUntil(lambda: state.frame_of("desk").value.stamp_ns > lost.stamp_ns, timeout=60_000)
+        assert console.child_pids["camera desk"] != desk
+        assert console.child_pids["camera door"] == door
+        assert state.frame_of("door").freshness == "fresh"
+    finally:
+        console.shutdown()

@@ -16,6 +16,8 @@ _SCHEMES: dict[str, Kind] = {
     "whep+http": "whep", "whep+https": "whep", "webrtc+http": "webrtc", "webrtc+https": "webrtc",
 }  # fmt: skip
 _PLAY_WORDS = frozenset({"loop", "fast"})
+# A scenario comes from others, too: what else this computer keeps in its environment is none of their business.
+_TOKEN_ENV = re.compile(r"[A-Za-z0-9_]*CAMERA[A-Za-z0-9_]*")
 FORMS = (
     "robot, robot:NAME, simulated, oak, oak:ID, a number, /dev/videoN, a video file, "
     "or an address that starts with one of " + ", ".join(f"{scheme}://" for scheme in _SCHEMES)
@@ -116,5 +118,10 @@ def _address(text: str) -> ChosenCamera:
         )
     # What stands behind the # is for us and never sent.
     token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
+    if token_env and not _TOKEN_ENV.fullmatch(token_env):
+        raise CameraError(
+            f"The camera at {host} asks for the environment variable {token_env[:40]}.",
+            "Only those with CAMERA in their name are told to a camera: call it CAMERA_TOKEN.",
+        )
     target = text.removesuffix(f"#{parts.fragment}").removeprefix("whep+").removeprefix("webrtc+")
     return ChosenCamera(_SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env)

@@ -4,6 +4,7 @@ import http.client
 import re
 import select
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.pictures import picture_size, unfolded
 from caris_desktop.perception.cameras.camera_source import CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
@@ -15,6 +16,8 @@ CAPTURED_HEADER = "x-captured-monotonic-ns"
 CLOCK_HEADER = "X-Clock"
 """In the answer of our camera server: where its monotonic clock can be asked for."""
 _LARGEST_BYTES = 64_000_000
+# Whatever else comes meanwhile
+_PICTURE_WITHIN_S = 6.0
 _LONGEST_HEAD_BYTES = 16_384
 
 
@@ -72,8 +75,11 @@ class HttpCamera:
     def _newest(self) -> tuple[dict[str, str], bytes]:
         """The last of the pictures that have come whole: what came before it would be shown late."""
         newest: tuple[dict[str, str], bytes] | None = None
+        until_ns = clock.now_ns() + round(_PICTURE_WITHIN_S * 1e9)
         try:
             while newest is None or self._more_waits():
+                if newest is None and clock.now_ns() > until_ns:
+                    raise self._lost()
                 data = self._response.read1(self.read_at_most_bytes)
                 if not data:
                     if newest is not None:

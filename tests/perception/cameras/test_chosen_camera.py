@@ -27,12 +27,12 @@ from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_
         ("https://hall.example/v.mjpg", ChosenCamera("http", "https://hall.example/v.mjpg", "hall.example")),
         ("whep+http://pi:8090/whep", ChosenCamera("whep", "http://pi:8090/whep", "pi")),
         (
-            "webrtc+https://pi/offer#token-env=A",
-            ChosenCamera("webrtc", "https://pi/offer", "pi", token_env="A"),
+            "webrtc+https://pi/offer#token-env=MY_CAMERA_1",
+            ChosenCamera("webrtc", "https://pi/offer", "pi", token_env="MY_CAMERA_1"),
         ),
         (
-            "http://pi:8090/video.mjpg#token-env=PI_TOKEN",
-            ChosenCamera("http", "http://pi:8090/video.mjpg", "pi", token_env="PI_TOKEN"),
+            "http://pi:8090/video.mjpg#token-env=PI_CAMERA",
+            ChosenCamera("http", "http://pi:8090/video.mjpg", "pi", token_env="PI_CAMERA"),
         ),
     ],
 )
@@ -40,7 +40,9 @@ def test_sources_are_understood(text: str, expected: ChosenCamera) -> None:
     assert parse_camera(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "ftp://host/file.mp4", "rtsp://", "http://[::1", "gopher://camera"])
+@pytest.mark.parametrize(
+    "text", ["", "ftp://host/file.mp4", "rtsp://", "http://[::1", "gopher://camera", "http://pi/v#token-env=AWS_SECRET"]
+)
 def test_other_sources_are_refused_in_words(text: str) -> None:
     with pytest.raises(CameraError) as caught:
         parse_camera(text)
@@ -54,9 +56,9 @@ def test_a_name_can_be_given_and_stands_once() -> None:
 
 
 def test_a_token_is_read_from_the_environment_and_its_absence_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen = parse_camera("http://pi/v#token-env=PI_TOKEN")
-    monkeypatch.setenv("PI_TOKEN", " secret\n")
+    chosen = parse_camera("http://pi/v#token-env=PI_CAMERA")
+    monkeypatch.setenv("PI_CAMERA", " secret\n")
     assert camera_token(chosen) == "secret"
-    monkeypatch.delenv("PI_TOKEN")
-    with pytest.raises(CameraError, match="PI_TOKEN"):
+    monkeypatch.delenv("PI_CAMERA")
+    with pytest.raises(CameraError, match="PI_CAMERA"):
         camera_token(chosen)

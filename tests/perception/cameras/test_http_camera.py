@@ -3,6 +3,7 @@
 import base64
 import contextlib
 import http.server
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.cameras import camera_process
+from caris_desktop.perception.cameras import camera_process, http_camera
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.cameras.far_clock import FarClock
@@ -144,14 +145,14 @@ def test_parts_are_told_apart_with_and_without_their_length_however_they_come() 
 
 
 def test_a_token_goes_with_the_request_and_its_refusal_is_told(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PI_TOKEN", "abc")
+    monkeypatch.setenv("PI_CAMERA", "abc")
     served.parts = [part(jpeg(10))]
-    HttpCamera(parse_camera(f"{served.address}#token-env=PI_TOKEN")).close()
+    HttpCamera(parse_camera(f"{served.address}#token-env=PI_CAMERA")).close()
     assert served.authorizations == ["Bearer abc"]
     served.status = 401
     with pytest.raises(CameraError, match="refuses the token") as caught:
-        open_camera(parse_camera(f"{served.address}#token-env=PI_TOKEN"))
-    assert "PI_TOKEN" in caught.value.advice
+        open_camera(parse_camera(f"{served.address}#token-env=PI_CAMERA"))
+    assert "PI_CAMERA" in caught.value.advice
 
 
 def test_a_video_at_such_an_address_is_played_too(served: Served, tmp_path: Path) -> None:
@@ -163,6 +164,20 @@ def test_a_video_at_such_an_address_is_played_too(served: Served, tmp_path: Path
     picture = camera.read()
     camera.close()
     assert picture is not None and picture.image.shape == (240, 320, 3)
+
+
+def test_one_that_sends_anything_but_pictures_is_lost(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_camera, "_PICTURE_WITHIN_S", 0.05)
+    served.parts = [b"no picture, and no end of it " * 1000] * 2000
+    with pytest.raises(CameraError, match="stopped"):
+        HttpCamera(parse_camera(served.address))
+
+
+def test_without_aiortc_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "aiortc", None)
+    with pytest.raises(CameraError, match="aiortc") as caught:
+        open_camera(parse_camera("whep+http://127.0.0.1:9/whep"))
+    assert "pip install" in caught.value.advice
 
 
 def test_a_far_clock_is_known_best_by_the_quickest_way() -> None:
