@@ -1,0 +1,327 @@
+"""The card of one person: reading and writing what is known, merging, splitting, forgetting."""
+
+import dataclasses
+import time
+from collections.abc import Iterator
+from datetime import datetime
+
+import pytest
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import PersonIdentified
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.store import HistoryEntry
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.people.about_page import how_known, tags_of
+from caris_desktop.ui.people.history_list import what, when
+from caris_desktop.ui.people.merge_page import who_stays
+from caris_desktop.ui.people.person_card import PersonCard
+from tests.ui import people_samples
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+from tests.ui.panels.test_people import press
+
+NOW_NS = round(datetime(2026, 11, 22, 14, 30).timestamp() * 1e9)
+MINUTE_NS = people_samples.MINUTE_NS
+HISTORY = (
+    HistoryEntry("heard", NOW_NS - 2 * MINUTE_NS, "s2", "Can it hurt people?"),
+    HistoryEntry("said", NOW_NS - 3 * MINUTE_NS, "s2", "Over there is our robot arm."),
+    HistoryEntry("visit", NOW_NS - 1440 * MINUTE_NS, "s1", until_utc_ns=NOW_NS - 1432 * MINUTE_NS),
+)
+
+
+@pytest.fixture
+def panel(window: MainWindow, console: FakeConsole) -> Iterator[PeoplePanel]:
+    panel = window.panels["people"]
+    assert isinstance(panel, PeoplePanel)
+    console.history["p-luis"] = HISTORY
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    console.calls.clear()
+    yield panel
+
+
+def opened(panel: PeoplePanel, console: FakeConsole, person_id: str) -> PersonCard:
+    panel.open_card(person_id)
+    card = panel.card
+    assert card is not None
+    console.calls.clear()
+    return card
+
+
+def field(window: MainWindow, name: str) -> QLineEdit:
+    found = find(window, name)
+    assert isinstance(found, QLineEdit)
+    return found
+
+
+def history(card: PersonCard) -> list[str]:
+    entries = card.about.history.entries
+    return [str(entries.index(row).data()) for row in range(entries.rowCount())]
+
+
+def asked(console: FakeConsole) -> list[tuple[str, object]]:
+    return [call for call in console.calls if call[0] != "look_up_person"]
+
+
+def test_the_card_opens_beside_the_row_and_takes_no_key_from_driving(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    press(qtbot, panel, "p-luis", "card")
+    card = panel.card
+    assert card is not None
+    assert card.isVisible()
+    assert card.person_id == "p-luis"
+    assert not card.isWindow()
+    assert view.hasFocus()
+    place = QRect(card.pos(), card.size())
+    assert window.rect().contains(place)
+    assert not place.intersects(QRect(view.mapTo(window, view.rect().topLeft()), view.size()))
+    click(qtbot, find(window, "person_card_close"))
+    assert card.isHidden()
+
+
+def test_the_card_shows_who_it_is_and_how_that_is_known(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    assert find(window, "person_card_name").property("text") == "Luis"
+    assert find(window, "person_how").property("text") == "Recognised by clothing, today only (94 %)."
+    assert field(window, "person_group").text() == "Group 1"
+    assert field(window, "person_tags").text() == "asks a lot"
+    opened(panel, console, "p-3")
+    assert find(window, "person_card_name").property("text") == "Person 3"
+    assert field(window, "person_card_name_field").text() == ""
+
+
+def test_what_cannot_be_promised_is_said() -> None:
+    luis, ana, third, *_ = people_samples.people_of_a_tour(10**12)
+    assert "On another day nobody is recognised" in how_known(third, "clothing")
+    assert "where consent for that is noted" in how_known(third, "faces")
+    assert "by face" in how_known(dataclasses.replace(ana, consents=("face",)), "faces")
+    assert "by face" not in how_known(dataclasses.replace(luis, consents=("face",)), "clothing")
+    assert how_known(third, "nobody").startswith("Nobody is recognised")
+    assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing") == "You said who this is."
+
+
+def test_what_is_written_down_is_kept_when_the_field_is_left(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-4")
+    name = field(window, "person_card_name_field")
+    name.setFocus()
+    QTest.keyClicks(name, " Eva  Lind ")
+    QTest.keyClick(name, Qt.Key.Key_Return)
+    group = field(window, "person_group")
+    group.setFocus()
+    QTest.keyClicks(group, "Group 9")
+    tags = field(window, "person_tags")
+    tags.setFocus()
+    QTest.keyClicks(tags, "shy, tall,shy , ")
+    note = find(window, "person_note")
+    assert isinstance(note, QPlainTextEdit)
+    note.setFocus()
+    QTest.keyClicks(note, "Likes trains")
+    find(window, "speak_field").setFocus()
+    assert asked(console) == [
+        ("rename_person", ("p-4", "Eva Lind")),
+        ("set_person_group", ("p-4", "Group 9")),
+        ("tag_person", ("p-4", ("shy", "tall"))),
+        ("note_person", ("p-4", "Likes trains")),
+    ]
+
+
+def test_esc_stops_the_robot_and_leaves_what_was_not_finished(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    card = opened(panel, console, "p-luis")
+    group = field(window, "person_group")
+    group.setFocus()
+    group.selectAll()
+    QTest.keyClicks(group, "Elsewhere")
+    QTest.keyClick(group, Qt.Key.Key_Escape)
+    assert asked(console) == [("stop", None)]
+    assert card.isHidden()
+    opened(panel, console, "p-luis")
+    assert field(window, "person_group").text() == "Group 1"
+
+
+def test_what_comes_meanwhile_takes_nothing_that_is_being_typed(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    tags = field(window, "person_tags")
+    tags.setFocus()
+    tags.selectAll()
+    QTest.keyClicks(tags, "tal")
+    console.set_person_group("p-luis", "Group 3")
+    QTest.keyClicks(tags, "l")
+    assert tags.text() == "tall"
+    assert field(window, "person_group").text() == "Group 3"
+
+
+def test_a_group_that_exists_completes_itself_without_a_popup(
+    window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-4")
+    group = field(window, "person_group")
+    group.setFocus()
+    QTest.keyClicks(group, "gro")
+    assert group.text().lower().startswith("group ")
+    assert group.selectedText(), "the rest can be typed over"
+
+
+def test_a_consent_is_noted_with_a_click(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    click(qtbot, find(window, "consent_photo"))
+    assert asked(console) == [("note_consent", ("p-luis", "photo", True))]
+    click(qtbot, find(window, "consent_photo"))
+    assert asked(console)[1:] == [("note_consent", ("p-luis", "photo", False))]
+
+
+def test_both_who_are_likeliest_can_be_chosen(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    card = opened(panel, console, "p-3")
+    said = [find(window, f"person_suggestion_{number}").findChild(QLabel) for number in (0, 1)]
+    assert [label.text() for label in said] == ["Maybe Mara Silva (82 %)", "or Guest 003 (11 %)"]
+    click(qtbot, find(window, "person_suggestion_yes_1"))
+    assert asked(console)[0] == ("confirm_person", ("p-3", "p-k3"))
+    console.state.take(PersonIdentified(clock.now_ns(), "p-3", "p-k3", "wizard", 0.1))
+    assert card.person_id in ("p-3", "p-k3")
+    assert find(window, "person_card_name").property("text") == "Guest 003", "the card stays with who stands there"
+
+
+def test_who_was_recognised_wrongly_and_two_who_were_taken_for_one(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    click(qtbot, find(window, "person_not"))
+    click(qtbot, find(window, "person_split"))
+    assert asked(console) == [("reject_person", ("p-luis", "p-luis")), ("split_person", "p-luis")]
+
+
+# History
+
+
+def test_the_history_over_all_sessions_is_shown_and_searched(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    panel.open_card("p-luis")
+    card = panel.card
+    assert card is not None
+    assert console.named("look_up_person") == [("p-luis", "")]
+    assert history(card) == ["“Can it hurt people?”", "Robot: “Over there is our robot arm.”", "Visit, 8 min"]
+    search = field(window, "person_history_search")
+    search.setFocus()
+    QTest.keyClicks(search, "arm")
+    qtbot.waitUntil(lambda: history(card) == ["Robot: “Over there is our robot arm.”"])
+    assert console.named("look_up_person")[-1] == ("p-luis", "arm"), "asked once the typing pauses"
+    QTest.keyClicks(search, "x")
+    qtbot.waitUntil(lambda: history(card) == [])
+    assert find(window, "person_no_history").property("text") == "Nothing of that was found."
+    panel.open_card("p-ana")
+    assert search.text() == ""
+    assert find(window, "person_no_history").property("text") == "Nothing is known from before."
+
+
+def test_times_are_told_as_a_person_tells_them() -> None:
+    today = datetime(2026, 11, 22, 15, 0)
+    assert when(NOW_NS, today) == "14:30"
+    assert when(NOW_NS - 1440 * MINUTE_NS, today) == "21 Nov, 14:30"
+    assert when(round(datetime(2025, 3, 1, 9, 5).timestamp() * 1e9), today) == "1 Mar 2025, 09:05"
+    assert what(HistoryEntry("photo", NOW_NS, "s", "photos/photo-0003.png")) == "Photo photo-0003.png"
+    assert what(HistoryEntry("note", NOW_NS, "s", "Likes trains")) == "Likes trains"
+
+
+# One person, two, none
+
+
+def test_two_are_merged_after_both_were_seen_side_by_side(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    card = opened(panel, console, "p-4")
+    click(qtbot, find(window, "person_merge"))
+    assert find(window, "merge_title").property("text") == "Who is the same person as Person 4?"
+    search = field(window, "merge_field")
+    search.setFocus()
+    QTest.keyClicks(search, "mara")
+    click(qtbot, find(window, "merge_with_0"))
+    assert asked(console) == [], "nothing is done before both were seen"
+    told = find(window, "merge_told").property("text")
+    assert told == "Visits, photos and notes of Person 4 become those of Mara Silva. You can undo it."
+    click(qtbot, find(window, "merge_do"))
+    assert asked(console) == [("merge_people", ("p-4", "p-mara"))]
+    assert card.person_id == "p-mara"
+    assert card.page == "about"
+
+
+def test_who_is_suggested_is_offered_first_to_merge_with(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-3")
+    click(qtbot, find(window, "person_merge"))
+    assert find(window, "merge_with_0").property("text") == "Mara Silva · Group 2"
+    assert find(window, "merge_with_1").property("text") == "Guest 003 · Group 3"
+
+
+def test_of_two_the_one_with_a_name_stays() -> None:
+    luis, ana, third, fourth, *_ = people_samples.people_of_a_tour(10**12)
+
+    def ids(pair: tuple[PersonRow, PersonRow]) -> tuple[str, str]:
+        return pair[0].person_id, pair[1].person_id
+
+    assert ids(who_stays(third, luis)) == ("p-3", "p-luis")
+    assert ids(who_stays(luis, third)) == ("p-3", "p-luis")
+    assert ids(who_stays(ana, luis)) == ("p-luis", "p-ana"), "of two with names the one whose card it is"
+    assert ids(who_stays(third, fourth)) == ("p-4", "p-3")
+
+
+def test_forgetting_asks_and_esc_stops_the_robot_meanwhile(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    card = opened(panel, console, "p-luis")
+    click(qtbot, find(window, "person_forget"))
+    assert "cannot be undone" in find(window, "forget_what").property("text")
+    QTest.keyClick(window, Qt.Key.Key_Escape)
+    assert asked(console) == [("stop", None)]
+    assert card.isVisible()
+    assert card.page == "about", "the question went away, and nothing was forgotten"
+    click(qtbot, find(window, "person_forget"))
+    click(qtbot, find(window, "forget_keep"))
+    assert card.page == "about"
+    click(qtbot, find(window, "person_forget"))
+    click(qtbot, find(window, "forget_do"))
+    assert asked(console)[1:] == [("forget_person", "p-luis")]
+    assert card.isHidden()
+    assert "p-luis" not in [person.person_id for person in panel.everyone]
+
+
+def test_the_card_goes_with_its_panel(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
+    card = opened(panel, console, "p-luis")
+    window.dock_host.close_panel("people")
+    assert card.isHidden()
+
+
+def test_tags_are_words_between_commas() -> None:
+    assert tags_of(" a,  b  c ,,a ") == ("a", "b c")
+    assert tags_of("") == ()
+
+
+def test_the_card_stays_in_a_window_that_shrinks(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    card = opened(panel, console, "p-luis")
+    window.resize(1024, 640)
+    deadline_s = time.monotonic() + 5
+    while not window.rect().contains(QRect(card.pos(), card.size())) and time.monotonic() < deadline_s:
+        qtbot.wait(10)
+    assert window.rect().contains(QRect(card.pos(), card.size()))
