@@ -61,6 +61,7 @@ class PeoplePanel(Panel):
         self.list.picked.connect(self._on_picked)
         self.list.asked_for.connect(self._on_asked_for)
         self._card: PersonCard | None = None
+        self._decided: object = None
         self._undo = UndoBar(self.theme)
         self._undo.undone.connect(self._take_back)
         self.hold.escape_pressed.connect(self._on_escape)
@@ -147,6 +148,8 @@ class PeoplePanel(Panel):
         )
         self.list.look_whose_name_it_is()
         self._renew_card()
+        if not self._undo.isHidden():
+            self._tell_decision()
         self._refresh()
 
     def _show_meant(self, _person_id: object = None) -> None:
@@ -330,9 +333,15 @@ class PeoplePanel(Panel):
         if isinstance(event, PeopleUndone):
             self._undo.put_away()
         elif isinstance(event, words.DECISIONS_ABOUT_PEOPLE) and event.actor == WIZARD:
-            told = words.event_sentence(event, self._name_of)
-            if told is not None:
-                self._undo.offer(told[1])
+            self._decided = event
+            self._tell_decision()
+            self._undo.offer()
+
+    def _tell_decision(self) -> None:
+        """In words that have the name of now: the event comes before the rows that follow from it."""
+        told = words.event_sentence(self._decided, self._name_of)
+        if told is not None:
+            self._undo.say(told[1])
 
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)

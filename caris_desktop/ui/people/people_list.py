@@ -1,6 +1,6 @@
 """The rows of the People panel on the screen: painted, clicked, and named in place."""
 
-from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QCursor,
     QFont,
@@ -35,6 +35,7 @@ _GAP_PX = 12
 _BUTTON_PX = 30
 _ICON_PX = 17
 _TEXT_AT_LEAST_PX = 96
+_RESTS_MS = 4_000
 _NAME_HINT = "Name, then Enter"
 _NOBODY_HINT = "Nobody is named: this person is gone"
 
@@ -42,7 +43,8 @@ _NOBODY_HINT = "Nobody is named: this person is gone"
 class PeopleList(RowList):
     """The rows, and the field for a name in place of the name that it changes.
 
-    ``held`` while the mouse is over it or a name is typed: rows must not move then. ``let_go`` when they may again.
+    ``held`` while the mouse moves over it, and some seconds longer, or a name is typed: rows must not move then.
+    ``let_go`` when they may again: a mouse that was left lying there hides nobody who comes.
     ``may_decide`` is False where nobody is named, and in a replay.
     """
 
@@ -58,6 +60,8 @@ class PeopleList(RowList):
         self._may_decide = may_decide
         self._naming = ""  # the person whose name is being typed
         self._under_mouse = False
+        self._resting = QTimer(self, singleShot=True, interval=_RESTS_MS)
+        self._resting.timeout.connect(self._on_mouse_away)
         self._pressed: tuple[str, str] | None = None
         self._meant = ""
         self._asked = ""
@@ -164,9 +168,11 @@ class PeopleList(RowList):
         return self._under_mouse or bool(self._naming)
 
     def viewportEvent(self, event: QEvent) -> bool:
-        if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
-            self._under_mouse = event.type() == QEvent.Type.Enter
-            self._maybe_let_go()
+        if event.type() in (QEvent.Type.Enter, QEvent.Type.MouseMove):
+            self._under_mouse = True
+            self._resting.start()
+        elif event.type() == QEvent.Type.Leave:
+            self._on_mouse_away()
         if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent):
             self._show_tip(event)
             return True
@@ -184,8 +190,14 @@ class PeopleList(RowList):
     def hideEvent(self, event: QHideEvent) -> None:
         # A hidden widget is not told that the mouse left.
         self._under_mouse = False
+        self._resting.stop()
         self._close_field()
         super().hideEvent(event)
+
+    def _on_mouse_away(self) -> None:
+        self._resting.stop()
+        self._under_mouse = False
+        self._maybe_let_go()
 
     def _maybe_let_go(self) -> None:
         if not self.held:

@@ -37,8 +37,10 @@ class UndoBar(QWidget):
         self._style()
         self.hide()
 
-    def offer(self, text: str) -> None:
+    def say(self, text: str) -> None:
         self.text.setText(text)
+
+    def offer(self) -> None:
         self.show()
         self._away.start()
 

@@ -4,14 +4,14 @@ import dataclasses
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import PersonIdentified
+from caris_desktop.domain.events import PersonIdentified, PersonRenamed
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.model import Permissions
@@ -354,6 +354,26 @@ def test_what_the_wizard_decided_can_be_taken_back(
     panel.list.setFocus()
     QTest.keyClick(panel.list, Qt.Key.Key_Z, CTRL)
     assert console.named("undo_people") == [None, None]
+
+
+def test_what_was_decided_is_told_with_the_name_that_follows_from_it(panel: PeoplePanel, console: FakeConsole) -> None:
+    console.state.take(PersonRenamed(clock.now_ns(), "p-4", "wizard"))
+    bar = panel.findChild(UndoBar)
+    assert bar.text.text() == "Named Person 4"
+    rows = console.state.persons.value
+    console.state.persons.set((*rows[:3], dataclasses.replace(rows[3], name="Eva")))
+    assert bar.text.text() == "Named Eva"
+
+
+def test_a_mouse_that_lies_still_hides_nobody_who_comes(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole) -> None:
+    panel.list._resting.setInterval(50)
+    QApplication.sendEvent(panel.list.viewport(), QEvent(QEvent.Type.Enter))
+    rows = people_samples.people_of_a_tour()
+    here = dataclasses.replace(rows[5], here=True, since_ns=clock.now_ns(), last_seen_ns=clock.now_ns())
+    people_samples.show_people(console, (*rows[:5], here, *rows[6:]))
+    assert names(panel)[-1] == "Mara Silva", "in place, under the mouse"
+    qtbot.waitUntil(lambda: names(panel)[4] == "Mara Silva")
+    assert panel.model.captions[5].startswith("Was here")
 
 
 def test_what_the_console_decided_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
