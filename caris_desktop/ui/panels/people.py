@@ -240,6 +240,7 @@ class PeoplePanel(Panel):
                 pixmaps=self._pixmaps,
                 everyone=lambda: self.everyone,
                 recognise=self.console.scenario.perception.recognise,
+                recording=lambda: self.state.recording.value.state in ("starting", "recording", "paused"),
             )
             self._card.about.history_wanted.connect(
                 lambda person_id, text: self.console.do(intents.LookUpPerson(person_id, text))

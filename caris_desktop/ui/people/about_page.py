@@ -92,8 +92,8 @@ class AboutPage(QWidget):
         self._no_history = QLabel()
         self._no_history.setObjectName("person_no_history")
         self._no_history.setWordWrap(True)
-        self._merge = self._button("person_merge", "Same person as…", "git-merge", self.merge_wanted.emit)
-        self._split = self._button("person_split", "Two people in one", "users", self._on_split)
+        self._merge = self._button("person_merge", "Merge…", "git-merge", self.merge_wanted.emit)
+        self._split = self._button("person_split", "Split", "users", self._on_split)
         self._forget = self._button("person_forget", "Forget…", "trash", self.forget_wanted.emit)
         self._arrange()
         theme.changed.connect(self._style)
@@ -207,6 +207,7 @@ class AboutPage(QWidget):
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)
+        self._merge.setToolTip(f"{name} is the same person as somebody else in the list")
         self._split.setToolTip(f"Who is here now is somebody else than {name} was before")
 
     def _complete(self, groups: Sequence[str]) -> None:

@@ -23,7 +23,9 @@ class ForgetPage(QWidget):
         self._title.setObjectName("forget_title")
         self._what = QLabel()
         self._what.setObjectName("forget_what")
-        for label in (self._title, self._what):
+        self._not_now = QLabel("A session is being recorded: end it first.")
+        self._not_now.setObjectName("forget_not_now")
+        for label in (self._title, self._what, self._not_now):
             label.setWordWrap(True)
         self._do = ActionButton(theme, "Forget for good", icon="trash", look="outline_danger")
         self._do.setObjectName("forget_do")
@@ -41,22 +43,28 @@ class ForgetPage(QWidget):
         column.setSpacing(10)
         column.addWidget(self._title)
         column.addWidget(self._what)
+        column.addWidget(self._not_now)
         column.addLayout(row)
         column.addStretch(1)
         theme.changed.connect(self._style)
         self._style()
 
-    def begin_with(self, person: PersonRow) -> None:
+    def begin_with(self, person: PersonRow, *, recording: bool) -> None:
+        """While a session is ``recording`` nobody is forgotten: what is being written cannot be changed."""
         name = words.person_name(person)
         self._person_id = person.person_id
         self._title.setText(f"Forget {name}?")
         self._what.setText(
-            f"Name, group, tags, note, pictures, history and how {name} looks are deleted from this study, and "
-            f"{name} is masked in its recordings.\n\n"
-            "Texts that may still name them are listed for you to look through.\n\n"
-            "This cannot be undone."
+            f"Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In its "
+            f"films and photos {name} is covered, and silent in its sound. Exports that show them are removed.\n\n"
+            "Texts that may name them are listed for you to decide on.\n\n"
+            "That takes a while; you can go on meanwhile. It cannot be undone."
         )
+        self._not_now.setVisible(recording)
+        self._do.setEnabled(not recording)
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._what.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        for label in (self._what, self._not_now):
+            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self._theme.color_text(self._not_now, "amber")

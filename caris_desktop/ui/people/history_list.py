@@ -51,6 +51,12 @@ class HistoryModel(QAbstractListModel):
         super().__init__(parent)
         self._entries: Sequence[HistoryEntry] = ()
 
+    @property
+    def times(self) -> list[str]:
+        """What stands before the entries, each once."""
+        today = datetime.now()
+        return list(dict.fromkeys(when(entry.utc_ns, today) for entry in self._entries))
+
     def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
         self.beginResetModel()
         self._entries = entries
@@ -85,6 +91,14 @@ class _EntryDelegate(QStyledItemDelegate):
     def __init__(self, theme: Theme, view: HistoryList) -> None:
         super().__init__(view)
         self._theme = theme
+        self._entries = view.entries
+        self._times_px = 0
+        view.entries.modelReset.connect(self._measure)
+
+    def _measure(self) -> None:
+        """As wide as the longest time: today's are short."""
+        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
+        self._times_px = max((metrics.horizontalAdvance(time) for time in self._entries.times), default=0) + 12
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
         theme, rect = self._theme, option.rect
@@ -96,7 +110,7 @@ class _EntryDelegate(QStyledItemDelegate):
         painter.setFont(font)
         painter.setPen(theme.color("dim"))
         left = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        wide = max(92, metrics.horizontalAdvance(time) + 8)
+        wide = self._times_px
         painter.drawText(QRect(rect.left(), rect.top(), wide, rect.height()), left, time)
         icon = QRectF(rect.left() + wide, rect.center().y() - 7, 15, 15)
         draw_icon(painter, icon, _ICONS[entry.kind], theme.color("dim"))

@@ -34,7 +34,9 @@ PageName = Literal["about", "merge", "forget"]
 
 
 class PersonCard(QWidget):
-    """``do`` asks for something; ``everyone`` gives all people, of whom one may be the same person."""
+    """``do`` asks for something; ``everyone`` gives all people, of whom one may be the same person, and
+    ``recording`` whether a session is being recorded. ``recognise`` is the scenario's setting.
+    """
 
     def __init__(
         self,
@@ -45,6 +47,7 @@ class PersonCard(QWidget):
         pixmaps: PortraitPixmaps,
         everyone: Callable[[], Sequence[PersonRow]],
         recognise: str,
+        recording: Callable[[], bool],
     ) -> None:
         super().__init__(window)
         self.setObjectName("person_card")
@@ -52,6 +55,7 @@ class PersonCard(QWidget):
         self._theme = theme
         self._window = window
         self._everyone = everyone
+        self._recording = recording
         self._person: PersonRow | None = None
         self._now_ns = 0
         self._beside = QRect()
@@ -161,7 +165,7 @@ class PersonCard(QWidget):
         if name == "merge":
             self.merge.begin_with(person, self._everyone())
         elif name == "forget":
-            self.forget.begin_with(person)
+            self.forget.begin_with(person, recording=self._recording())
         self._pages.setCurrentIndex(("about", "merge", "forget").index(name))
         self._place()
 

@@ -288,9 +288,11 @@ def test_of_two_the_one_with_a_name_stays() -> None:
 def test_forgetting_asks_and_esc_stops_the_robot_meanwhile(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
+    console.stop_session()
     card = opened(panel, console, "p-luis")
     click(qtbot, find(window, "person_forget"))
     assert "cannot be undone" in find(window, "forget_what").property("text")
+    assert not window.findChild(QLabel, "forget_not_now").isVisible()
     QTest.keyClick(window, Qt.Key.Key_Escape)
     assert asked(console) == [("stop", None)]
     assert card.isVisible()
@@ -303,6 +305,16 @@ def test_forgetting_asks_and_esc_stops_the_robot_meanwhile(
     assert asked(console)[1:] == [("forget_person", "p-luis")]
     assert card.isHidden()
     assert "p-luis" not in [person.person_id for person in panel.everyone]
+
+
+def test_nobody_is_forgotten_while_a_session_is_recorded(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    click(qtbot, find(window, "person_forget"))
+    assert find(window, "forget_not_now").property("text") == "A session is being recorded: end it first."
+    click(qtbot, find(window, "forget_do"))
+    assert asked(console) == []
 
 
 def test_the_card_goes_with_its_panel(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
