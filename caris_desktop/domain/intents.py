@@ -354,7 +354,7 @@ class LookUpPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ForgetPerson(Intent):
-    """Erase everything that the study's database knows of somebody, for good."""
+    """Erase everything that the study's database knows of somebody, and cover them in its recordings, for good."""
 
     person_id: str
 

@@ -1,5 +1,6 @@
 """``caris-desktop forget`` on a study with its people's database."""
 
+import argparse
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
@@ -9,7 +10,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from caris_desktop.app import commands
+from caris_desktop.app import forget_command
 from caris_desktop.people.store import About, PeopleStore, StoredLooks
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.canaries import all_of
@@ -43,7 +44,9 @@ def study(made: Path, tmp_path: Path) -> Path:
 
 
 def run(study: Path, *words: str) -> int:
-    return commands.run(("forget", str(study), *words))
+    parser = argparse.ArgumentParser()
+    forget_command.add_arguments(parser)
+    return forget_command.run(parser.parse_args([str(study), *words]))
 
 
 def found_in(study: Path) -> Sequence[str]:
