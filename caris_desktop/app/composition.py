@@ -13,7 +13,7 @@ import platformdirs
 from caris_desktop import __version__
 from caris_desktop.app import bodies
 from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
-from caris_desktop.conversation.prompts import build_messages
+from caris_desktop.conversation.prompts import MAX_HISTORY_CHARACTERS, MAX_LABEL_CHARACTERS, build_messages
 from caris_desktop.conversation.speech_messages import SpeechSettings
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
@@ -315,6 +315,7 @@ def _build_prompt(
         conversation=conversation,
         people=people,
         things=things,
+        label_characters=MAX_HISTORY_CHARACTERS if scenario.assistant.people == "history" else MAX_LABEL_CHARACTERS,
     )
 
 

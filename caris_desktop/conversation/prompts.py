@@ -13,6 +13,7 @@ MAX_TURN_CHARACTERS = 300
 MAX_PEOPLE = 8
 MAX_THINGS = 20
 MAX_LABEL_CHARACTERS = 40
+MAX_HISTORY_CHARACTERS = 240
 
 
 def build_messages(
@@ -22,16 +23,16 @@ def build_messages(
     conversation: Sequence[UtteranceChanged] = (),
     people: Sequence[str] = (),
     things: Iterable[str] = (),
+    label_characters: int = MAX_LABEL_CHARACTERS,
 ) -> tuple[ChatMessage, ...]:
     """System message, the newest turns as the dialogue that they were, and the question as the last user message.
 
     What the robot said are the model's own turns: small models parrot a transcript that stands inside a question.
-    ``people`` are labels of those who are here. The exchange is recorded and may leave this computer, so they must be
-    labels that may: opaque ones, unless the study says otherwise. ``things`` are the names of what else is in view,
-    one for each thing.
+    ``people`` are labels of those who are here. What is asked may leave this computer, so they must be labels that may:
+    opaque ones, unless the study says otherwise. ``things`` are the names of what else is in view, one for each thing.
     """
     system = _shortened(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
-    labels = [label for label in (_shortened(_one_line(person), MAX_LABEL_CHARACTERS) for person in people) if label]
+    labels = [label for label in (_shortened(_one_line(person), label_characters) for person in people) if label]
     if labels:
         more = f" and {len(labels) - MAX_PEOPLE} more" if len(labels) > MAX_PEOPLE else ""
         system = f"{system}\n\nPeople here now: {', '.join(labels[:MAX_PEOPLE])}{more}.".strip()

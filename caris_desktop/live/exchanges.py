@@ -41,6 +41,7 @@ class _Asked:
     endpoint: ModelEndpoint
     model: str
     messages: tuple[ChatMessage, ...]
+    recorded: tuple[ChatMessage, ...]
     max_tokens: int
     temperature: float
     asked_ns: int
@@ -125,11 +126,13 @@ class Exchanges(QObject):
         max_tokens: int,
         temperature: float,
         actor: Actor = CONSOLE,
+        recorded: Sequence[ChatMessage] | None = None,
         photo: str = "",
         jpeg: bytes | None = None,
     ) -> bool:
         """False when no model is ready. A question under way is cancelled, an answer not used is dismissed. ``jpeg`` is
-        a picture that goes with the question, ``photo`` its file name.
+        a picture that goes with the question, ``photo`` its file name. ``recorded`` is what the record has instead of
+        ``messages``, where these tell more than it may hold.
         """
         if self._endpoint is None:
             return False
@@ -139,6 +142,7 @@ class Exchanges(QObject):
             self._endpoint,
             self._shown_as,
             tuple(messages),
+            tuple(messages if recorded is None else recorded),
             max_tokens,
             temperature,
             clock.now_ns(),
@@ -245,7 +249,7 @@ class Exchanges(QObject):
             exchange_id=asked.exchange_id,
             provider=asked.endpoint.provider,
             model=asked.model,
-            messages=asked.messages,
+            messages=asked.recorded,
             answer="".join(heard.pieces).strip(),
             outcome=outcome,
             asked_ns=asked.asked_ns,

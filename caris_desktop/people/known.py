@@ -266,23 +266,16 @@ class KnownPeople:
         return self._read(lambda store: store.history(person_id, text), ())
 
     def summary(self, person_id: str) -> str:
-        """In a sentence or two what there was with this person before; empty for somebody new."""
+        """In few words what there was with this person before; empty for somebody new."""
         nothing: tuple[HistoryEntry, ...] = ()
         entries = self._read(lambda store: store.history(person_id), nothing)
         visits = [entry for entry in entries if entry.kind == "visit"]
         words = [entry.text for entry in entries if entry.kind in ("said", "heard")]
-        about = self.about(person_id)
         told = []
         if visits:
             last = datetime.fromtimestamp(visits[0].utc_ns / 1e9).strftime("%d %B, %H:%M").lstrip("0")
             times = "once" if len(visits) == 1 else f"{len(visits)} times"
             told.append(f"was here {times} before, last on {last}")
-        if about.group:
-            told.append(f"group: {about.group}")
-        if about.tags:
-            told.append(", ".join(about.tags))
-        if about.note:
-            told.append(about.note)
         if words:
             told.append(f"last words: “{words[0]}”")
         return "; ".join(told)[:_SUMMARY_CHARACTERS]

@@ -117,6 +117,9 @@ class Place:
     pose_in_map: Annotated[Pose2D, Spread(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
+AssistantPeople = Literal["numbers", "names", "history"]
+
+
 @dataclass(frozen=True, slots=True)
 class AssistantSettings:
     """How the language model is asked."""
@@ -132,6 +135,14 @@ class AssistantSettings:
     system_prompt: Annotated[str, Rule("What the model is told before the conversation.", longest=8000)] = ""
     max_tokens: Annotated[int, Rule("The longest answer, in tokens.", at_least=1, at_most=8192)] = 96
     temperature: Annotated[float, Rule("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)] = 0.4
+    people: Annotated[
+        AssistantPeople,
+        Rule(
+            "What the model is told of who is here: `person 3`; their names; or with their names also group, tags, "
+            "note and what there was before. Names go to the model's computer, and never into the recording.",
+            quiet=True,
+        ),
+    ] = "numbers"
     pictures: Annotated[
         bool,
         Rule("Photos may be given to the model with a question. `embedded` sees none.", quiet=True),

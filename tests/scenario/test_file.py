@@ -307,7 +307,7 @@ COMPLETE = Scenario(
         confirm_at=0.9,
     ),
     blur=model.BlurSettings("without_consent", "faces", shown=True),
-    assistant=model.AssistantSettings(system_prompt="Be kind", pictures=True),
+    assistant=model.AssistantSettings(system_prompt="Be kind", people="names", pictures=True),
 )
 
 

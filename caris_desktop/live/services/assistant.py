@@ -24,7 +24,8 @@ from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.model import AssistantPeople, Scenario
 
 _UTTERANCES_KEPT = 200
 _EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
@@ -140,14 +141,18 @@ class AssistantService(Service):
                 f"Ask in {MAX_QUESTION_CHARACTERS:,} characters at most.",
                 severity="warning",
             )
-        # Neither the record nor a model on another computer gets to know the names.
-        people = [f"person {row.number}" for row in self._state.persons.value]
         things = self._things_in_view()
-        messages = self._parts.build_prompt(self._scenario, tuple(self._conversation), people, things, question)
         settings = self._scenario.assistant
+        conversation = tuple(self._conversation)
+
+        def told(what: AssistantPeople) -> tuple[ChatMessage, ...]:
+            people = [who_is_here(row, what) for row in self._state.persons.value if row.here]
+            return self._parts.build_prompt(self._scenario, conversation, people, things, question)
+
         if not self._exchanges.ask(
             question,
-            messages,
+            told(settings.people if self._scenario.permissions.naming_people else "numbers"),
+            recorded=told("numbers"),
             max_tokens=settings.max_tokens,
             temperature=settings.temperature,
             actor=actor,
@@ -230,3 +235,14 @@ class AssistantService(Service):
             )
             if again:
                 self._choose_model()
+
+
+def who_is_here(person: PersonRow, what: AssistantPeople) -> str:
+    """A person as a language model is told of them."""
+    if what == "numbers" or not person.known:
+        return f"person {person.number}"
+    if what == "names":
+        return person.name
+    details = (person.group and f"group {person.group}", ", ".join(person.tags), person.note, person.summary)
+    known = "; ".join(filter(None, details))
+    return f"{person.name} ({known})" if known else person.name
