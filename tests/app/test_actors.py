@@ -208,7 +208,11 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
         parts = replace(
             parts,
-            people=replace(parts.people, inference=ProcessBody("inference", bodies.somebody)),
+            people=replace(
+                parts.people,
+                inference=ProcessBody("inference", bodies.somebody),
+                as_told=lambda body, _scenario: body,
+            ),
             assistant=replace(
                 parts.assistant,
                 stream_chat=answers,
