@@ -64,7 +64,7 @@ class SessionWindows(QObject):
         console, suggested = self._console, self._console.suggested_details()
         offer = RecordingOffer(
             console.scenario.permissions, last_details(suggested, self._last), console.expected_bytes_per_hour(),
-            console.free_bytes(), console.microphones(), console.microphone,
+            console.free_bytes(), console.microphones(), console.microphone, console.scenario.blur,
         )  # fmt: skip
         self._start = StartDialog(self._theme, suggested, self._window, offer)
         self._start.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))

@@ -7,7 +7,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.model import BlurSettings, Permissions
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -38,6 +38,7 @@ class RecordingOffer:
     free_bytes: int | None = None
     microphones: Sequence[str] = ()
     microphone: str | None = None
+    blur: BlurSettings = field(default_factory=BlurSettings)
 
 
 def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
@@ -49,8 +50,14 @@ def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDe
     return None
 
 
-def kept_words(permissions: Permissions, microphone: str | None) -> str:
+_BLURRED = {"persons": "people pixelated", "faces": "faces pixelated"}
+
+
+def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
     """What a recording will hold and what not, in one sentence."""
+    blurred = _BLURRED[blur.what]
+    of_whom = {"nobody": "", "everybody": blurred, "without_consent": f"{blurred} of those who did not agree"}
+    how = f" ({of_whom[blur.who]})" if of_whom[blur.who] else ""
     kept = ["what the robot does and measures", "what is said", "your actions"]
     absent: list[str] = []
     for permitted, name in (
@@ -58,7 +65,8 @@ def kept_words(permissions: Permissions, microphone: str | None) -> str:
         (permissions.photos, "photos"),
         (permissions.audio_recording and microphone is not None, "sound"),
     ):
-        (kept if permitted else absent).append(name)
+        shows_people = permitted and name != "sound"
+        (kept if permitted else absent).append(name + (how if shows_people else ""))
     without = f" No {_listed(absent, 'or')}." if absent else ""
     return f"Keeps {_listed(kept, 'and')}.{without}"
 
@@ -215,7 +223,7 @@ class StartDialog(QDialog):
         return bool(rate) and free is not None and free < (rate or 0.0)
 
     def _show_kept(self, _index: int = 0) -> None:
-        self._kept.setText(kept_words(self._offer.permissions, self.microphone))
+        self._kept.setText(kept_words(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
         """The same trial once more: what heads it is that of the last session, and is not typed anew."""

@@ -18,7 +18,7 @@ from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.model import PanelLeaf, Permissions, RecordingSettings, SplitNode
+from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
 from caris_desktop.ui.dock_host import panels_in
 from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.main_window import MainWindow
@@ -223,7 +223,16 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     window.sessions.open_start_dialog()
     assert window.findChild(QWidget, "start_microphone") is None
     find(window, "start_dialog").close()
-    assert kept_words(Permissions(audio_recording=False), "x").endswith("No sound.")
+    assert kept_words(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
+
+
+def test_it_is_said_that_people_will_be_pixelated() -> None:
+    film = Permissions(photos=False, audio_recording=False)
+    assert "video (people pixelated)" in kept_words(film, None, BlurSettings("everybody"))
+    faces = kept_words(film, None, BlurSettings("without_consent", "faces"))
+    assert "video (faces pixelated of those who did not agree)" in faces
+    nothing = Permissions(video_recording=False, photos=False)
+    assert "pixelated" not in kept_words(nothing, None, BlurSettings("everybody"))
 
 
 def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
