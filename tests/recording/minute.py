@@ -13,6 +13,7 @@ from caris_desktop.domain.events import LinkQuality, Marked, UtteranceChanged, U
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import (
     AudioBlock,
+    DepthGrid,
     LaserScan,
     OccupancyGrid,
     Odometry,
@@ -102,6 +103,7 @@ def everything(begin_ns: int) -> list[Any]:
         StatusShown(begin_ns + S, "link", {"state": "connected", "rates": [1, 2.5]}),
         StatusShown(begin_ns + S, "robot", None),
         AudioBlock(begin_ns + S, "microphone", "audio-microphone.wav", 0, 4800, 48000),
+        DepthGrid(begin_ns + S, "mast", np.array([[0, 700], [6553, 65535]], np.uint16)),
         OccupancyGrid(begin_ns + S, None, 0.05, Pose2D(0.0, 0.0, 0.0), np.arange(-1, 14, dtype=np.int8).reshape(3, 5)),
         PlannedPath(begin_ns + S, None, np.array([[1.0, 2.5], [3.0, -4.0]], np.float32)),
     ]

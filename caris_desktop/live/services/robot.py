@@ -40,14 +40,13 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import TellProblem
-from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.cameras import WantedCameras
 from caris_desktop.live.slow_work import SlowWork
-from caris_desktop.live.state import LiveState, streams_lost_with
+from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import RobotProfile, profile_text
@@ -354,11 +353,7 @@ class RobotService(Service):
             self._state.control_states.set(states)
 
     def _on_link_changed(self, event: LinkChanged) -> None:
-        for name in streams_lost_with(event):
-            if name == "frame":
-                self._clear_frame()
-            else:
-                self._state.stream(name).clear()
+        self._state.forget_what_came_over(event)
         if event.link == "media":
             return
         before = self._state.link.value.state
@@ -409,16 +404,10 @@ class RobotService(Service):
         self._state.clear_robot_streams()
         self._state.forget_cameras()
         self._state.map.clear()
-        self._clear_frame()
         self._state.goal.set(None)
         self._state.mapping.set(MapStatus())
         self._state.control_states.set({})
         self._state.traffic.set({})
-
-    def _clear_frame(self) -> None:
-        frame: FrameRef | None = self._state.frame.value
-        if frame is None or frame.camera not in self._state.own_cameras.value:  # those do not come over the link
-            self._state.frame.clear()
 
     # Goals
 

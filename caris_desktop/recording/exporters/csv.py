@@ -61,7 +61,7 @@ def _cell(column: Column, value: Any) -> str:
             return json_text(value)
         case "points":
             return ";".join(" ".join(map(str, point)) for point in value)
-        case "cells":
+        case "cells" | "depths":
             return ""
         case "integers" if column.name.endswith("_shape"):
             return "x".join(map(str, value))

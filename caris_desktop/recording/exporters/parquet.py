@@ -138,6 +138,8 @@ def _type(kind: Kind) -> Any:
             return pa.list_(pa.list_(pa.float32()))
         case "cells":
             return pa.list_(pa.int8())
+        case "depths":
+            return pa.list_(pa.uint16())
         case "text" | "json":
             return pa.string()
 
@@ -155,7 +157,7 @@ def _ready(kind: Kind, value: Any) -> Any:
             return np.asarray(value, dtype=np.float32).ravel()
         case "points":
             return [point.tolist() for point in value]
-        case "cells":
+        case "cells" | "depths":
             return value.ravel()
         case "texts":
             return [plain_text(str(item)) for item in value]
@@ -178,7 +180,8 @@ def _array(name: str, values: list[Any], kind: Any) -> Any:
         return pa.array(values, kind)
     except (pa.ArrowException, OverflowError, TypeError, ValueError):
         fitting = [_fitting(value, kind) for value in values]
-        _log.warning("%s: %d values are left out: no %s", name, fitting.count(None) - values.count(None), kind)
+        left_out = sum(one is None for one in fitting) - sum(one is None for one in values)
+        _log.warning("%s: %d values are left out: no %s", name, left_out, kind)
         return pa.array(fitting, kind)
 
 

@@ -38,9 +38,22 @@ from caris_desktop.recording.session.visits import visits_of
 _log = logging.getLogger(__name__)
 
 Kind = Literal[
-    "integer", "number", "text", "true or false", "json", "utc", "integers", "numbers", "texts", "points", "cells"
+    "integer",
+    "number",
+    "text",
+    "true or false",
+    "json",
+    "utc",
+    "integers",
+    "numbers",
+    "texts",
+    "points",
+    "cells",
+    "depths",
 ]
-"""What the values of a column are in Python: utc is nanoseconds since 1970; numbers, points and cells are arrays."""
+"""What the values of a column are in Python: utc is nanoseconds since 1970; numbers, points, cells (int8) and depths
+(uint16) are arrays.
+"""
 ClockName = Literal["", "session", "UTC", "robot"]
 
 _UNITS = {
@@ -48,6 +61,7 @@ _UNITS = {
     "ms": "milliseconds",
     "s": "seconds",
     "m": "metres",
+    "mm": "millimetres",
     "mps": "metres per second",
     "rad": "radians",
     "radps": "radians per second",
@@ -558,9 +572,10 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
 
 
 def _columns_of_array(name: str, unit: str, hint: Any, read: Callable[[Any], Any]) -> Iterator[Column]:
-    grid = np.dtype(get_args(get_args(hint)[1])[0]).kind in "iu"
+    dtype = np.dtype(get_args(get_args(hint)[1])[0])
     points = name.startswith("points_") or "_points_" in name
-    kind: Kind = "cells" if grid else "points" if points else "numbers"
+    whole: Kind = "cells" if dtype.itemsize == 1 else "depths"
+    kind: Kind = whole if dtype.kind in "iu" else "points" if points else "numbers"
     yield Column(
         f"{name}_shape", "", "integers", "How many values; rows and columns of a grid, points and coordinates.",
         lambda row, _: None if (array := read(row)) is None else list(array.shape),
@@ -570,6 +585,7 @@ def _columns_of_array(name: str, unit: str, hint: Any, read: Callable[[Any], Any
     )  # fmt: skip
     description = {
         "cells": "The grid row by row, from its origin. Not in CSV files, for it is large.",
+        "depths": "The depths row by row, from the upper left; 0 where it is not known. Not in CSV files.",
         "points": "The points, x and y each.",
         "numbers": "The values; inf: nothing was returned.",
     }[kind]

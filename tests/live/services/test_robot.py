@@ -391,3 +391,4 @@ def test_a_lost_link_takes_the_robots_picture_and_leaves_that_of_this_computer(b
         bench.state.take(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
         bench.robot.on_event(LinkChanged(2, "media", "lost", "ws://r:9090"))
         assert (bench.state.frame.value is not None) is kept
+        assert (bench.state.frame_of(camera).value is not None) is kept

@@ -63,6 +63,8 @@ def test_values_are_those_that_were_recorded(out: Path) -> None:
     assert (robot["name"], robot["content"]) == ("robot", None)
     (grid,) = rows(out / "one" / "map.parquet")
     assert (grid["cells"], grid["cells_shape"]) == (list(range(-1, 14)), [3, 5])
+    (depth,) = rows(out / "one" / "depth.parquet")
+    assert (depth["camera"], depth["depths_mm"], depth["depths_mm_shape"]) == ("mast", [0, 700, 6553, 65535], [2, 2])
     (path,) = rows(out / "one" / "path.parquet")
     assert path["points_in_map"] == [[1.0, 2.5], [3.0, -4.0]]
     assert [row["boxes_count"] for row in rows(out / "one" / "people.parquet")] == [2, 0]
