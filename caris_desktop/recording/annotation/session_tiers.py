@@ -25,7 +25,6 @@ from caris_desktop.domain.events import (
     LlmExchange,
     Marked,
     PersonAppeared,
-    PersonLeft,
     RecordingPaused,
     ScenarioOpened,
     SessionEnded,
@@ -51,7 +50,7 @@ from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.scenario_text import read_scenario
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
-from caris_desktop.recording.session.visits import visits_of
+from caris_desktop.recording.session.visits import VISIT_EVENTS, VisitEvent, visits_of
 
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = "Wizard marks"
@@ -128,7 +127,7 @@ class SessionRecord:
         self._marks: list[Marked] = []
         self._goals: list[GoalChanged] = []
         self._pauses: list[RecordingPaused] = []
-        self._people: list[PersonAppeared | PersonLeft] = []
+        self._people: list[VisitEvent] = []
         self._exchanges: list[LlmExchange] = []
         self._answers: list[AnswerUsed] = []
         self._links: list[LinkChanged] = []
@@ -144,8 +143,7 @@ class SessionRecord:
             CommandSent: self._add_command,
             GoalChanged: self._goals.append,
             RecordingPaused: self._add_pause,
-            PersonAppeared: self._people.append,
-            PersonLeft: self._people.append,
+            **dict.fromkeys(VISIT_EVENTS, self._people.append),
             LlmExchange: self._exchanges.append,
             AnswerUsed: self._answers.append,
             LinkChanged: self._links.append,

@@ -33,7 +33,7 @@ from caris_desktop.recording.session.robot_clock import Measured, RobotClock, ro
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
-from caris_desktop.recording.session.visits import visits_of
+from caris_desktop.recording.session.visits import VISIT_STREAMS, visits_of
 
 _log = logging.getLogger(__name__)
 
@@ -406,7 +406,7 @@ def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
 
 
 def _visit_rows(session: Session) -> Iterator[_VisitRow]:
-    events = [value for _, value in session.values("event/person_appeared", "event/person_left")]
+    events = [value for _, value in session.values(*VISIT_STREAMS)]
     for visit in visits_of(events, started_ns=session.started_ns, ended_ns=session.ended_ns, pauses=_pauses(session)):
         duration_s = round((visit.end_ns - visit.start_ns) / 1e9, 6)
         yield _VisitRow(visit.start_ns, visit.person_id, visit.number or None, visit.end_ns, duration_s)

@@ -2,9 +2,32 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import get_args
 
-from caris_desktop.domain.events import PersonAppeared, PersonLeft
+from caris_desktop.domain.events import (
+    PeopleMerged,
+    PeopleUndone,
+    PersonAppeared,
+    PersonForgotten,
+    PersonIdentified,
+    PersonLeft,
+    PersonRejected,
+    PersonSplit,
+)
+from caris_desktop.domain.streams import BY_TYPE
 
+VisitEvent = (
+    PersonAppeared
+    | PersonLeft
+    | PersonForgotten
+    | PersonIdentified
+    | PersonRejected
+    | PeopleMerged
+    | PersonSplit
+    | PeopleUndone
+)
+VISIT_EVENTS: tuple[type[VisitEvent], ...] = get_args(VisitEvent)
+VISIT_STREAMS = tuple(BY_TYPE[kind].name for kind in VISIT_EVENTS)
 TOGETHER_NS = 2_000_000_000
 """Somebody whom the tracker loses and finds again stands there twice for a moment, under two identities."""
 
@@ -23,7 +46,7 @@ class Visit:
 
 
 def visits_of(
-    events: Iterable[PersonAppeared | PersonLeft],
+    events: Iterable[VisitEvent],
     *,
     started_ns: int,
     ended_ns: int,
@@ -31,34 +54,80 @@ def visits_of(
 ) -> tuple[Visit, ...]:
     """In the order in which they began. Whoever left without having appeared was there before the recording.
 
-    A pause ends all of them: a recording that goes on tells who is there.
+    A pause ends all of them: a recording that goes on tells who is there. Where it turned out who somebody was, the
+    whole visit is that person's.
     """
     numbers: dict[str, int] = {}
-    since: dict[str, int] = {}
+    since: dict[str, int] = {}  # by the id with which it began
     seen: set[str] = set()
-    visits: list[Visit] = []
+    spans: list[tuple[str, int, int]] = []
+    links = _Links()
 
-    def leave(person_id: str, start_ns: int, end_ns: int) -> None:
-        visits.append(Visit(person_id, numbers.get(person_id, 0), start_ns, max(start_ns, end_ns)))
+    def leave(began_as: str, start_ns: int, end_ns: int) -> None:
+        spans.append((began_as, start_ns, max(start_ns, end_ns)))
 
     waiting = sorted(begin_ns for begin_ns, _ in pauses)
     for event in sorted(events, key=lambda event: event.stamp_ns):
         while waiting and waiting[0] < event.stamp_ns:
             begin_ns = waiting.pop(0)
-            for person_id, start_ns in since.items():
-                leave(person_id, start_ns, begin_ns)
+            for began_as, start_ns in since.items():
+                leave(began_as, start_ns, begin_ns)
             since.clear()
         if isinstance(event, PersonAppeared):
             numbers[event.person_id] = event.number or numbers.get(event.person_id, 0)
             since.setdefault(event.person_id, event.stamp_ns)
-        elif event.person_id in since:
-            leave(event.person_id, since.pop(event.person_id), event.stamp_ns)
-        elif event.person_id not in seen:
-            leave(event.person_id, started_ns, event.stamp_ns)
-        seen.add(event.person_id)
-    for person_id, start_ns in since.items():
-        leave(person_id, start_ns, min([*waiting, ended_ns]))
+            seen.add(event.person_id)
+        elif isinstance(event, PersonLeft | PersonForgotten):
+            here = [began_as for began_as in since if links.of(began_as) == links.of(event.person_id)]
+            for began_as in here:
+                leave(began_as, since.pop(began_as), event.stamp_ns)
+            if not here and isinstance(event, PersonLeft) and links.of(event.person_id) not in map(links.of, seen):
+                leave(event.person_id, started_ns, event.stamp_ns)
+            seen.add(event.person_id)
+        else:
+            links.take(event)
+    for began_as, start_ns in since.items():
+        leave(began_as, start_ns, min([*waiting, ended_ns]))
+    visits = (
+        Visit(links.of(began_as), numbers.get(links.of(began_as)) or numbers.get(began_as, 0), start_ns, end_ns)
+        for began_as, start_ns, end_ns in spans
+    )
     return tuple(sorted(visits, key=lambda visit: visit.start_ns))
+
+
+class _Links:
+    """Who turned out to be whom, as far as the record was read."""
+
+    def __init__(self) -> None:
+        self._is: dict[str, str] = {}
+
+    def take(self, event: PersonIdentified | PersonRejected | PeopleMerged | PersonSplit | PeopleUndone) -> None:
+        match event:
+            case PersonIdentified(person_id=person_id, is_person_id=root):
+                self._link(person_id, root)
+            case PeopleMerged(person_id=person_id, into_person_id=root):
+                self._link(person_id, root)
+            case PersonRejected(person_id=person_id, is_person_id=root):
+                if self.of(person_id) == self.of(root):
+                    self._is.pop(person_id, None)
+            case PersonSplit(person_id=person_id) | PeopleUndone(person_id=person_id, decision="identified" | "merged"):
+                self._is.pop(person_id, None)
+            case PeopleUndone(person_id=person_id, is_person_id=root, decision="split"):
+                self._link(person_id, root)
+            case _:
+                pass
+
+    def of(self, person_id: str) -> str:
+        """Whose id this is."""
+        while person_id in self._is:
+            person_id = self._is[person_id]
+        return person_id
+
+    def _link(self, person_id: str, root: str) -> None:
+        if self.of(root) == person_id:
+            self._is.pop(root, None)  # the later one counts, so that nothing turns in a circle
+        if self.of(root) != person_id:
+            self._is[person_id] = root
 
 
 def most_at_once(visits: Sequence[Visit]) -> int:

@@ -31,8 +31,6 @@ from caris_desktop.domain.events import (
     LinkQuality,
     LlmExchange,
     Marked,
-    PersonAppeared,
-    PersonLeft,
     PhotoTaken,
     Problem,
     RecordingPaused,
@@ -52,7 +50,7 @@ from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
-from caris_desktop.recording.session.visits import Visit, most_at_once, visits_of
+from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, most_at_once, visits_of
 
 T = TypeVar("T")
 
@@ -65,7 +63,7 @@ PLAUSIBLE_SPEED_MPS = 5.0
 
 _EVENTS = (
     AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged, LinkQuality, LlmExchange,
-    Marked, PersonAppeared, PersonLeft, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
+    Marked, *VISIT_EVENTS, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
     StopRequested, UtteranceChanged,
 )  # fmt: skip
 
@@ -526,7 +524,7 @@ def _outcome(goal: NavigationGoal) -> str:
 def visits(facts: SessionFacts) -> tuple[Visit, ...]:
     """When each identity was there."""
     return visits_of(
-        [*facts.of(PersonAppeared), *facts.of(PersonLeft)],
+        [event for kind in VISIT_EVENTS for event in facts.of(kind)],
         started_ns=facts.session.started_ns,
         ended_ns=facts.session.ended_ns,
         pauses=_spans(facts.pauses),
