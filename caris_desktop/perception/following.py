@@ -7,6 +7,7 @@ nobody is given up. No Qt, no detector: boxes in, numbers out.
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -29,6 +30,7 @@ _CONFIRM_AFTER = 1.0
 _POOR_COUNTS = 0.25
 _ALONE = 0.1
 _TENTATIVE_S = 0.4
+_PAUSES, _PATIENT_PAUSES, _PATIENCE_AT_MOST_S = 5, 1.5, 6.0
 LOST_S = 2.0
 """How long somebody out of sight is looked for where their way would have led them."""
 REMEMBERED_S = 300.0
@@ -47,7 +49,7 @@ _CONTESTED, _RIVAL = 0.15, 0.5
 _DOUBTED_AFTER_S = 0.25
 _LOOKS_AT_MOST, _LOOKS_PER_S = 6, 20.0
 """Of one camera's people, in one picture and in the long run: each costs a few milliseconds."""
-_TALL_PX = 96.0
+_TALL_PX = 64.0
 
 AppearanceOf = Callable[[Sequence[int]], Floats]
 """How the people in these boxes look, one row of unit length for each."""
@@ -86,6 +88,7 @@ class Follower:
         self._tracks: list[_Track] = []
         self._began = False
         self._stamp_s: float | None = None
+        self._pauses_s: deque[float] = deque(maxlen=_PAUSES)
         self._looks_left = 0.0
 
     def follow(
@@ -115,15 +118,17 @@ class Follower:
         appearance_of
             Asked for new and doubtful ones, and now and then for a good view of somebody; None without such a model.
         """
+        since_s = math.inf if self._stamp_s is None else max(0.0, stamp_s - self._stamp_s)
+        if self._stamp_s is not None:
+            self._pauses_s.append(since_s)
+        self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
         # Of who has been away for longer only the looks matter.
         for track in self._tracks:
-            if stamp_s - track.seen_s <= LOST_S:
+            if stamp_s - track.seen_s <= self._patience_s(LOST_S):
                 track.advance(stamp_s, shift_px)
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
-        waiting = [track for track in self._tracks if stamp_s - track.seen_s <= LOST_S]
-        since_s = math.inf if self._stamp_s is None else max(0.0, stamp_s - self._stamp_s)
-        self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
+        waiting = [track for track in self._tracks if stamp_s - track.seen_s <= self._patience_s(LOST_S)]
         views = _Views(appearance_of, at_most=int(self._looks_left))
         views.look_at(_doubtful(waiting, sure, corners_px, stamp_s))
         pairs: list[tuple[_Track, int]] = []
@@ -235,12 +240,17 @@ class Follower:
         return self._tracks[away[0][1]] if clear and nearest <= _LOOKS_SAME else None, nearest <= _LOOKS_LIKELY
 
     def _forget(self, stamp_s: float) -> None:
+        tentative_s, lost_s = self._patience_s(_TENTATIVE_S), self._patience_s(LOST_S)
         self._tracks = [
             track
             for track in self._tracks
             if stamp_s - track.seen_s
-            <= (_TENTATIVE_S if not track.confirmed else LOST_S if track.looks_like is None else REMEMBERED_S)
+            <= (tentative_s if not track.confirmed else lost_s if track.looks_like is None else REMEMBERED_S)
         ]
+
+    def _patience_s(self, usual_s: float) -> float:
+        """Longer where pictures are rare: who was not looked for is not gone."""
+        return max(usual_s, min(_PATIENCE_AT_MOST_S, _PATIENT_PAUSES * max(self._pauses_s, default=0.0)))
 
 
 def view_qualities(corners_px: Floats, confidences: Floats, picture_px: tuple[float, float] | None) -> Floats:
