@@ -210,13 +210,17 @@ class PersonHistory:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionStatus:
-    """``looks_per_s`` says of each camera how often people are looked for in its pictures."""
+    """``looks_per_s`` says of each camera how often people are looked for in its pictures.
+
+    ``server`` is the other machine that does it and gets the pictures for it, empty for none.
+    """
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
     model: str = ""
     detail: str = ""
     inference_ms: float | None = None
     looks_per_s: tuple[tuple[str, float], ...] = ()
+    server: str = ""
 
 
 @dataclass(frozen=True, slots=True)

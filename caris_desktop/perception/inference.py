@@ -12,6 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.ports import FrameReader
@@ -68,11 +69,15 @@ class InferenceSettings:
 
 @dataclass(frozen=True, slots=True)
 class InferenceReady:
-    """The model is loaded and warm; sent once, before the first ``People``."""
+    """The model is loaded and warm; sent once, before the first ``People``.
+
+    ``server`` is the other machine that looks in this one's place, and gets the pictures; empty for none.
+    """
 
     stamp_ns: int
     model: str
     load_s: float
+    server: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +124,9 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info("detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.looks_model or "nothing")
-    connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s))
+    connection.send(
+        InferenceReady(clock.now_ns(), perceiver.label, load_s, without_credentials(settings.detector.server))
+    )
     if perceiver.trouble:
         connection.send(_looks_problem(perceiver.trouble))
     if perceiver.unknown_things:

@@ -7,6 +7,7 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
+from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import LinkStatus, LoadStatus, PerceptionStatus, RecordingStatus
@@ -289,9 +290,10 @@ class StatusBar(QWidget):
         match perception.state:
             case "ready":
                 took_ms = perception.inference_ms
+                where = f"by {perception.server}, to which it goes" if perception.server else "on this computer"
                 self.items["perception"].say(
                     "people: ready" if took_ms is None else f"people {took_ms:.0f} ms",
-                    tip=f"Time to find the people in a picture, on this computer.\n{perception.model}".strip(),
+                    tip=f"Time to find the people in a picture, {where}.\n{perception.model}".strip(),
                 )
             case "loading":
                 self.items["perception"].say("people: loading model", tip=perception.model)
@@ -303,12 +305,14 @@ class StatusBar(QWidget):
                 self.items["perception"].say("")
         scenario = self._console.scenario
         local = not scenario.permissions.assistant or scenario.assistant.model == "embedded"
-        self.items["models"].say(
-            "local models only"
-            if local
-            else f"language model: {words.shortened(scenario.assistant.model, _NAME_CHARACTERS)}",
-            tip="Nothing that is said or asked leaves this computer." if local else scenario.assistant.model,
-        )
+        text, tip = "local models only", "Nothing that is said or asked leaves this computer."
+        if not local:
+            text = f"language model: {words.shortened(scenario.assistant.model, _NAME_CHARACTERS)}"
+            tip = scenario.assistant.model
+        if perception.server and not is_loopback(perception.server):
+            text = "pictures leave this computer" if local else f"{text}, pictures leave too"
+            tip = f"{tip}\nPeople are found by {perception.server}, which gets the pictures."
+        self.items["models"].say(text, tip=tip)
 
     def show_replay(self) -> None:
         """What was recorded then is no news of this computer's disk now."""

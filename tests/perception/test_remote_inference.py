@@ -76,7 +76,9 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
         assert problem.what == f"127.0.0.1:{server.port} does not answer."
         assert "remove perception.server" in problem.advice
         server.start()
-        assert running.next(InferenceReady).model == f"bright, torch on CUDA, on 127.0.0.1:{server.port}"
+        ready = running.next(InferenceReady)
+        assert ready.model == f"bright, torch on CUDA, on 127.0.0.1:{server.port}"
+        assert ready.server == server.address
         running.ask()
         assert running.next(People).camera == "front"
         server.stop()

@@ -19,7 +19,14 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import AssistantStatus, DriveStatus, LinkStatus, MapStatus, RecordingStatus
+from caris_desktop.live.status import (
+    AssistantStatus,
+    DriveStatus,
+    LinkStatus,
+    MapStatus,
+    PerceptionStatus,
+    RecordingStatus,
+)
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
@@ -323,6 +330,10 @@ def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> 
     assert bar.items["models"].text == "local models only"
     assert bar.items["recording"].text == "recording, 184 MB"
     assert bar.items["disk"].text == "41.3 GB free"
+    console.state.perception.set(PerceptionStatus("ready", "a model", server="wss://lab:8768"))
+    bar.refresh()
+    assert bar.items["models"].text == "pictures leave this computer"
+    assert "wss://lab:8768" in bar.items["models"].toolTip()
     console.state.link.set(LinkStatus("lost", "Simulated robot", "ws://127.0.0.1:9090", "no answer"))
     console.state.clear_robot_streams()
     bar.refresh()

@@ -22,11 +22,19 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
         When the file cannot be loaded.
     """
     prepare_runtimes(threads=threads)
+    network = None
     try:
         network = _network(weights, confidence=confidence, threads=threads, device=device)
         if network is not None:
             return NetworkDetector(network, weights, confidence=confidence)
     except UnknownFormError as error:
+        if network is None or not network.facts.class_names:
+            raise WeightsError(
+                f"The file {weights.path.name} is no detector that the console understands: {error}",
+                searched=(str(weights.path),),
+                advice="Choose a YOLO detector that was exported by ultralytics, or YOLOX",
+            ) from error
+        # Ultralytics made it, so it can read it.
         log.info("%s is left to ultralytics: %s", weights.path, error)
     except WeightsError:
         raise

@@ -243,12 +243,15 @@ def _sort_key(row: TopicRow, column: int) -> float | str:
 
 
 def look_words(perception: PerceptionStatus) -> list[str]:
-    """How often people are looked for in the pictures of each camera; nothing where nobody is looked for."""
-    if perception.state != "ready" or not perception.looks_per_s:
+    """By what people are looked for, and how often in the pictures of each camera; nothing where nobody is."""
+    if perception.state != "ready":
         return []
+    lines = [f"People are found by {perception.model}"] if perception.model else []
+    if not perception.looks_per_s:
+        return lines
     told = ", ".join(f"{words.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s)
     took = "" if perception.inference_ms is None else f" · {perception.inference_ms:.0f} ms a look"
-    return [f"Looks for people per second: {told}{took}"]
+    return [*lines, f"Looks for people per second: {told}{took}"]
 
 
 def report(

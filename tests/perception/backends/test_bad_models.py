@@ -1,0 +1,59 @@
+"""Files that are no detector of people: a sentence for each, which names the file and what to do."""
+
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.perception.backends.chosen import DetectorSettings, open_chosen
+from caris_desktop.perception.backends.onnx_graph import with_metadata
+from caris_desktop.perception.weights import ModelChoice, WeightsError
+from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS, YOLOX_WEIGHTS, needs_int8_weights
+
+needs_yolox = pytest.mark.skipif(not YOLOX_WEIGHTS.is_file(), reason=f"needs {YOLOX_WEIGHTS}")
+
+
+def refused(path: Path) -> WeightsError:
+    with pytest.raises(WeightsError, match=path.name.replace(".", r"\.")) as caught:
+        open_chosen(path, DetectorSettings(), confidence=0.1, threads=1, allow_download=False)
+    assert caught.value.advice
+    return caught.value
+
+
+@pytest.mark.logs("could not load")
+@pytest.mark.parametrize("part", [0.0, 0.001, 0.5, 0.99])
+@pytest.mark.parametrize(
+    "source", [pytest.param(YOLOX_WEIGHTS, marks=needs_yolox), INT8_WEIGHTS], ids=["onnx", "tflite"]
+)
+@needs_int8_weights
+def test_a_truncated_model_is_told(tmp_path: Path, source: Path, part: float) -> None:
+    content = source.read_bytes()
+    path = tmp_path / f"torn{source.suffix}"
+    # What ultralytics appends to a .tflite file is no part of the network.
+    path.write_bytes(content[: round(len(content) * part)])
+    assert "could not be loaded" in str(refused(path))
+
+
+@needs_yolox
+def test_a_model_without_people_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "animals.onnx"
+    names = repr({number: f"animal {number}" for number in range(80)})
+    path.write_bytes(with_metadata(YOLOX_WEIGHTS.read_bytes(), {"names": names, "task": "detect"}))
+    assert "does not detect people" in str(refused(path))
+
+
+@pytest.mark.skipif(not OSNET_WEIGHTS.is_file(), reason=f"needs {OSNET_WEIGHTS}")
+def test_a_network_for_something_else_is_told() -> None:
+    assert "is no detector that the console understands" in str(refused(OSNET_WEIGHTS))
+
+
+def test_what_is_not_there_is_told(tmp_path: Path) -> None:
+    assert "does not exist" in str(refused(tmp_path / "missing.onnx"))
+
+
+@needs_yolox
+def test_the_size_of_a_scenario_is_that_of_a_network_that_takes_any_and_of_no_other() -> None:
+    settings = DetectorSettings(ModelChoice(input_px=640))
+    chosen = open_chosen(YOLOX_WEIGHTS, settings, confidence=0.1, threads=1, allow_download=False)
+    assert "416x416 px" in chosen.detector.label
+    assert chosen.people == (0,)
+    assert chosen.folder == YOLOX_WEIGHTS.parent

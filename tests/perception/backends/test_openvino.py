@@ -1,0 +1,63 @@
+"""OpenVINO, where it is installed: it finds what onnxruntime finds, in ONNX files and in folders of its own form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caris_desktop.perception.backends.choice import open_fastest
+from caris_desktop.perception.backends.network import NetworkDetector
+from caris_desktop.perception.backends.opening import open_detector
+from caris_desktop.perception.backends.openvino import OpenvinoNetwork
+from caris_desktop.perception.weights import Weights, WeightsError, find_weights
+from tests.perception.shared_data import YOLOX_WEIGHTS, bus_picture
+
+openvino = pytest.importorskip("openvino")
+pytestmark = pytest.mark.skipif(not YOLOX_WEIGHTS.is_file(), reason=f"needs {YOLOX_WEIGHTS}")
+WEIGHTS = Weights(YOLOX_WEIGHTS, "yolox", 416)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As ultralytics exports to OpenVINO."""
+    made = tmp_path_factory.mktemp("models") / "yolox_openvino_model"
+    made.mkdir()
+    openvino.save_model(openvino.Core().read_model(str(YOLOX_WEIGHTS)), str(made / "yolox.xml"), compress_to_fp16=False)
+    names = "\n".join(f"  {number}: {'person' if number == 0 else f'thing {number}'}" for number in range(80))
+    (made / "metadata.yaml").write_text(f"task: detect\nnames:\n{names}\n")
+    return made
+
+
+def test_it_finds_what_onnxruntime_finds(folder: Path) -> None:
+    expected = open_detector(WEIGHTS, confidence=0.2, threads=1).detect(bus_picture())
+    weights = find_weights(folder)
+    by_folder = open_detector(weights, confidence=0.2, threads=1)
+    assert by_folder.class_names[:2] == ("person", "thing 1")
+    assert by_folder.label == "yolox_openvino_model, OpenVINO on CPU, 416x416 px"
+    by_file = NetworkDetector(OpenvinoNetwork(YOLOX_WEIGHTS, threads=1), WEIGHTS, confidence=0.2)
+    for detector in (by_folder, by_file):
+        found = detector.detect(bus_picture())
+        sure = expected.confidences > 0.4
+        assert sure.sum() >= 4
+        for corners, confidence in zip(expected.corners_px[sure], expected.confidences[sure], strict=True):
+            # On some processors it computes with 16 bits.
+            near = np.abs(found.corners_px - corners).max(axis=1) < 25.0
+            assert (near & (np.abs(found.confidences - confidence) < 0.1)).any()
+
+
+def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
+    detector = open_fastest(WEIGHTS, confidence=0.1, threads=1, cache_dir=tmp_path)
+    assert "onnxruntime" in detector.label
+    assert "OpenVINO" in detector.label
+    assert len(list(tmp_path.glob("*.json"))) == 1
+    assert open_fastest(WEIGHTS, confidence=0.1, threads=1, cache_dir=tmp_path).label == detector.label
+
+
+@pytest.mark.logs("could not load")
+def test_a_torn_folder_is_told(folder: Path, tmp_path: Path) -> None:
+    torn = tmp_path / "torn"
+    torn.mkdir()
+    (torn / "yolox.xml").write_bytes((folder / "yolox.xml").read_bytes()[:1000])
+    (torn / "yolox.bin").write_bytes((folder / "yolox.bin").read_bytes()[:1000])
+    with pytest.raises(WeightsError, match="torn could not be loaded"):
+        open_detector(find_weights(torn), confidence=0.1, threads=1)
