@@ -397,13 +397,18 @@ class SessionRecorder:
             self._miss(spec.name, f"{ref.camera}: overwritten before it could be read")
             return
 
+        waits = self._blurring is not None and self._blurring.demanded
+        if waits:
+            # Arrivals never fall in the record: a replay would show the picture after what came meanwhile.
+            self._put(spec, ref, arrived_ns)
+
         def keep(covered: NDArray[np.uint8]) -> None:
             if self._video_ended:
                 return
-            if self._media.add_frame(ref, covered):
-                self._put(spec, ref, arrived_ns)
-            else:
+            if not self._media.add_frame(ref, covered):
                 self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
+            elif not waits:
+                self._put(spec, ref, arrived_ns)
 
         self._when_covered(ref, image_bgr, keep)
 

@@ -8,6 +8,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
@@ -319,6 +320,17 @@ def test_nobody_is_seen_in_the_video(recorded: Session) -> None:
     assert max(contrast(each, ADA) for each in frames) < 0.3 * plain
     assert contrast(frames[20], BEN) > 0.6 * plain, "who agreed is as in life"
     assert contrast(frames[-1], BEN) < 0.3 * plain, "of what nobody looked at nothing is to be seen"
+
+
+def test_a_picture_that_waited_is_in_the_record_when_it_came(recorded: Session) -> None:
+    """Else a replay would show it half a second after the boxes around the people in it."""
+    with (recorded.folder / "events.mcap").open("rb") as file:
+        told = list(make_reader(file).iter_messages(log_time_order=False))
+    arrivals = [message.log_time for _, _, message in told]
+    assert arrivals == sorted(arrivals)
+    order = [channel.topic for _, channel, _ in told if channel.topic in ("/frame", "/people")]
+    assert order[:6] == ["/people", "/frame", "/frame", "/frame", "/frame", "/people"]
+    assert order.count("/frame") == 90
 
 
 def test_nobody_is_seen_in_a_photo(recorded: Session) -> None:
