@@ -161,7 +161,7 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _name_of(self, person_id: str) -> str:
-        persons: tuple[PersonRow, ...] = self.state.persons.value
+        persons: tuple[PersonRow, ...] = (*self.state.persons.value, *self.state.everybody.value)
         person = next((person for person in persons if person.person_id == person_id), None)
         return "Somebody" if person is None else words.person_name(person)
 

@@ -14,7 +14,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import show_part
-from caris_desktop.ui.people.history_list import HistoryList
+from caris_desktop.ui.people.history_list import ROW_PX, HistoryList
 from caris_desktop.ui.people.shown_people import is_identified
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -23,6 +23,7 @@ from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _SEARCH_AFTER_MS = 250
+_HISTORY_ROWS = 6
 MOST_SUGGESTED = 2
 
 
@@ -155,17 +156,20 @@ class AboutPage(QWidget):
         column.setSpacing(tokens.GRID_PX)
         for suggested, *_ in self._suggested:
             column.addWidget(suggested)
-        column.addWidget(self._how)
-        column.addWidget(self._not, 0, Qt.AlignmentFlag.AlignLeft)
+        known = QHBoxLayout()
+        known.setSpacing(tokens.GRID_PX)
+        known.addWidget(self._how, 1)
+        known.addWidget(self._not)
+        column.addLayout(known)
         column.addLayout(form)
         column.addWidget(self._heading("Agrees to"))
         column.addWidget(agreed)
         column.addLayout(past)
         column.addWidget(self._no_history)
-        column.addWidget(self.history, 1)
+        column.addWidget(self.history)
+        column.addStretch(1)
         column.addWidget(acts)
         self._note.setFixedHeight(58)
-        self.history.setMinimumHeight(104)
 
     # ---- who is shown
 
@@ -196,7 +200,7 @@ class AboutPage(QWidget):
         self._complete(groups)
         self._how.setText(how_known(person, self._recognise))
         show_part(self._not, is_identified(person) and person.here)
-        self._not.set_label(f"Not {words.shortened(name, 24)}")
+        self._not.set_label(f"Not {words.shortened(name, 18)}")
         for number, (row, said, _yes, _no) in enumerate(self._suggested):
             there = number < len(person.suggestions)
             show_part(row, there)
@@ -228,6 +232,7 @@ class AboutPage(QWidget):
         self.history.entries.show_entries(entries)
         self._no_history.setText("Nothing of that was found." if text else "Nothing is known from before.")
         show_part(self._no_history, not entries)
+        self.history.setFixedHeight(min(len(entries), _HISTORY_ROWS) * ROW_PX + 4)
         show_part(self.history, bool(entries))
 
     def give_up(self) -> None:

@@ -55,8 +55,9 @@ class ForgetPage(QWidget):
         self._person_id = person.person_id
         self._title.setText(f"Forget {name}?")
         self._what.setText(
-            f"Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In its "
-            f"films and photos {name} is covered, and silent in its sound. Exports that show them are removed.\n\n"
+            f"Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In films "
+            f"and photos {name} is covered; sound is silent where they speak or are named. Exports that show them are "
+            "removed.\n\n"
             "Texts that may name them are listed for you to decide on.\n\n"
             "That takes a while; you can go on meanwhile. It cannot be undone."
         )

@@ -14,7 +14,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.row_list import RowList
 
-_ROW_PX = 26
+ROW_PX = 26
 _ICONS = {"visit": "user", "said": "robot", "heard": "chat-text", "photo": "camera", "note": "note-pencil"}
 _ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
@@ -79,7 +79,7 @@ class HistoryList(RowList):
     """The newest entry first."""
 
     def __init__(self, theme: Theme) -> None:
-        super().__init__(row_px=_ROW_PX)
+        super().__init__(row_px=ROW_PX)
         self.setObjectName("person_history")
         self.setAccessibleName("History")
         self.entries = HistoryModel(self)

@@ -65,6 +65,7 @@ class PeopleList(RowList):
         self._pressed: tuple[str, str] | None = None
         self._meant = ""
         self._asked = ""
+        self._not_seen_yet = ""
         self._keys = ("", "")
         self.setAccessibleName("People")
         self.setModel(model)
@@ -93,12 +94,19 @@ class PeopleList(RowList):
     def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
         """The one row whose suggestion the keys answer, and what these keys are."""
         if (person_id, (yes_key, no_key)) != (self._asked, self._keys):
-            newly = person_id != self._asked
+            if person_id != self._asked:
+                self._not_seen_yet = person_id
             self._asked, self._keys = person_id, (yes_key, no_key)
             self.viewport().update()
-            row = self._people.row_of(person_id)
-            if newly and row is not None and not self.held:
-                self.scrollTo(self._people.index(row))
+            self._bring_question()
+
+    def _bring_question(self) -> None:
+        """A question comes into view once; where the wizard scrolls afterwards it stays out."""
+        row = self._people.row_of(self._not_seen_yet)
+        # The rows may still be those of before.
+        if row is not None and self._people.persons[row].here and not self.held:
+            self._not_seen_yet = ""
+            self.scrollTo(self._people.index(row))
 
     @property
     def meant(self) -> str:
@@ -118,6 +126,7 @@ class PeopleList(RowList):
             if rows.sectionSize(row) != height_px:
                 rows.resizeSection(row, height_px)
         self._place_field()
+        self._bring_question()
 
     def row_rect(self, row: int) -> QRect:
         """The row without the caption above it, in the viewport."""

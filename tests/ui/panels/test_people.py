@@ -18,6 +18,7 @@ from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.people.asked import TO_READ_NS, AskedAbout, next_asked
+from caris_desktop.ui.people.people_list import ROW_PX
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
@@ -278,6 +279,17 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     assert any(color == amber for color in edge)
     find(window, "speak_field").setFocus()
     assert view.visible_boxes() == [("Mara Silva? 82 % · Ctrl Enter", False)]
+
+
+def test_a_question_comes_into_view_once(panel: PeoplePanel, console: FakeConsole) -> None:
+    viewport = panel.list.viewport()
+    assert viewport.height() < 3 * ROW_PX, "there is room for less than three rows"
+    asked = panel.model.row_of("p-3")
+    assert asked is not None
+    assert viewport.rect().contains(panel.list.row_rect(asked))
+    panel.list.scrollToTop()
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    assert not viewport.rect().contains(panel.list.row_rect(asked)), "where the wizard scrolled it stays"
 
 
 def test_whoever_was_recognised_can_be_somebody_else_after_all(
