@@ -8,6 +8,7 @@ from pathlib import Path
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.forgetting import ForgettingAsked, ForgettingProgress, forget, person_of
 from caris_desktop.recording.forgetting.study import Forgotten, receipt_words
+from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.study.folder import StudyFolder
 
 _CANCELLED = 130
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.study.is_dir():
         print(f"{arguments.study} is no folder. Nothing was changed.", file=sys.stderr)
         return 1
-    study = arguments.study.absolute()
+    study = study_dir_of(arguments.study).absolute()
     asked = ForgettingAsked(
         study,
         StudyFolder(study).people_database,
@@ -101,6 +102,8 @@ def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
     print(receipt_words(outcome.receipt))
     for problem in outcome.problems:
         print(problem, file=sys.stderr)
+    for what in outcome.closed:
+        print(f"Only searched as it is, since it could not be unpacked: {what}.", file=sys.stderr)
     for file in outcome.left:
         print(f"They are still found in {file}.", file=sys.stderr)
     if outcome.review is not None:

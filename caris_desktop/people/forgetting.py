@@ -1,5 +1,6 @@
 """Whom of a study's people to forget, what of them must not be found any more, and erasing them from the database."""
 
+import shutil
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -9,6 +10,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.store import PeopleStore, StoredPerson
 
+_LEAST_FREE_BYTES = 1 << 20
 _NOTHING_CHANGED = "Nobody was forgotten; nothing was changed."
 
 
@@ -41,7 +43,7 @@ def look_up(database: Path, who: str) -> PersonToForget | None:
             names = dict.fromkeys(person.name for person in people if person is not None and person.name)
             return PersonToForget(canaries.person_ids, tuple(names), canaries.blobs)
     except PeopleStoreError as error:
-        raise ToldFailure(str(error), _NOTHING_CHANGED, "Then ask again.") from error
+        raise ToldFailure(str(error), _NOTHING_CHANGED, _advice(database)) from error
 
 
 def erase(database: Path, person_ids: tuple[str, ...]) -> None:
@@ -59,8 +61,14 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
         raise ToldFailure(
             str(error),
             "They are not yet erased from the study's database.",
-            "Then ask again: it goes on where it stopped.",
+            _advice(database),
         ) from error
+
+
+def _advice(database: Path) -> str:
+    """SQLite calls a full disk by many names."""
+    full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
+    return "The disk is full: make room on it, then ask again." if full else "Then ask again."
 
 
 def _id_of(store: PeopleStore, who: str) -> str | None:

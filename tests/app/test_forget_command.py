@@ -65,9 +65,12 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
             for looks in [store.looks(person_id=each.person_id)]
         }
     assert len(others) == PEOPLE - 1
-    assert run(study, NAME, "--text", "redact", "--yes") == 0
+    (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
+    # The folder of its sessions stands for the study, too.
+    assert run(study / "sessions", NAME, "--text", "redact", "--yes") == 0
     assert found_in(study) == []
-    told = capsys.readouterr().out
+    told, noted = capsys.readouterr()
+    assert "could not be unpacked: torn.zip" in noted
     assert "1 film changed" in told
     assert "found 0 times" in told
     with closing(PeopleStore(study / "people.sqlite")) as store:

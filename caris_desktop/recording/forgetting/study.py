@@ -71,7 +71,8 @@ class ForgetRequest:
 class Forgotten:
     """What came of it. ``review`` lists ``waiting`` places of text that somebody has to decide on.
 
-    ``left`` names files in which the person is found although nobody decided so, ``problems`` what could not be done.
+    ``left`` names files in which the person is found although nobody decided so, ``problems`` what could not be done,
+    and ``closed`` what could not be unpacked, so that only its bytes as they lie were searched.
     """
 
     receipt: Path
@@ -79,6 +80,7 @@ class Forgotten:
     waiting: int
     left: tuple[str, ...]
     problems: tuple[str, ...]
+    closed: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -237,7 +239,7 @@ class _Forgetting:
         concerned = exports.concerned(found, named, seen_in)
         self._exports_named = [self._journal.name_of(path) for path in concerned]
         for export in concerned:
-            inside = [path for path in found if path == export or path.is_relative_to(export)]
+            inside = [path for path in found if exports.of(path) == export]
             if self._request.keep_exports:
                 for path in inside:
                     if found[path].hits:
@@ -407,7 +409,12 @@ class _Forgetting:
         self._journal.end()
         self._tell(1.0, "Done")
         return Forgotten(
-            receipt, self._review if waiting else None, waiting, tuple(left), tuple(dict.fromkeys(self._problems))
+            receipt,
+            self._review if waiting else None,
+            waiting,
+            tuple(left),
+            tuple(dict.fromkeys(self._problems)),
+            tuple(proof["not_unpacked"]),
         )
 
     def _write_receipt(self, begun: str, proof: dict[str, Any], in_database: int, *, waiting: int) -> Path:
@@ -524,11 +531,11 @@ def _receipts_in(path: Path) -> list[Any]:
 
 
 def _remove_empty(folder: Path) -> None:
-    """A folder whose files are gone, with those inside of it."""
-    if folder.is_dir():
-        for path in sorted((path for path in folder.rglob("*") if path.is_dir()), key=lambda path: -len(path.parts)):
+    """What is empty of a folder, inside of it and above it, now that files are gone."""
+    folders = sorted((path for path in folder.rglob("*") if path.is_dir()), key=lambda path: -len(path.parts))
+    for path in (*folders, folder, folder.parent):
+        with contextlib.suppress(OSError):  # something is in it still
             path.rmdir()
-        folder.rmdir()
 
 
 @contextlib.contextmanager
@@ -544,7 +551,8 @@ def _explained(study: Path) -> Iterator[None]:
             raise ForgettingStopped(
                 "The disk is full.",
                 f"Forgetting stopped in the middle: {_NOT_CHANGED[0].lower()}{_NOT_CHANGED[1:]}",
-                "Free as much room as the study's largest video takes, then ask again: it goes on where it stopped.",
+                "Free as much room as the study's largest film or sound takes, then ask again: it goes on where it "
+                "stopped.",
             ) from error
         raise ForgettingStopped(
             f"{error.filename or study} cannot be read or written: {error.strerror or error}.",

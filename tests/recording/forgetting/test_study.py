@@ -213,20 +213,34 @@ def test_what_does_not_concern_them_is_byte_for_byte_as_it_was(study: Path) -> N
     assert every_file(stranger) | {"plan.md": (study / "plan.md").read_bytes()} == before
 
 
-def test_exports_that_name_or_show_them_go_and_those_of_others_stay(study: Path) -> None:
+def test_exports_that_name_or_show_them_go_and_what_others_wrote_stays(study: Path) -> None:
     mine = sessions_of(study)[0]
-    request = ExportRequest((mine,), ("csv", "vtt"), study / "exports" / mine.name, folder_per_session=False)
-    export_all(request)
-    (study / "exports" / "other").mkdir()
-    (study / "exports" / "other" / "captions.vtt").write_text("WEBVTT\n", encoding="utf-8")
+    export_all(ExportRequest((mine,), ("csv", "frames"), study / "analysis" / mine.name, folder_per_session=False))
+    script = study / "analysis" / mine.name / "csv" / "plot.R"
+    script.write_text(f"# {NAME} is an outlier\n", encoding="utf-8")
+    (study / "analysis" / "other").mkdir()
+    (study / "analysis" / "other" / "captions.vtt").write_text("WEBVTT\n", encoding="utf-8")
+    (study / "analysis" / "figure.png").write_bytes(FACE[:40])
+    (study / "backup.zip").write_bytes(b"PK")
     (mine / "export-frames").mkdir()
     (mine / "export-frames" / "0001.jpg").write_bytes(FACE)
     outcome = forget(study)
     assert outcome.complete
-    assert not (study / "exports" / mine.name).exists()
-    assert (study / "exports" / "other" / "captions.vtt").exists()
+    left = {path.relative_to(study).as_posix() for path in study.rglob("*") if path.is_file()}
+    assert {name for name in left if not name.startswith(("sessions/", "forgotten/"))} == {
+        f"analysis/{mine.name}/csv/plot.R",
+        f"analysis/{mine.name}/frames/README.md",
+        # Boxes of opaque ids, without a picture.
+        f"analysis/{mine.name}/frames/yolo/boxes.csv",
+        f"analysis/{mine.name}/frames/yolo/data.yaml",
+        "analysis/other/captions.vtt",
+        "analysis/figure.png",
+        "backup.zip",
+    }
+    assert script.read_text(encoding="utf-8") == "# [forgotten] is an outlier\n"
     assert not (mine / "export-frames").exists()
-    assert f"exports/{mine.name}" in receipt_of(study)["exports_concerned"]
+    assert f"analysis/{mine.name}/csv" in receipt_of(study)["exports_concerned"]
+    assert hits_in(study) == {}
 
 
 def test_nobody_is_forgotten_while_a_session_is_recorded(study: Path) -> None:
