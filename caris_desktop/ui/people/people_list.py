@@ -101,7 +101,7 @@ class PeopleList(RowList):
             self._bring_question()
 
     def _bring_question(self) -> None:
-        """A question comes into view once; where the wizard scrolls afterwards it stays out."""
+        """A question comes into view once, and in another size of the list again; else it is the wizard who scrolls."""
         row = self._people.row_of(self._not_seen_yet)
         # The rows may still be those of before.
         if row is not None and self._people.persons[row].here and not self.held:
@@ -344,6 +344,8 @@ class PeopleList(RowList):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._place_field()
+        self._not_seen_yet = self._asked
+        self._bring_question()
 
 
 class PersonDelegate(QStyledItemDelegate):
