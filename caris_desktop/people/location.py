@@ -60,7 +60,7 @@ def _placed(
     map_from_base
         What the camera is mounted on: the robot, or a place in the room.
     points_in_base
-        Where the beams of the LIDAR ended, shape (beams, 2).
+        The middle of what the beams of the LIDAR ended at, shape (beams, 2).
     by_floor
         Whether the feet alone are enough where the LIDAR saw nobody. On a robot, which shakes and looks low over the
         floor, no place is better than that one.
@@ -81,7 +81,6 @@ def _placed(
         if distance_m is not None:
             source, spread_m = "depth", math.hypot(0.05, _DEPTH_ERROR * distance_m**2)
         elif (distance_m := _distance_of(box, distances[inside], people, camera)) is not None:
-            distance_m += _HALF_A_BODY_M
             spread_m = math.hypot(0.1, distance_m * _BEARING_ERROR_RAD)
         elif by_floor:
             source, distance_m = "floor", _distance_on_floor(box, people, camera)
@@ -149,7 +148,10 @@ def _things(distances: NDArray[np.float64]) -> list[float]:
 
 
 def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """Where the beams ended, seen from where the robot was when the picture was taken."""
+    """The middle of what the beams ended at, seen from where the robot was when the picture was taken.
+
+    The robot's LIDAR sees that side of the legs that is turned to it, whichever side the camera sees.
+    """
     laser = scan.robot_from_laser
     if scan.map_from_laser is not None:
         laser = map_from_robot.inverse() @ scan.map_from_laser
@@ -158,7 +160,7 @@ def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.floa
     ranges = scan.ranges_m
     valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
     angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
-    distances = ranges[valid].astype(np.float64)
+    distances = ranges[valid].astype(np.float64) + _HALF_A_BODY_M
     return np.column_stack(
         (
             laser.x_m + distances * np.cos(angles),

@@ -20,11 +20,11 @@ from caris_desktop.people.visits import Track
 Verdict = Literal["same", "different", "unknown"]
 
 _PLACES_KEPT = 20
-_FORGET_AFTER_NS = 3_000_000_000
-_COMPARED_NS = 2_000_000_000
+_FORGET_AFTER_NS = 4_000_000_000
+_COMPARED_NS = 3_000_000_000
 """Of places as long ago as this nothing is concluded any more: people meet and part."""
 
-_BETWEEN_NS, _BESIDE_NS = 900_000_000, 250_000_000
+_BETWEEN_NS, _BESIDE_NS = 1_500_000_000, 250_000_000
 _WALK_MPS = 1.3
 _CAMERA_ERROR_M = 0.2  # how exactly it is known where a camera stands and looks
 _SAME_PAIRS, _DIFFERENT_PAIRS = 2, 3

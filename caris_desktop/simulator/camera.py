@@ -30,6 +30,7 @@ class CameraProcess:
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
+        self._one_at_a_time = asyncio.Lock()
 
     async def picture(self, view: View | None) -> bytes:
         """A jpeg of ``view``, or of nothing but black.
@@ -39,7 +40,8 @@ class CameraProcess:
         EOFError
             When the child process died.
         """
-        return await asyncio.to_thread(self._ask, view)
+        async with self._one_at_a_time:
+            return await asyncio.to_thread(self._ask, view)
 
     def close(self) -> None:
         """End the child process."""

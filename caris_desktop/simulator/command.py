@@ -17,6 +17,8 @@ from caris_desktop.simulator import wardrobe
 from caris_desktop.simulator.base import STEP_S
 from caris_desktop.simulator.camera import CameraProcess
 from caris_desktop.simulator.camera_model import RATE_HZ
+from caris_desktop.simulator.desk_camera import RATE_HZ as DESK_RATE_HZ
+from caris_desktop.simulator.desk_camera import DeskCamera, desk_view
 from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
 from caris_desktop.simulator.figure_table import FIGURES
@@ -67,6 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="who comes instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
+    )
+    parser.add_argument(
+        "--desk-camera",
+        type=int,
+        metavar="PORT",
+        help="a second camera, on the reception's desk: MJPEG on this port of this computer; 0 chooses a free one",
     )
     parser.add_argument(
         "--maps-folder", type=Path, metavar="FOLDER", help="where maps are saved (default: a temporary folder)"
@@ -209,12 +217,21 @@ async def _simulate(
         return 2
     host = f"[{args.host}]" if ":" in args.host else args.host
     scheme = "ws" if settings.tls is None else "wss"
-    sys.stdout.write(f"Simulated robot ready at {scheme}://{host}:{port}\n")
+    camera, desk = CameraProcess(), DeskCamera()
+    ready = [f"Simulated robot ready at {scheme}://{host}:{port}\n"]
+    if args.desk_camera is not None:
+        try:
+            ready.append(f"Camera on the desk at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")
+        except OSError as error:
+            sys.stderr.write(f"The camera on the desk cannot use port {args.desk_camera}: {error.strerror or error}.\n")
+            await server.stop()
+            return 2
+    filmed = [_film_forever(camera, robot, topics, server, clock)]
+    if args.desk_camera is not None:
+        filmed.append(_film_from_desk(camera, robot, desk))
+    sys.stdout.write("".join(ready))
     sys.stdout.flush()
-    tasks = [
-        asyncio.create_task(_step_forever(robot, topics)),
-        asyncio.create_task(_film_forever(robot, topics, server, clock)),
-    ]
+    tasks = [asyncio.create_task(_step_forever(robot, topics)), *(asyncio.create_task(each) for each in filmed)]
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     for task in (waiting, *tasks):
@@ -223,6 +240,8 @@ async def _simulate(
         task.cancel()
     topics.stop()
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
+    desk.stop()
+    camera.close()
     await server.stop()
     maps.close()
     for log in (settings.log, settings.obeyed_log):
@@ -256,21 +275,26 @@ async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
         topics.publish_due()
 
 
-async def _film_forever(robot: Robot, topics: RobotTopics, server: BridgeServer, clock: RobotClock) -> None:
+async def _film_forever(
+    camera: CameraProcess, robot: Robot, topics: RobotTopics, server: BridgeServer, clock: RobotClock
+) -> None:
     loop = asyncio.get_running_loop()
-    camera = CameraProcess()
     frozen: bytes | None = None
     due_s = loop.time()
-    try:
-        while True:
-            due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
-            await asyncio.sleep(due_s - loop.time())
-            faults = topics.faults
-            if faults.camera_silent or topics.camera_topic is None or not server.has_subscribers(topics.camera_topic):
-                continue
-            stamp_ns = clock.now_ns()
-            if not (faults.camera_frozen and frozen):
-                frozen = await camera.picture(None if faults.camera_black else robot.view())
-            topics.publish_picture(frozen, stamp_ns=stamp_ns)
-    finally:
-        camera.close()
+    while True:
+        due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
+        await asyncio.sleep(due_s - loop.time())
+        faults = topics.faults
+        if faults.camera_silent or topics.camera_topic is None or not server.has_subscribers(topics.camera_topic):
+            continue
+        stamp_ns = clock.now_ns()
+        if not (faults.camera_frozen and frozen):
+            frozen = await camera.picture(None if faults.camera_black else robot.view())
+        topics.publish_picture(frozen, stamp_ns=stamp_ns)
+
+
+async def _film_from_desk(camera: CameraProcess, robot: Robot, desk: DeskCamera) -> None:
+    while True:
+        await asyncio.sleep(1.0 / DESK_RATE_HZ)
+        if desk.watched:
+            await desk.show(await camera.picture(desk_view(robot.people)))

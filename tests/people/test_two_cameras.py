@@ -13,6 +13,10 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, Presence
+from caris_desktop.simulator.camera_model import sees
+from caris_desktop.simulator.desk_camera import HEIGHT_M, STANDS_IN_MAP, TILT_RAD
+from caris_desktop.simulator.people import Visit as SimulatedVisit
+from caris_desktop.simulator.robot import Robot
 
 MS, S = 1_000_000, 1_000_000_000
 ROBOT = Pose2D(1.0, 2.0, 0.0)
@@ -25,10 +29,14 @@ BEAMS = 720
 Way = Callable[[float], tuple[float, float]]
 
 
-def box_of(camera: CameraModel, x_m: float, y_m: float, track: int, rng: np.random.Generator) -> PersonBox | None:
-    """What a detector finds of somebody at that place in the map, a few pixels off; None out of the picture."""
-    base = ROBOT if camera.stands_in_map is None else camera.stands_in_map
-    at = base.inverse() @ Pose2D(x_m, y_m, 0.0)
+def box_of(
+    camera: CameraModel, at_m: tuple[float, float], track: int, rng: np.random.Generator, base: Pose2D
+) -> PersonBox | None:
+    """What a detector finds of somebody at that place in the map, a few pixels off; None out of the picture.
+
+    ``base`` is what the camera is mounted on.
+    """
+    at = base.inverse() @ Pose2D(*at_m, 0.0)
     feet, head = camera.pixel_of(at.x_m, at.y_m, 0.0), camera.pixel_of(at.x_m, at.y_m, 1.72)
     if feet is None or head is None or not 20 < feet[0] < 620:
         return None
@@ -81,7 +89,8 @@ class Scene:
     def _look(self, name: str, camera: CameraModel, people: list[tuple[float, float]], stamp_ns: int) -> None:
         # The other camera's tracker counts the other way round.
         tracks = range(1, len(people) + 1) if name == "front" else range(len(people) + 20, 20, -1)
-        boxes = [box_of(camera, *at, track, self.rng) for track, at in zip(tracks, people, strict=True)]
+        base = ROBOT if camera.stands_in_map is None else camera.stands_in_map
+        boxes = [box_of(camera, at, track, self.rng, base) for track, at in zip(tracks, people, strict=True)]
         seen = People(stamp_ns, name, self.step, 640, 480, tuple(box for box in boxes if box is not None), 9.0)
         told, events = self.presence.update(seen)
         self.happened += events
@@ -152,3 +161,30 @@ def test_somebody_elsewhere_is_never_taken_for_them() -> None:
         assert len(rows) in (1, 2)
     assert len(rows) == 2
     assert scene.count(PersonAppeared) == 2
+
+
+def test_visitors_of_the_simulated_robot_stand_where_both_cameras_say() -> None:
+    """Its LIDAR sees legs from the robot's side, and the camera on the desk sees the same people from behind."""
+    robot = Robot(1, visits=[SimulatedVisit(0, 0.5, 30.0), SimulatedVisit(6, 4.0, 30.0)])
+    desk = replace(FRONT, x_m=0.0, z_m=HEIGHT_M, tilt_rad=TILT_RAD, stands_in_map=STANDS_IN_MAP)
+    locator, rng = PeopleLocator(), np.random.default_rng(2)
+    errors_m: dict[str, list[float]] = {"front": [], "desk": []}
+    for step in range(18 * 50):
+        robot.step()
+        if step % 10 or not robot.people:
+            continue
+        stamp_ns = round(robot.now_s * 1e9)
+        locator.take(robot.scan(stamp_ns=stamp_ns))
+        locator.take(RobotPose(stamp_ns, None, robot.pose_in_map))
+        for name, camera, base in (("front", FRONT, robot.truth.pose_in_map), ("desk", desk, STANDS_IN_MAP)):
+            there = [(each.x_m, each.y_m) for each in robot.people]
+            in_sight = [at for at in there if sees(base @ Pose2D(camera.x_m, camera.y_m, 0.0), *at)]
+            boxes = [box_of(camera, at, track, rng, base) for track, at in enumerate(in_sight)]
+            seen = People(stamp_ns, name, step, 640, 480, tuple(box for box in boxes if box is not None), 9.0)
+            placed = locator.locate(seen, camera)
+            assert placed is not None
+            errors_m[name] += [math.dist((place.x_m, place.y_m), in_sight[place.track]) for place in placed.people]
+    for name, wrong_m in errors_m.items():
+        assert len(wrong_m) > 40, name
+        assert np.quantile(wrong_m, 0.9) < 0.25, name
+        assert np.mean(np.array(wrong_m) > 0.6) <= 0.02, name

@@ -1,11 +1,19 @@
 """The command line: readiness, exit, and what is refused."""
 
+import argparse
+import http.client
 import subprocess
 import sys
 import time
+import urllib.parse
+import urllib.request
 
+import cv2
+import numpy as np
 import psutil
+import pytest
 
+from caris_desktop.simulator import command
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -35,9 +43,23 @@ def test_bad_arguments_are_explained() -> None:
     assert "--fault-latency-ms" in refused("--fault-latency-ms", "-5")
     assert "--ros" in refused("--ros", "3")
     assert "65535" in refused("--port", "99999")
-    assert "between 1 and 20" in refused("--people", "21")
-    assert "one of them" in refused("--people", "3", "--empty")
-    assert "nowhere.csv cannot be read" in refused("--visits", "nowhere.csv")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--people", "21"], "between 1 and 20"),
+        (["--people", "3", "--empty"], "one of them"),
+        (["--visits", "nowhere.csv"], "nowhere.csv cannot be read"),
+    ],
+)
+def test_visits_that_cannot_be_are_explained(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    assert command.run(parser.parse_args(arguments)) == 2
+    assert words in capsys.readouterr().err
 
 
 def test_it_ends_when_asked_and_takes_its_camera_along() -> None:
@@ -86,3 +108,20 @@ def test_it_ends_when_its_starter_is_gone() -> None:
     process.stdin.close()
     assert process.wait(20) == 0
     process.stdout.close()
+
+
+def test_the_camera_on_the_desk_sends_pictures_of_the_same_rooms() -> None:
+    with SimulatedRobot("--desk-camera", "0") as robot:
+        address = robot.next_line().removeprefix("Camera on the desk at ").strip()
+        with urllib.request.urlopen(address, timeout=20) as pictures:  # noqa: S310 - its own address
+            assert pictures.headers.get_content_type() == "multipart/x-mixed-replace"
+            for _ in range(2):
+                assert pictures.readline() == b"--frame\r\n"
+                head = http.client.parse_headers(pictures)
+                jpeg = pictures.read(int(head["Content-Length"]))
+                assert pictures.readline() == b"\r\n"
+                shown = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+                assert shown is not None and shown.shape == (480, 640, 3)
+        taken = urllib.parse.urlsplit(address).port
+        assert f"port {taken}" in refused("--desk-camera", str(taken))
+        assert robot.terminate() == 0

@@ -89,6 +89,10 @@ class SimulatedRobot:
     def pid(self) -> int:
         return self._process.pid
 
+    def next_line(self) -> str:
+        """What it says after where it is ready."""
+        return self._process.stdout.readline() if self._process.stdout is not None else ""
+
     def kill(self) -> None:
         """kill -9."""
         self._process.kill()
