@@ -35,6 +35,8 @@ _LOOKS, _LOOKS_MISSED = 5, 2.5
 # Of two cameras that see somebody the one that saw them first speaks for them, until it has lost them for so long.
 _OTHER_CAMERA_AFTER_NS = 1_000_000_000
 _MOST_PATIENCE_NS = 6_000_000_000
+# Who was away for longer is recognised anew, whatever number the tracker gives them.
+_SAME_VISIT_WITHIN_NS = 3_000_000_000
 # Who looks like nobody known after so many looks is somebody new.
 _STRANGER_AFTER_LOOKS = 8
 _STRANGER_FROM = 0.7
@@ -137,7 +139,8 @@ class Presence:
 
     A track becomes a person once it was seen in ``confirm_frames`` frames, and leaves after ``leave_after_s`` without
     being seen, or later where its camera is looked at rarely: who was not looked for is not gone. A track number that
-    returns is the same visit again, until :meth:`restart_tracks`. Each camera has tracks of its own.
+    returns soon is the same visit again, until :meth:`restart_tracks`; after a while that is so only where nobody is
+    recognised. Each camera has tracks of its own.
 
     What is known lasts for this object only where ``known`` has no database.
     """
@@ -336,6 +339,9 @@ class Presence:
 
     def _see(self, track: Track, now_ns: int) -> list[Event]:
         visit = self._visits.of_track(track)
+        if visit is not None and self._has_to_be_recognised(visit, now_ns):
+            self._visits.detach(track)
+            visit = None
         if visit is None:
             candidate = self._candidates.setdefault(track, _Candidate(0, now_ns))
             candidate.frames += 1
@@ -352,6 +358,11 @@ class Presence:
         visit.from_utc_ns = self._known.utc_now_ns()
         number = self._visits.number_of(visit.person_id)
         return [PersonAppeared(now_ns, visit.person_id, visit.track, number)] if alone else []
+
+    def _has_to_be_recognised(self, visit: Visit, now_ns: int) -> bool:
+        """A tracker finds again by a glance who was away; a name takes several looks."""
+        away_ns = now_ns - visit.last_seen_ns
+        return not visit.here and away_ns > _SAME_VISIT_WITHIN_NS and self._settings.recognise != "nobody"
 
     def _appear(self, track: Track, now_ns: int) -> list[Event]:
         del self._candidates[track]

@@ -116,17 +116,29 @@ def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
     assert isinstance(event, PersonLeft)
 
 
-def test_a_track_that_returns_is_the_same_person_at_once(store: PeopleStore) -> None:
+def test_a_track_that_returns_soon_is_the_same_person_at_once(store: PeopleStore) -> None:
     presence = Presence(KnownPeople(store))
     _watch(presence, [[7]] * 3 + [[]] * 20)
     (row,) = presence.persons(include_left=True)
     assert not row.here
-    people, events = presence.update(_seen(40 * FRAME_NS, 7))
-    assert events == [PersonAppeared(40 * FRAME_NS, row.person_id, 7, 1)]
+    people, events = presence.update(_seen(30 * FRAME_NS, 7))
+    assert events == [PersonAppeared(30 * FRAME_NS, row.person_id, 7, 1)]
     assert people.boxes[0].person_id == row.person_id
     (again,) = presence.persons()
-    assert again.since_ns == 40 * FRAME_NS
+    assert again.since_ns == 30 * FRAME_NS
     assert len(store.everybody()) == 1
+
+
+def test_a_track_that_returns_after_a_while_has_to_be_recognised_unless_nobody_is() -> None:
+    """A tracker takes who is like somebody for that one; a name takes more than that."""
+    for recognise, people in (("clothing", 2), ("nobody", 1)):
+        presence = Presence(settings=RecognitionSettings(recognise))  # type: ignore[arg-type]
+        _watch(presence, [[7]] * 3 + [[]] * 20)
+        presence.do(NamePerson(presence.persons(include_left=True)[0].person_id, "Ada"), 5)
+        _watch(presence, [[7]] * 3, start=60)
+        (row,) = presence.persons()
+        assert (row.name == "Ada") == (people == 1)
+        assert len(presence.persons(include_left=True)) == people
 
 
 def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
