@@ -15,9 +15,10 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtGui import QFontMetrics, QImage, QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetrics, QImage, QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
+    QBoxLayout,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -46,7 +47,10 @@ _PICTURE_PX = 100
 _EDGE_PX = 6
 _ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
+_LOW_PX = 300
 _GRID, _LARGE, _EMPTY = range(3)
+_TO_ASK = "Ask the assistant about this photo, then Enter"
+_ASKED = "The answer comes in the Assistant panel. Ask more, then Enter"
 
 
 class PhotosPanel(Panel):
@@ -368,7 +372,7 @@ class LargePhoto(QWidget):
         self.tags.returnPressed.connect(self._on_tags_entered)
         self.question = EnterField()
         self.question.setObjectName("photo_question")
-        self.question.setPlaceholderText("Ask the assistant about this photo, then Enter")
+        self.question.setPlaceholderText(_TO_ASK)
         self.question.setAccessibleName("Question to the assistant about this photo")
         self.question.setMaxLength(1000)
         self.question.returnPressed.connect(self._on_question_entered)
@@ -382,18 +386,30 @@ class LargePhoto(QWidget):
         buttons.addWidget(self._back)
         buttons.addStretch(1)
         buttons.addWidget(self._delete)
+        fields = QWidget()
+        beside = QVBoxLayout(fields)
+        beside.setContentsMargins(0, 0, 0, 0)
+        beside.setSpacing(6)
+        for part in (self.about, self.tags, self.question):
+            beside.addWidget(part)
+        beside.addStretch(1)
+        self.question.setHidden(not can_ask)
+        self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
+        self._body.setSpacing(tokens.GRID_PX)
+        self._body.addWidget(self.picture, 1)
+        self._body.addWidget(fields)
         column = QVBoxLayout(self)
         column.setContentsMargins(10, 6, 10, 2)
         column.setSpacing(6)
         column.addLayout(buttons)
-        column.addWidget(self.picture, 1)
-        column.addWidget(self.about)
-        column.addWidget(self.tags)
-        if can_ask:
-            column.addWidget(self.question)
-        else:
-            self.question.setParent(self)
-            self.question.hide()
+        column.addLayout(self._body, 1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """In a low panel the picture has room only beside its words."""
+        super().resizeEvent(event)
+        low = self.height() < _LOW_PX and self.width() > self.height()
+        self._body.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
+        self._body.setStretch(1, 1 if low else 0)
 
     def show_photo(self, photo: PhotoEntry, names: dict[str, str]) -> None:
         before, self._photo = self._photo, photo
@@ -407,6 +423,7 @@ class LargePhoto(QWidget):
             self.tags.setText(", ".join(photo.tags))
         if other:
             self.question.clear()
+            self.question.setPlaceholderText(_TO_ASK)
         show_part(self.tags, (photo.changeable and not photo.deleted) or bool(photo.tags))
         self.tags.setReadOnly(not photo.changeable or photo.deleted)
         show_part(self._delete, photo.changeable)
@@ -431,6 +448,7 @@ class LargePhoto(QWidget):
         if question:
             self.asked.emit(question)
             self.question.clear()
+            self.question.setPlaceholderText(_ASKED)
 
 
 class _Picture(QWidget):

@@ -15,7 +15,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.scenario.model import AssistantSettings, PanelLeaf, Permissions, Scenario, SplitNode
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.photos import PhotosPanel
+from caris_desktop.ui.panels.photos import LargePhoto, PhotosPanel
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -123,6 +123,17 @@ def test_a_click_shows_it_large_and_escape_goes_back_and_stops(qtbot: QtBot, pan
     assert panel.console.named("stop") == [None]  # type: ignore[attr-defined]
 
 
+def test_in_a_low_panel_the_picture_is_beside_its_words(theme: Theme, qtbot: QtBot) -> None:
+    large = LargePhoto(theme, can_ask=True)
+    qtbot.addWidget(large)
+    large.show_photo(photo(1), {})
+    for width, height, least_px in ((345, 190, 110), (345, 420, 200)):
+        large.resize(width, height)
+        large.show()
+        QTest.qWait(1)
+        assert large.picture.height() >= least_px and large.picture.width() >= 140
+
+
 def test_tags_are_given_by_enter(panel: PhotosPanel) -> None:
     panel.state.photos.set((photo(1),))
     panel.open("photos/0001.png")
@@ -152,6 +163,7 @@ def test_the_assistant_is_asked_about_it(panel: PhotosPanel) -> None:
     panel.large.question.setFocus()
     QTest.keyClicks(panel.large.question, "What is this?")
     QTest.keyClick(panel.large.question, Qt.Key.Key_Return)
+    assert "Assistant panel" in panel.large.question.placeholderText()
     assert panel.console.named("ask_about_photo") == [("photos/0001.png", "What is this?")]  # type: ignore[attr-defined]
 
 
