@@ -19,8 +19,6 @@ from caris_desktop.domain.events import (
     AnswerUsed,
     LinkChanged,
     LlmExchange,
-    PhotoDeleted,
-    PhotoTaken,
     Problem,
     RobotChosen,
     ScenarioOpened,
@@ -443,7 +441,7 @@ def _pins(facts: SessionFacts, stamps_ns: NDArray[np.int64], points: NDArray[np.
     for event in facts.of(EmergencyStopChanged):
         if event.latched:
             yield from pin(event.stamp_ns, "trouble", "Emergency stop", "square")
-    for photo in facts.of(PhotoTaken):
+    for photo in facts.photos:
         yield from pin(photo.stamp_ns, "note", "Photo", "dot")
 
 
@@ -646,8 +644,7 @@ def _median_text(values_s: Sequence[float]) -> str:
 
 
 def _photos(facts: SessionFacts) -> dict[str, Any]:
-    gone: dict[str, bool] = {event.file_name: not event.restored for event in facts.of(PhotoDeleted)}
-    photos = [photo for photo in facts.of(PhotoTaken) if not gone.get(photo.file_name)]
+    photos = facts.photos
     when = facts.session.clock.session_s
     shown = [
         {

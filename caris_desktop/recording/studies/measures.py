@@ -31,6 +31,7 @@ from caris_desktop.domain.events import (
     LinkQuality,
     LlmExchange,
     Marked,
+    PhotoDeleted,
     PhotoTaken,
     Problem,
     RecordingPaused,
@@ -63,7 +64,7 @@ PLAUSIBLE_SPEED_MPS = 5.0
 
 _EVENTS = (
     AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged, LinkQuality, LlmExchange,
-    Marked, *VISIT_EVENTS, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
+    Marked, *VISIT_EVENTS, PhotoDeleted, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
     StopRequested, UtteranceChanged,
 )  # fmt: skip
 
@@ -109,6 +110,12 @@ class SessionFacts:
     def of(self, kind: type[T]) -> tuple[T, ...]:
         """The events of one kind, in the order of recording."""
         return self.events.get(kind, ())
+
+    @property
+    def photos(self) -> tuple[PhotoTaken, ...]:
+        """Those that were not deleted again."""
+        deleted = {event.file_name: not event.restored for event in self.of(PhotoDeleted)}
+        return tuple(photo for photo in self.of(PhotoTaken) if not deleted.get(photo.file_name))
 
 
 def read_facts(session: Session, progress: Callable[[float], None] = lambda _: None) -> SessionFacts:
@@ -343,7 +350,7 @@ def measure(facts: SessionFacts) -> Measures:
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
         people=most_at_once(seen),
         identities=len({visit.person_id for visit in seen}),
-        photos=len(facts.of(PhotoTaken)),
+        photos=len(facts.photos),
     )
 
 

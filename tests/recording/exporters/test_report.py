@@ -20,6 +20,7 @@ from caris_desktop.domain.events import (
     Marked,
     PersonAppeared,
     PersonLeft,
+    PhotoDeleted,
     PhotoTaken,
     Problem,
     RobotChosen,
@@ -192,7 +193,11 @@ def test_nothing_that_was_said_becomes_markup(tmp_path: Path) -> None:
 @pytest.mark.logs(r"exporters\.html: ")
 def test_photos_are_in_the_page(tmp_path: Path) -> None:
     folder = tell(tmp_path / "s", [PhotoTaken(at(3.0), "front", 7, "photos/0001.png"),
-                                   PhotoTaken(at(4.0), "front", 8, "photos/gone.png")], lasts_s=10)  # fmt: skip
+                                   PhotoTaken(at(4.0), "front", 8, "photos/gone.png"),
+                                   PhotoTaken(at(5.0), "front", 9, "photos/0003.png"),
+                                   PhotoDeleted(at(6.0), "photos/gone.png"),
+                                   PhotoDeleted(at(7.0), "photos/gone.png", restored=True),
+                                   PhotoDeleted(at(8.0), "photos/0003.png")], lasts_s=10)  # fmt: skip
     (folder / "photos").mkdir()
     cv2.imwrite(str(folder / "photos" / "0001.png"), np.full((720, 1280, 3), (200, 40, 40), np.uint8))
     page = report_of(folder, tmp_path / "out")
