@@ -21,9 +21,10 @@ _DISTINCT = 8
 _BEGINS = r"(?:(?<![^\W_])|(?<=\\[nrtbf])|(?<=\\u[0-9a-fA-F]{4})|(?<=%[0-9a-fA-F]{2}))"
 _ENDS = r"(?=(?:['’]?s)?(?![^\W_]))"
 _BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
-# Checksums and bytes written as letters name nobody.
-_CODED = re.compile(r"[A-Za-z0-9+/=]*")
-_LONGEST_WORD = 32
+# From here on scripts put no spaces between words, so nothing tells where a name begins.
+_WITHOUT_SPACES = "\u0e00"
+# Checksums, and bytes written as letters, name nobody; a path has letters and slashes too, but not that many.
+_CODES = ((re.compile(r"[A-Za-z0-9]*"), 32), (re.compile(r"[A-Za-z0-9+/=]*"), 250))
 _PROBE_BYTES, _PROBES = 24, 6
 _JPEG_SCAN = b"\xff\xda"
 
@@ -48,6 +49,7 @@ class Words:
             for text in (whole, *parts):
                 if len(text) >= 2:
                     found.setdefault(unicodedata.normalize("NFC", text))
+                    found.setdefault(_without_accents(text))
         return tuple(sorted(found, key=len, reverse=True))
 
     @cached_property
@@ -57,8 +59,7 @@ class Words:
         for text in self.alternatives:
             forms = [_joined(form) for form in _forms(text)]
             either = "|".join(dict.fromkeys(forms))
-            distinct = len(text) >= _DISTINCT
-            wanted.append(f"(?:{either})" if distinct else f"{_BEGINS}(?:{either}){_ENDS}")
+            wanted.append(f"(?:{either})" if _is_distinct(text) else f"{_BEGINS}(?:{either}){_ENDS}")
         return re.compile("|".join(wanted), re.IGNORECASE) if wanted else None
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
@@ -70,7 +71,7 @@ class Words:
         if not any(first in small for first in self._firsts):
             return
         for match in self.pattern.finditer(text):
-            if not _in_code(text, *match.span()):
+            if _is_distinct(match[0]) or not _in_code(text, *match.span()):
                 yield match.span()
 
     @cached_property
@@ -133,15 +134,27 @@ def _joined(form: str) -> str:
     return _BETWEEN.join(re.escape(part) for part in form.split())
 
 
+def _is_distinct(text: str) -> bool:
+    return len(text) >= _DISTINCT or text[0] >= _WITHOUT_SPACES
+
+
+def _without_accents(text: str) -> str:
+    """As somebody types it who has no such keys, or a recogniser writes it."""
+    plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", plain)
+
+
 def _in_code(text: str, start: int, end: int) -> bool:
     """Whether it stands in something like a checksum: letters and digits without an end."""
-    after = _CODED.match(text, end)
-    right = after.end() - end if after is not None else 0
-    left = 0
-    while left < 2 * _LONGEST_WORD and start - left > 0 and _CODED.fullmatch(text[start - left - 1]):
-        left += 1
-    run = text[start - left : end + right]
-    return len(run) >= _LONGEST_WORD and any(letter.isdigit() for letter in run)
+    for letters, longest in _CODES:
+        after = letters.match(text, end)
+        right = after.end() if after is not None else end
+        left = start
+        while left > max(0, start - longest) and letters.fullmatch(text, left - 1, left):
+            left -= 1
+        if right - left >= longest and any(letter.isdigit() for letter in text[left:right]):
+            return True
+    return False
 
 
 def _pieces(picture: bytes) -> Iterator[bytes]:

@@ -51,6 +51,8 @@ def whats(hits: tuple[Hit, ...]) -> set[str]:
         b"https://example.org/Zo%C3%AB%20Quillfeather",
         "Zoe\u0308 Quillfeather".encode(),
         b"Quillfeather's cup, and no first name",
+        b"/home/lab2/studies/2026/tour/ZoeQuillfeather/video-front-0001.mp4",
+        b"hello zoe",
     ],
 )
 def test_a_name_is_found_however_a_text_writes_it(search: ByteSearch, text: bytes) -> None:
@@ -71,6 +73,21 @@ def test_pictures_of_others_and_words_that_only_contain_a_part_are_not_taken_for
     assert not search.data(others).hits
     assert not search.data(b"An annual canada, bannister; sha256 0ada" + b"4ada7" * 20).hits
     assert len(search.data(b"Ann, ADA and Ann_Ada; ann's").hits) == 4
+
+
+def test_a_name_in_a_script_without_spaces_is_found_among_its_neighbours() -> None:
+    search = ByteSearch(all_of(["\u674e\u5a1c"], []))
+    text = "\u4f60\u597d\u674e\u5a1c\u60a8\u597d"
+    for content in (text.encode(), json.dumps(text).encode(), text.encode("utf-16")):
+        assert len(search.data(content).hits) == 1
+
+
+def test_short_names_are_found_as_words_and_in_film_only_amid_text(tmp_path: Path) -> None:
+    search = ByteSearch(all_of(["Bo"], []))
+    assert len(search.data(b"Bo said hello to Boris, bo").hits) == 2
+    film = tmp_path / "video.mp4"
+    film.write_bytes(bytes(range(128, 256)) + b"Bo" + bytes(range(128, 256)) + b"title: Bo at home")
+    assert len(search.file(film).hits) == 1
 
 
 def _packed_zip(path: Path) -> None:
