@@ -26,6 +26,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _NOBODY_KNOWN = About()
 _SUMMARY_CHARACTERS = 300
+_LOOKED_BACK = 50
 
 Undo = Callable[[], None]
 
@@ -268,9 +269,9 @@ class KnownPeople:
     def summary(self, person_id: str) -> str:
         """In few words what there was with this person before; empty for somebody new."""
         nothing: tuple[HistoryEntry, ...] = ()
-        entries = self._read(lambda store: store.history(person_id), nothing)
-        visits = [entry for entry in entries if entry.kind == "visit"]
-        words = [entry.text for entry in entries if entry.kind in ("said", "heard")]
+        visits = self._read(lambda store: store.visits(person_id), nothing)
+        lately = self._read(lambda store: store.history(person_id, at_most=_LOOKED_BACK), nothing)
+        words = [entry.text for entry in lately if entry.kind in ("said", "heard")]
         told = []
         if visits:
             last = datetime.fromtimestamp(visits[0].utc_ns / 1e9).strftime("%d %B, %H:%M").lstrip("0")

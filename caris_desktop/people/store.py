@@ -8,8 +8,10 @@ their keys with their rows.
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from heapq import merge
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -304,25 +306,31 @@ class PeopleStore:
                 (person_id, kind, utc_ns, session, sealed),
             )
 
-    def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
-        """Visits, words, photos and notes of a person, newest first: those in which all words of ``text`` occur."""
-        wanted = text.casefold().split()
-        visits = self._of_all_ids(
+    def visits(self, person_id: str) -> tuple[HistoryEntry, ...]:
+        """Of a person, newest first."""
+        rows = self._of_all_ids(
             person_id,
             "SELECT from_utc_ns, to_utc_ns, session FROM visits WHERE person_id IN ({}) ORDER BY from_utc_ns DESC",
         )
-        entries = [
-            HistoryEntry("visit", began_ns, session, until_utc_ns=ended_ns) for began_ns, ended_ns, session in visits
-        ]
+        return tuple(
+            HistoryEntry("visit", began_ns, session, until_utc_ns=end_ns) for began_ns, end_ns, session in rows
+        )
+
+    def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
+        """Visits, words, photos and notes of a person, newest first: those in which all words of ``text`` occur."""
+        wanted = text.casefold().split()
+        entries = merge(self.visits(person_id), self._told(person_id), key=lambda entry: -entry.utc_ns)
+        found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
+        return tuple(islice(found, at_most))
+
+    def _told(self, person_id: str) -> Iterator[HistoryEntry]:
+        """All but visits, newest first; each is opened when it is asked for."""
         for owner, kind, utc_ns, session, sealed, key in self._of_all_ids(
             person_id,
             "SELECT history.person_id, kind, utc_ns, session, text, key FROM history JOIN keys USING (person_id) "
             "WHERE person_id IN ({}) ORDER BY utc_ns DESC",
         ):
-            entries.append(HistoryEntry(kind, utc_ns, session, unseal(key, owner, "history", sealed).decode()))
-        entries.sort(key=lambda entry: -entry.utc_ns)
-        found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
-        return tuple(entry for entry, _ in zip(found, range(at_most), strict=False))
+            yield HistoryEntry(kind, utc_ns, session, unseal(key, owner, "history", sealed).decode())
 
     # Forgetting
 
@@ -330,7 +338,7 @@ class PeopleStore:
         """What a search of every byte looks for once this person is forgotten; read it before."""
         ids = self.ids_of(person_id)
         people = [person for each in ids if (person := self.get(each)) is not None]
-        said = [entry.text for entry in self.history(person_id) if entry.kind != "photo"]
+        said = [entry.text for entry in self._told(person_id) if entry.kind != "photo"]
         texts = [text for person in people for text in (person.about.name, person.about.note)] + said
         vectors = [row.tobytes() for each in ids for looks in self.looks(person_id=each) for row in looks.vectors]
         jpegs = self._of_all_ids(

@@ -34,7 +34,7 @@ def measured(network: AppearanceModel, clothes: tuple[int, ...], rounds: int, se
 def figures(found: Outcome) -> dict[str, object]:
     told = found.told
     calibration = {
-        f"{low:.1f}-{low + 0.2:.1f}": {
+        f"{low:.1f} to {min(1.0, low + 0.2):.1f}": {
             "shown": len(within),
             "said": round(sum(confidence for confidence, _ in within) / len(within), 2),
             "right": round(sum(right for _, right in within) / len(within), 2),

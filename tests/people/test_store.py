@@ -1,16 +1,18 @@
 """The people of a study on disk."""
 
+import contextlib
 import sqlite3
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from caris_desktop.people.database import STEPS, PeopleStoreError, Step
 from caris_desktop.people.gallery import unit
-from caris_desktop.people.sealing import About
-from caris_desktop.people.store import PeopleStore, StoredLooks
+from caris_desktop.people.sealing import About, unseal
+from caris_desktop.people.store import MOST_HISTORY_FOUND, PeopleStore, StoredLooks
 
 HOUR_NS = 3600 * 10**9
 NOW_NS = 1_790_000_000 * 10**9
@@ -138,7 +140,31 @@ def test_a_history_is_searched_by_words(path: Path) -> None:
         "Is the mona lisa real?",
         "The Mona Lisa is upstairs",
     ]
-    assert len(store.history(ada, at_most=2)) == 2
+    store.close()
+
+
+def test_of_a_long_history_only_what_is_shown_is_opened_and_all_of_it_has_to_be_forgotten(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = PeopleStore(path)
+    ada = store.add().person_id
+    store._database.execute("BEGIN")
+    monkeypatch.setattr(store._file, "writing", contextlib.nullcontext)
+    for number in range(3000):
+        store.add_history(ada, "said", f"Sentence {number}", utc_ns=number)
+    store._database.execute("COMMIT")
+    opened: list[bytes] = []
+
+    def counted(*arguments: Any) -> bytes:
+        opened.append(arguments[3])
+        return unseal(*arguments)
+
+    monkeypatch.setattr("caris_desktop.people.store.unseal", counted)
+    assert [entry.text for entry in store.history(ada, at_most=2)] == ["Sentence 2999", "Sentence 2998"]
+    assert len(opened) <= 5
+    assert [entry.text for entry in store.history(ada, "sentence 7", at_most=3000)][-1] == "Sentence 7"
+    assert len(store.history(ada)) == MOST_HISTORY_FOUND
+    assert len(store.canaries_of(ada).texts) == 3000
     store.close()
 
 
