@@ -10,9 +10,11 @@ from caris_desktop.app.arguments import add_console_arguments
 from caris_desktop.app.simulated_camera import open_any_camera
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
 from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.found_cameras import found_cameras
+from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import WeightsError, find_weights
 from caris_desktop.robot.explore import load_profile_blocking
 from caris_desktop.robot.link import check_robot
@@ -59,7 +61,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield _robot(arguments.robot or scenario.robot)
     yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none is plugged into this computer")
     yield from _cameras(arguments.camera, scenario)
-    yield _weights()
+    yield detector_finding(scenario)
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
     if scenario.permissions.assistant:
@@ -106,11 +108,19 @@ def _camera(chosen: ChosenCamera) -> Finding:
     return Finding("Camera", True, f"{chosen.name} gives pictures of {width_px}x{height_px} pixels")
 
 
-def _weights() -> Finding:
+def detector_finding(scenario: Scenario) -> Finding:
+    wanted = composition.detector_settings(scenario)
+    if wanted.server:
+        try:
+            remote = RemoteDetector(wanted.server, confidence=1.0)
+        except DetectorAwayError as error:
+            return Finding("Person detector", False, f"{error}.", "Start 'caris-desktop perceive --serve' there.")
+        remote.close()
+        return Finding("Person detector", True, remote.label)
     try:
-        weights = find_weights(allow_download=False)
+        weights = find_weights(wanted.model, allow_download=False)
     except WeightsError as error:
-        return Finding("Person detector", False, str(error))
+        return Finding("Person detector", False, f"{error}.", f"{error.advice}.")
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
 
 

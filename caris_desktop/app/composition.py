@@ -321,15 +321,20 @@ def _build_prompt(
 
 def _inference_as_told(body: ProcessBody, scenario: Scenario) -> ProcessBody:
     (settings,) = body.arguments
+    detector = detector_settings(scenario)
+    return replace(body, arguments=(replace(settings, detector=detector, tracker=scenario.perception.tracker),))
+
+
+def detector_settings(scenario: Scenario) -> DetectorSettings:
+    """How a scenario wants people to be found."""
     told = scenario.perception
     folder = scenario.path.parent if scenario.path is not None else None
-    detector = DetectorSettings(
+    return DetectorSettings(
         ModelChoice(told.model, told.sha256, folder if told.model else None, told.input_px),
         device=told.device,
         things=told.classes,
         server=told.server,
     )
-    return replace(body, arguments=(replace(settings, detector=detector, tracker=told.tracker),))
 
 
 def _load_scenario(path: Path) -> Scenario:
