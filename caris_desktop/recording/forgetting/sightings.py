@@ -26,7 +26,11 @@ _NAMELESS = re.compile(rb'"person_id":\s*""')
 _CAMERA = re.compile(rb'"camera":\s*"((?:[^"\\]|\\.)*)"')
 _PEOPLE = "/people"
 _LINKS = ("/event/person_identified", "/event/people_merged")
-_UNLINKS = ("/event/person_rejected", "/event/people_undone")
+_UNDONE = "/event/people_undone"
+_UNLINKS = ("/event/person_rejected", "/event/person_split", _UNDONE)
+# Who was taken back from being nobody else is it again.
+_UNDONE_TO_LINKS = ("rejected", "split")
+_WHOM = ("is_person_id", "into_person_id", "from_person_id")
 
 
 class Area(NamedTuple):
@@ -167,9 +171,10 @@ def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
     for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
         message = _read(data)
         who = str(message.get("person_id") or "")
-        whom = str(message.get("is_person_id") or message.get("into_person_id") or "")
+        whom = next((str(message[name]) for name in _WHOM if message.get(name)), "")
         if who and whom:
-            yield topic in _LINKS, who, whom
+            again = topic == _UNDONE and message.get("decision") in _UNDONE_TO_LINKS
+            yield again or topic in _LINKS, who, whom
 
 
 def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, str]]) -> frozenset[str]:

@@ -1,12 +1,14 @@
 """Forgetting from the window: refused while a session is recorded, done in a child, and told."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import psutil
 import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
@@ -30,6 +32,10 @@ def fail(connection: Connection) -> None:
     connection.send(
         ForgettingEnded(None, ("The disk is full.", "Forgetting stopped in the middle.", "Free some room."))
     )
+
+
+def take_long(_connection: Connection) -> None:
+    time.sleep(100.0)
 
 
 def die(_connection: Connection) -> None:
@@ -118,6 +124,18 @@ def test_what_goes_wrong_is_told_and_the_person_stays_known(
     bench.ask(intents.ForgetPerson("p-1"))
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert words in bench.told[-1]
+    assert bench.forgotten == []
+
+
+@pytest.mark.logs("did not end within")
+def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Bench) -> None:
+    bench.body = ProcessBody("forgetting", take_long)
+    bench.ask(intents.ForgetPerson("p-1"))
+    (child,) = bench.service.processes().values()
+    bench.service.stop()
+    bench.service.end()
+    assert child.pid is not None
+    assert not psutil.pid_exists(child.pid)
     assert bench.forgotten == []
 
 

@@ -1,8 +1,22 @@
 """Where somebody has to be covered: between looks, around them, and where nobody looked."""
 
+from pathlib import Path
+
 import pytest
 
-from caris_desktop.recording.forgetting.sightings import WHOLE, Area, Sightings, _put_together, everyone_who_is
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import PeopleMerged, PeopleUndone, PersonIdentified, PersonRejected, PersonSplit
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.forgetting.sightings import (
+    WHOLE,
+    Area,
+    Sightings,
+    _put_together,
+    everyone_who_is,
+    links_in,
+)
+from caris_desktop.recording.recorder.event_log import EventLog
 
 SECOND_NS = 1_000_000_000
 
@@ -80,3 +94,23 @@ def test_before_a_track_was_anybodys_it_was_theirs() -> None:
 )
 def test_who_turned_out_to_be_them_is_them(links: list[tuple[bool, str, str]], expected: set[str]) -> None:
     assert everyone_who_is(["p-1"], links) == expected
+
+
+def test_who_was_taken_for_whom_is_read_from_the_record(tmp_path: Path) -> None:
+    happened = (
+        PersonIdentified(1, "p-3", "p-1", "wizard", 0.9),
+        PersonIdentified(2, "p-4", "p-1", "console", 0.9),
+        PersonRejected(3, "p-4", "p-1"),
+        PeopleMerged(4, "p-5", "p-1"),
+        PersonIdentified(5, "p-6", "p-1", "wizard", 0.9),
+        PersonSplit(6, "p-6", "p-1"),
+        PersonIdentified(7, "p-7", "p-1", "wizard", 0.9),
+        PeopleUndone(8, "p-7", "identified", "p-1"),
+    )
+    path = tmp_path / "events.mcap"
+    log = EventLog(DiskFile(path), anchor=ClockAnchor(0, 0), metadata={})
+    for number, event in enumerate(happened):
+        log.write(BY_TYPE[type(event)], event, number)
+    log.close()
+    # Each channel is a stream of its own; their order is that of the record.
+    assert everyone_who_is(["p-1"], links_in(path)) == {"p-1", "p-3", "p-5"}

@@ -22,6 +22,7 @@ from caris_desktop.recording.export import ExportRequest, export_all
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, all_of
 from caris_desktop.recording.forgetting.review import read_review
+from caris_desktop.recording.forgetting.sightings import messages_of
 from caris_desktop.recording.forgetting.study import ForgetRequest, Forgotten, forget_person, is_under_way
 from caris_desktop.recording.photo_file import PEOPLE, TAGS, change_texts, texts_of
 from caris_desktop.recording.recorder.media_writer import write_photo
@@ -64,6 +65,10 @@ def sessions_of(study: Path) -> list[Path]:
     return sorted((study / "sessions").iterdir())
 
 
+def messages_in(folder: Path) -> list[tuple[str, bytes]]:
+    return list(messages_of(folder / "events.mcap", lambda _topic: True))
+
+
 def receipt_of(study: Path) -> dict[str, Any]:
     receipt: dict[str, Any] = json.loads((study / "forgotten" / "RECEIPT.json").read_bytes())["receipts"][-1]
     return receipt
@@ -95,6 +100,7 @@ def test_nothing_of_them_is_found_any_more_and_the_receipt_proves_it(study: Path
 
 def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path) -> None:
     told = {folder.name: spoken(open_session(folder)) for folder in sessions_of(study)}
+    recorded = {folder.name: messages_in(folder) for folder in sessions_of(study)}
     forget(study)
     for folder in sessions_of(study):
         assert verify_manifest(folder) == []
@@ -103,6 +109,12 @@ def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path
         assert session.losses == ()
         assert len(session.header["forgotten"]) == 1
         assert PERSON not in json.dumps(session.header)
+        # All else that was recorded is as it was, byte for byte.
+        pairs = zip(messages_in(folder), recorded[folder.name], strict=True)
+        named = ("Quillfeather", NAME, json.dumps(NAME)[1:-1])
+        different = [old for new, old in pairs if new != old]
+        assert different
+        assert all(any(name in old[1].decode() for name in named) for old in different)
         said = spoken(session)
         assert [one.utterance_id for one in said] == [one.utterance_id for one in told[folder.name]]
         changed = [new.text for new, old in zip(said, told[folder.name], strict=True) if new.text != old.text]
