@@ -9,7 +9,7 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,7 +41,7 @@ REMEMBERED_S = 300.0
 _LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN, _LOOKS_LIKELY = 0.3, 0.27, 0.06, 0.4
 _WAIT_FOR_VIEW_S = 0.5
 _LOOKS_COUNT = 2.0
-_UNLIKE, _MISTAKEN_BY = 0.3, 0.15
+_UNLIKE, _MISTAKEN_BY, _STRANGE = 0.3, 0.15, 0.38
 _LOOKS_KEPT = 0.9
 _LOOK_AGAIN_S = 0.5
 _GOOD_VIEW = 0.5
@@ -73,6 +73,7 @@ class _Track(Motion):
     evidence: float = 0.0
     looks_like: Floats | None = None
     well_seen: bool = False
+    doubted: bool = False
     looked_s: float = -math.inf
 
     @property
@@ -144,6 +145,7 @@ class Follower:
         new = [box for box in perhaps if confidences[box] >= NEW]
         pairs += _pairs(waiting, new, corners_px, confidences, buffer=BUFFERS[0], least=_LEAST_OVERLAP_PERHAPS)
         for track, box in pairs:
+            track.doubted |= stamp_s - track.seen_s > _DOUBTED_AFTER_S
             track.see(corners_px[box], stamp_s)
             track.evidence += _evidence(float(confidences[box]))
         taken = {box for _, box in pairs}
@@ -182,36 +184,49 @@ class Follower:
         ]
         views.look_at([box for _, box in (*new, *due)])
         here = {id(track): box for track, box in pairs}
+        for track, box in pairs:
+            track.doubted |= bool(qualities[box] < _GOOD_VIEW)
         for track, box in (*new, *due):
             looks, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
             if looks is None or (track.well_seen and not good):
                 continue
-            if track.confirmed:
-                self._exchange_mistaken(track, looks, here, qualities, views)
+            if track.confirmed and not self._exchange_mistaken(track, looks, here, qualities, views):
+                self._begin_anew_if_strange(track, looks, stamp_s)
+            track.doubted = False
             track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
             track.well_seen, track.looked_s = track.well_seen or good, stamp_s
 
     def _exchange_mistaken(
         self, track: _Track, looks: Floats, here: dict[int, int], qualities: Floats, views: "_Views"
-    ) -> None:
+    ) -> bool:
         """Who clearly looks like somebody else, and not like themselves, was taken for them when they met."""
         own = _apart(track.looks_like, looks)
         if own <= _UNLIKE:
-            return
+            return False
         others = [other for other in self._tracks if other is not track and other.confirmed and other.well_seen]
         other = min(others, key=lambda each: _apart(each.looks_like, looks), default=None)
         if other is None or _apart(other.looks_like, looks) > min(_LOOKS_SAME, own - _MISTAKEN_BY):
-            return
+            return False
         box = here.get(id(other))
         if box is not None:
             if qualities[box] < _GOOD_VIEW:
-                return
+                return False
             views.look_at([box])
             theirs = views.of(box)
             if theirs is None or _apart(track.looks_like, theirs) > _apart(other.looks_like, theirs) - _MISTAKEN_BY:
-                return
+                return False
         track.number, other.number = other.number, track.number
         track.looks_like, other.looks_like = other.looks_like, track.looks_like
+        return True
+
+    def _begin_anew_if_strange(self, track: _Track, looks: Floats, stamp_s: float) -> None:
+        """Somebody left where somebody else came, and the one number went on: the box looks like nobody known."""
+        if not (track.doubted and track.well_seen and _apart(track.looks_like, looks) > _STRANGE):
+            return
+        away_s = stamp_s - self._patience_s(LOST_S) - 1e-3  # known by their looks, and waited for nowhere
+        gone = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
+        self._tracks.append(gone)
+        track.number, track.looks_like, track.well_seen = self._new_number(), None, False
 
     def _counts(self, track: _Track, stamp_s: float) -> bool:
         if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):

@@ -150,6 +150,30 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
     assert later[2:] == [[2, 1]] * 6
 
 
+def test_who_comes_in_where_somebody_has_just_left_does_not_go_on_as_them() -> None:
+    follower = Follower()
+    likenesses = np.eye(2)
+
+    def seen(x: float, who: int, stamp_s: float) -> list[int]:
+        corners = np.array([[x, 100.0, min(WIDTH_PX, x + 80.0), 300.0]])
+        followed = follower.follow(
+            corners,
+            np.array([0.9]),
+            stamp_s,
+            picture_px=(WIDTH_PX, HEIGHT_PX),
+            appearance_of=lambda rows: likenesses[[who for _ in rows]],
+        )
+        return [each.number for each in followed]
+
+    for step in range(20):  # leaves to the right
+        assert seen(500.0 + 7 * step, 0, 0.1 * step) == [1]
+    came = [seen(633.0 - 7 * step, 1, 2.0 + 0.1 * step) for step in range(20)]
+    assert came[-1] == [2]
+    follower.follow(np.zeros((0, 4)), np.zeros(0), 5.0)
+    back = [seen(300.0, 0, 9.0 + 0.1 * step) for step in range(3)]
+    assert back[-1] == [1]
+
+
 def test_looks_are_few_also_in_a_crowd() -> None:
     follower = Follower()
     asked: list[int] = []
