@@ -27,7 +27,7 @@ EVIDENCE_AGE_NS = 400_000_000
 _GAP_M = 0.35  # two returns that are farther apart belong to different things
 _BEARING_ERROR_RAD = 0.03
 _HALF_A_BODY_M = 0.12  # the LIDAR sees the front of the legs
-_EDGE_PX = 4.0
+_EDGE = 0.05  # as a share of the height: a box that ends so near the lower edge may go on below it
 _DEEPEST_M = 8.0
 _DEPTH_ERROR = 0.02  # per metre, of two eyes 7.5 cm apart: it grows with the square of the distance
 _FLOOR_ERROR = 0.08  # as a share of the distance: how exactly a box ends at the feet
@@ -112,7 +112,7 @@ def _distance_in_depth(box: PersonBox, people: People, camera: CameraModel, dept
 def _distance_on_floor(box: PersonBox, people: People, camera: CameraModel) -> float | None:
     """How far away the feet stand; None where they are not in the picture, or too far away to tell."""
     feet_px = box.top_px + box.height_px
-    if feet_px >= people.frame_height_px - _EDGE_PX:
+    if feet_px >= people.frame_height_px * (1.0 - _EDGE):
         return None
     feet = camera.floor_point(box.left_px + box.width_px / 2.0, feet_px)
     if feet is None:
@@ -130,7 +130,7 @@ def _distance_of(box: PersonBox, distances: NDArray[np.float64], people: People,
     if feet is None:
         return things[0]
     expected_m = math.hypot(feet[0] - camera.x_m, feet[1] - camera.y_m)
-    if feet_px >= people.frame_height_px - _EDGE_PX:
+    if feet_px >= people.frame_height_px * (1.0 - _EDGE):
         # The feet are below the picture, so the person is nearer than the floor at its lower edge.
         return things[0] if things[0] < 1.3 * expected_m else None
     best = min(things, key=lambda thing: abs(math.log(thing / expected_m)))

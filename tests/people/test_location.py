@@ -147,3 +147,12 @@ def test_depth_of_another_moment_or_camera_or_too_far_away_says_nothing() -> Non
     locator.take(depth_of(people, CAMERA, 9.0, stamp_ns=2_000_000_000))
     places = locator.locate(people, CAMERA)
     assert places is not None and places.people == ()
+
+
+def test_who_is_cut_off_at_the_lower_edge_is_not_taken_for_what_stands_behind() -> None:
+    # A detector's box ends a little above the edge, where the floor would be farther away than the person.
+    near, behind = (1.2, 0.0), (3.0, 0.0)
+    (box,) = seen(near).boxes
+    people = replace(seen(near), boxes=(replace(box, height_px=460.0 - box.top_px),))
+    (found,) = located(people, scan_of(near, behind, walls_m=3.1), CAMERA, Pose2D(0.0, 0.0, 0.0))
+    assert math.dist((found.x_m, found.y_m), near) < 0.2
