@@ -157,3 +157,18 @@ def test_a_camera_that_is_gone_takes_its_picture_along(panel: VideoPanel, consol
     console.state.forget_cameras()
     assert panel.strip.pictures == ()
     assert not panel.strip.isVisible()
+
+
+def test_the_people_panel_goes_on_while_another_camera_sees(
+    panel: VideoPanel, console: FakeConsole, window: MainWindow
+) -> None:
+    people = window.panels["people"]
+    show(console, "front", "desk")
+    show(console, "front", age_s=4.0)
+    console.state.check_freshness()
+    people._refresh()
+    assert "no picture" not in people.fact[0]
+    show(console, "desk", age_s=4.0)
+    console.state.check_freshness()
+    people._refresh()
+    assert people.fact[0].startswith("no picture")

@@ -168,7 +168,8 @@ class PeoplePanel(Panel):
         persons: tuple[PersonRow, ...] = self.state.persons.value
         here = [person for person in persons if person.here]
         elsewhere = sum(bool(seen_elsewhere(person, self.state.camera.value)) for person in here)
-        blind = self.state.frame.freshness == "lost"
+        others = (self.state.frame_of(camera).freshness for camera in self.state.cameras.value)
+        blind = self.state.frame.freshness == "lost" and "fresh" not in others
         parts = ["no picture" if blind else f"{len(here)} here" if here else "nobody here"]
         if elsewhere:
             parts.append(f"{elsewhere} in another camera")

@@ -5,6 +5,8 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
@@ -140,12 +142,7 @@ class SmallPicture(QAbstractButton):
         if image_bgr is None:
             return
         self._taken_s = now_s
-        height, width = image_bgr.shape[:2]
-        whole = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
-        size = self.size() * self.devicePixelRatioF()
-        self._image = whole.scaled(size, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.FastTransformation)
-        if self._image.cacheKey() == whole.cacheKey():
-            self._image = whole.copy()  # of the same size it still borrows the array's memory
+        self._image = _shrunk(image_bgr, self.size() * self.devicePixelRatioF())
         self._frame = frame
         self.update()
 
@@ -230,6 +227,17 @@ class SmallPicture(QAbstractButton):
             onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
 
         self._painted.draw(painter, QPointF(4, 4), size, ("name", text, warns), paint)
+
+
+def _shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:
+    """A smooth copy that fits the room. Of a large one rows and columns are left out first, which is quick."""
+    step = max(1, image_bgr.shape[1] // max(1, 2 * room.width()))
+    thinned = np.ascontiguousarray(image_bgr[::step, ::step])
+    height, width = thinned.shape[:2]
+    image = QImage(thinned.data, width, height, 3 * width, QImage.Format.Format_BGR888)
+    # of the same size it would still borrow the array's memory
+    smaller = image.scaled(room, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation)
+    return smaller.copy() if smaller.size() == image.size() else smaller
 
 
 class CameraStrip(QWidget):
