@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -88,7 +89,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
 
 def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None] = lambda _: None) -> Forgotten:
     """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
-    from caris_desktop.people.forgetting import erase
+    from caris_desktop.people.forgetting import erase, rewrite_texts
     from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
 
     person, review, known = person_of(asked)
@@ -103,6 +104,7 @@ def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None
         review=asked.review,
         keep_exports=asked.keep_exports,
         only_texts=review is not None and not known,
+        texts_of_people=partial(rewrite_texts, asked.database),
     )
     told = -1.0
 

@@ -1,6 +1,7 @@
 """Whom of a study's people to forget, what of them must not be found any more, and erasing them from the database."""
 
 import shutil
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -63,6 +64,20 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
             "They are not yet erased from the study's database.",
             _advice(database),
         ) from error
+
+
+def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
+    """Pass what was noted of everybody and said to them through ``rewrite``: whose it is, and the text.
+
+    Raises ToldFailure.
+    """
+    if not database.exists():
+        return
+    try:
+        with closing(PeopleStore(database)) as store:
+            store.rewrite_texts(rewrite)
+    except PeopleStoreError as error:
+        raise ToldFailure(str(error), "What is kept of others may still name the person.", _advice(database)) from error
 
 
 def _advice(database: Path) -> str:

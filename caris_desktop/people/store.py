@@ -9,7 +9,7 @@ their keys with their rows.
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import islice
 from pathlib import Path
@@ -363,6 +363,26 @@ class PeopleStore:
             self._database.execute(f"DELETE FROM rejections WHERE is_not_person_id IN ({marks})", ids)  # noqa: S608
         self._file.empty_log_and_free_pages()
         return ids
+
+    def rewrite_texts(self, rewrite: Callable[[str, str], str]) -> None:
+        """Pass each note and each entry of a history through ``rewrite``, which is given whose it is and the text."""
+        for person in self.everybody():
+            note = rewrite(person.person_id, person.about.note) if person.about.note else ""
+            if note != person.about.note:
+                self.describe(person.person_id, replace(person.about, note=note))
+        with self._file.explained("read"):
+            rows = self._database.execute(
+                "SELECT entry_id, history.person_id, text, key FROM history JOIN keys USING (person_id)"
+            ).fetchall()
+        for entry_id, owner, sealed, key in rows:
+            text = unseal(key, owner, "history", sealed).decode()
+            rewritten = rewrite(owner, text)
+            if rewritten != text:
+                with self._file.writing():
+                    self._database.execute(
+                        "UPDATE history SET text = ? WHERE entry_id = ?",
+                        (self._seal(owner, "history", rewritten.encode()), entry_id),
+                    )
 
     # How it is kept
 

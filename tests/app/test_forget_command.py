@@ -97,6 +97,27 @@ def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pyt
     assert not review.exists()
 
 
+def test_what_is_kept_of_others_names_them_no_more(study: Path) -> None:
+    with closing(PeopleStore(study / "people.sqlite")) as store:
+        for person_id in (PERSON, "p-2"):
+            store.add_history(person_id, "said", f"{OTHER}, this is {NAME}.", utc_ns=5)
+        store.describe("p-3", About(name="Quillfeather Senior", note=f"Father of {NAME}"))
+    assert run(study, PERSON, "--yes") == 1
+    (review,) = (study / "forgotten").glob("review-*.txt")
+    listed = review.read_text(encoding="utf-8")
+    assert f"what is kept of p-2: {OTHER}, this is »{NAME}«." in listed
+    assert "what is kept of p-1" not in listed
+    review.write_text(
+        "\n".join(line.replace("?", "redact", 1) if line[:1] == "?" else line for line in listed.splitlines())
+    )
+    assert run(study, PERSON, "--yes", "--review", str(review)) == 0
+    with closing(PeopleStore(study / "people.sqlite")) as store:
+        assert [entry.text for entry in store.history("p-2")] == [f"{OTHER}, this is [forgotten]."]
+        father = store.get("p-3")
+        assert father is not None
+        assert father.about == About(name="Quillfeather Senior", note="Father of [forgotten]")
+
+
 def test_without_a_yes_nothing_is_done(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = found_in(study)
     assert run(study, PERSON) == 130

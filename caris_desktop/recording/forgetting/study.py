@@ -19,6 +19,7 @@ from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of
 from caris_desktop.recording.forgetting.exports import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
+from caris_desktop.recording.forgetting.kept_texts import KeptTexts, Rewrite
 from caris_desktop.recording.forgetting.review import write_review
 from caris_desktop.recording.forgetting.session_media import SessionMedia, photos_of
 from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, sightings_in
@@ -53,6 +54,7 @@ class ForgetRequest:
     ``recordings``: the person is masked in film and photos, or these are removed. ``decisions`` are those of a review
     by key of place; ``otherwise`` holds for places without one, empty where they are to wait for somebody.
     ``only_texts`` leaves film and photos as they are: the person is forgotten but for texts that waited for decisions.
+    ``texts_of_people`` passes what the database keeps of everybody through a function.
     """
 
     study: Path
@@ -65,6 +67,7 @@ class ForgetRequest:
     review: Path | None = None
     keep_exports: bool = False
     only_texts: bool = False
+    texts_of_people: Callable[[Rewrite], None] = lambda _rewrite: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +195,7 @@ class _Forgetting:
         for path, searched in found.items():
             if not any(path.is_relative_to(folder) for folder in sessions):
                 self._in_file(path, searched)
+        self._kept_texts().treat()
         self._drop_index()
         self._rename_files()
         self._tell(0.85, "Searching every byte again")
@@ -342,6 +346,9 @@ class _Forgetting:
 
     # The rest of the study
 
+    def _kept_texts(self) -> KeptTexts:
+        return KeptTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
+
     def _drop_index(self) -> None:
         """It is made anew from the sessions when somebody searches them."""
         for suffix in ("", "-wal", "-shm", "-journal"):
@@ -398,7 +405,7 @@ class _Forgetting:
         self._tell(0.97, "Erasing them from the study's database")
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
-        in_database = sum(len(self._search.file(path).hits) for path in database)
+        in_database = sum(len(self._search.file(path).hits) for path in database) + self._kept_texts().naming()
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
         receipt = self._write_receipt(begun, proof, in_database, waiting=waiting)
         if not waiting:

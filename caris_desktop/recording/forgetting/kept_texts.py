@@ -1,0 +1,51 @@
+"""What the study's database keeps of others, notes and what was said to them, may name a person too."""
+
+from collections.abc import Callable, Collection
+
+from caris_desktop.recording.forgetting.texts import TextWork, redacted
+
+Rewrite = Callable[[str, str], str]
+"""Is given whose a text is and the text, and gives the text that is to be kept."""
+
+
+class KeptTexts:
+    """``pass_through`` passes each text of the database through a function. Those of ``person_ids`` go anyway."""
+
+    def __init__(
+        self, work: TextWork, file: str, pass_through: Callable[[Rewrite], None], person_ids: Collection[str]
+    ) -> None:
+        self._work = work
+        self._file = file
+        self._pass_through = pass_through
+        self._ids = frozenset(person_ids)
+
+    def treat(self) -> None:
+        """List the places, and replace what is to go."""
+        to_change = False
+
+        def look(whose: str, text: str) -> str:
+            nonlocal to_change
+            if whose not in self._ids:
+                found = self._work.look(text, self._file, lambda: f"what is kept of {whose}")
+                to_change = to_change or any(decision == "redact" for _, _, decision in found)
+            return text
+
+        self._pass_through(look)
+        if to_change:
+            self._pass_through(self._without)
+
+    def naming(self) -> int:
+        """How many texts still name the person although nobody decided so."""
+        count = 0
+
+        def look(whose: str, text: str) -> str:
+            nonlocal count
+            count += self._without(whose, text) != text
+            return text
+
+        self._pass_through(look)
+        return count
+
+    def _without(self, _whose: str, text: str) -> str:
+        quiet = TextWork(self._work.words, self._work.decisions, self._work.otherwise)
+        return redacted(text, quiet.look(text, self._file, str), yaml=False)[0]
