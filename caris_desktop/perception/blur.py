@@ -24,6 +24,8 @@ _HEAD_HEIGHT = 1 / 3
 _HEAD_OF_WIDTH = 0.9
 """A box that ends at the waist, as of somebody close by, shows a head of about this share of its width."""
 _WIDER = 0.15
+_SEEN = 0.5
+_LEAST_HEAD_OF_HEIGHT = 0.07
 
 
 def part_to_cover(box: PersonBox, what: What) -> Corners:
@@ -39,6 +41,21 @@ def part_to_cover(box: PersonBox, what: What) -> Corners:
         left, right = left - _WIDER * box.width_px, right + _WIDER * box.width_px
         top -= _WIDER * head_px
     return left, top, right, bottom
+
+
+def head_of(keypoints: NDArray[np.float64], height_px: float) -> Corners | None:
+    """Where somebody's head is by nose, eyes and ears, wherever in the box that is: bent, lying, an arm above it.
+
+    ``keypoints`` are COCO's of one person, shape (17, 3): x, y in pixels, visibility; ``height_px`` is that of the box.
+    None where fewer than two of them are seen.
+    """
+    seen = keypoints[:5][keypoints[:5, 2] >= _SEEN]
+    if len(seen) < 2:
+        return None
+    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    half_px = max(float((high - low).max()), _LEAST_HEAD_OF_HEIGHT * height_px)
+    x, y = ((low + high) / 2).tolist()
+    return x - half_px, y - half_px, x + half_px, y + half_px
 
 
 def cover(image_bgr: NDArray[np.uint8], parts: Sequence[Corners], what: What) -> None:

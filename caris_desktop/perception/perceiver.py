@@ -11,6 +11,7 @@ from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import PersonBox, ThingBox
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.chosen import Chosen, DetectorSettings, open_chosen
+from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.portraits import Portraits
 from caris_desktop.perception.pose import Pose, Poses
@@ -92,14 +93,22 @@ class Perceiver:
         return Perceived(boxes, poses, things, unfollowed, portraits, detections, detector_s, tracker_s)
 
     def _unfollowed(self, detections: Detections, boxes: list[TrackedBox]) -> tuple[PersonBox, ...]:
-        """Whoever the detector takes for a person and the tracker does not (yet)."""
+        """Whoever the detector takes for a person and the tracker does not (yet), and heads by themselves where they
+        are known: they need not be at the upper end of a box.
+        """
         followed = {box.detection for box in boxes}
         found = zip(detections.corners_px.tolist(), detections.confidences.tolist(), detections.classes, strict=True)
-        return tuple(
-            PersonBox(0, "", left, top, right - left, bottom - top, confidence)
-            for row, ((left, top, right, bottom), confidence, kind) in enumerate(found)
-            if int(kind) in self._people and row not in followed
-        )
+        unfollowed = []
+        for row, (corners, confidence, kind) in enumerate(found):
+            if int(kind) not in self._people:
+                continue
+            parts = [] if row in followed else [corners]
+            if detections.keypoints is not None:
+                head = head_of(detections.keypoints[row], corners[3] - corners[1])
+                parts += [] if head is None else [head]
+            for left, top, right, bottom in parts:
+                unfollowed.append(PersonBox(0, "", left, top, right - left, bottom - top, confidence))
+        return tuple(unfollowed)
 
     def _things_of(self, detections: Detections) -> tuple[ThingBox, ...]:
         if not self._things:
