@@ -17,7 +17,9 @@ _LENGTH = 512
 
 
 def direction(number: int) -> Vectors:
-    """Of a negative number somebody who looks much like the positive one's."""
+    """Of a negative number somebody who looks much like the positive one's; of one above 1000 somebody a little so."""
+    if number > 1000:
+        return unit(direction(number - 1000) + np.float32(0.48) * direction(number - 500))
     if number < 0:
         return unit(direction(-number) + np.float32(0.2) * direction(1000 - number))
     return unit(np.random.default_rng([7, number]).normal(size=_LENGTH).astype(np.float32))

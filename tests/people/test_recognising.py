@@ -97,6 +97,20 @@ def test_between_two_who_look_alike_only_the_wizard_decides() -> None:
     assert {suggested.name for suggested in row.suggestions} == {"Ada", "Anna"}
 
 
+def test_those_who_were_mistaken_for_one_another_are_told_apart_with_more_care() -> None:
+    found = []
+    for mistaken in (False, True):
+        room = Room(settings=ASK_FIRST)
+        ids = named(room, Ada=ADA, Anna=1000 + ADA)
+        if mistaken:
+            room.presence.do(intents.RejectPerson(ids["Anna"], ids["Ada"]), room.now_ns)
+        room.presence.use_settings(RecognitionSettings())
+        room.visit(ADA, leaves=False)
+        found += [len(room.of(PersonIdentified))]
+        assert room.presence.persons()[0].name == "Ada" if not mistaken else room.of(PersonSuggested)
+    assert found == [1, 0]
+
+
 def test_poor_views_teach_nothing_and_tell_nothing() -> None:
     room = Room()
     named(room, Ada=ADA)
