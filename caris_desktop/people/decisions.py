@@ -124,7 +124,9 @@ class Decisions:
         back = [self._given_to(each, root) for each in concerned] + [self._known.link(visit.visit_id, root)]
         visit.confidence = confidence
         visit.summary = self._known.summary(root)
-        self._remember("identified", visit.visit_id, root, _all(back[::-1]))
+        if actor != CONSOLE:
+            # What the console decided is taken back by saying who it is not, else it would decide the same again.
+            self._remember("identified", visit.visit_id, root, _all([*back[::-1], visit.leave_to_wizard]))
         self._known.keep_looks(visit.visit_id)
         by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
         return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]

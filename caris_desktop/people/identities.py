@@ -125,6 +125,9 @@ class Identities:
             self._settled[person_id] = None
         else:
             self._root.pop(person_id, None)
+            # Who it is is open again: beside whom they may be they must not stand as somebody else.
+            if person_id not in self._lasting:
+                self._settled.pop(person_id, None)
         self._galleries = None
 
     def drop_visit(self, person_id: str) -> None:

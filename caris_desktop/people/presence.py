@@ -500,7 +500,8 @@ class Presence:
             if visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
                 self._settle(visit)
             return []
-        sure = judgement.sure and best.confidence >= self._settings.confirm_at and self._settings.confirm_at < 1.0
+        confirm_at = 1.0 if visit.by_hand else self._settings.confirm_at
+        sure = judgement.sure and best.confidence >= confirm_at and confirm_at < 1.0
         if sure and not self._contested(visit, here):
             visit.suggested_id = ""
             return self._decisions.identify(visit, best.person_id, looks.stamp_ns)

@@ -25,6 +25,7 @@ class Visit:
     here: bool = True
     looks: int = 0
     settled: bool = False
+    by_hand: bool = False
     forgotten: bool = False  # asked to be: nothing about how they look is learned or kept any more
     judgement: Judgement = UNDECIDED
     suggested_id: str = ""
@@ -40,6 +41,10 @@ class Visit:
     summary: str = ""
     tracks: set[Track] = field(default_factory=set)
     seen_by_camera_ns: int = 0  # when ``camera`` saw them last, as ``track``
+
+    def leave_to_wizard(self) -> None:
+        """Of who this is the console only makes suggestions from now on."""
+        self.by_hand = True
 
     @property
     def identified(self) -> bool:

@@ -117,6 +117,23 @@ def test_who_was_confirmed_has_one_history_and_gives_it_back(room: Room) -> None
     assert {entry.text for entry in store.history(guest)} == {"Welcome!", "Welcome back!"}
 
 
+def test_only_what_people_decided_is_undone_and_the_console_does_not_decide_it_then(room: Room) -> None:
+    room.presence.use_settings(RecognitionSettings())
+    (ada,) = room.visit(ADA)
+    do(room, intents.NamePerson(ada, "Ada"))
+    (guest,) = room.visit(ADA, leaves=False, frames=3)
+    do(room, intents.ConfirmPerson(guest, ada))
+    do(room, intents.UndoPeople())
+    room.see({2: ADA}, frames=20)
+    assert room.of(PersonIdentified) == [], "the wizard has it in hand"
+    assert rows(room)[guest].suggestion is not None
+    room.wait(4.0)
+    room.visit(ADA, leaves=False)
+    assert len(room.of(PersonIdentified)) == 1
+    (undone,) = do(room, intents.UndoPeople())
+    assert isinstance(undone, PeopleUndone) and undone.decision == "named", "the wizard's last, not the console's"
+
+
 def say(room: Room, person_id: str, text: str) -> None:
     for state in ("requested", "started", "finished"):
         room.presence.note(
