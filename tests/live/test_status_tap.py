@@ -12,7 +12,7 @@ from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, DriveStatus, MarksStatus, RecordingStatus, SpeechStatus
 from caris_desktop.live.status_tap import STATUS_TYPES, StatusTap, show_status
-from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.model import Place
 
 pytestmark = pytest.mark.usefixtures("qapp")
@@ -52,6 +52,20 @@ def test_names_and_paths_stay_out() -> None:
     assert "Ada" not in repr(shown) and "/home/ada" not in repr(shown)
     assert [row.name for row in _put_back(shown, names={"p-1": "Ada"}).persons.value] == ["Ada", "Person 2"]
     assert [row.name for row in _put_back(shown, names={}).persons.value] == ["", "Person 2"]
+
+
+def test_a_replay_says_who_was_suggested_then_as_far_as_the_study_still_knows_them() -> None:
+    state, shown = LiveState(), list[StatusShown]()
+    tap = StatusTap(state, shown.append)
+    suggestions = (Suggestion("p-ada", "Ada", 0.8), Suggestion("p-bo", "Bo", 0.1))
+    state.persons.set((PersonRow("p-2", 5, "Person 2", True, 10, 20, suggestions=suggestions, group="G1", note="Shy"),))
+    state.selected_person.set("p-2")
+    del tap
+    assert not [word for word in ("Ada", "Bo", "G1", "Shy") if word in repr(shown)]
+    back = _put_back(shown, names={"p-ada": "Ada"})
+    (row,) = back.persons.value
+    assert [(each.name, each.confidence) for each in row.suggestions] == [("Ada", 0.8)], "who is forgotten is nobody"
+    assert back.selected_person.value == "p-2"
 
 
 @pytest.mark.logs("a recorded status .* is not shown")

@@ -194,6 +194,8 @@ class PeopleList(RowList):
             return
         button = self._button_at(event.pos())
         text = str(self._people.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
+        if self._may_decide:
+            text += ". A click says that you mean this person."
         QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
 
     def hideEvent(self, event: QHideEvent) -> None:

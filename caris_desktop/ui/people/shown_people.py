@@ -82,7 +82,10 @@ def whereabouts(person: PersonRow) -> str:
 
 def recognised(person: PersonRow) -> str:
     """How sure it is who this is: recognised, 94 %. Empty where nobody had to find out."""
-    return f"recognised, {words.percent(person.confidence)}" if is_identified(person) and person.confidence else ""
+    if not is_identified(person) or not person.confidence:
+        return ""
+    how = "recognised" if words.has_given_name(person) else "was here before"
+    return f"{how}, {words.percent(person.confidence)}"
 
 
 def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_ns: int) -> tuple[PersonRow, ...]:

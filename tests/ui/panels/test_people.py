@@ -79,6 +79,8 @@ def test_a_row_says_where_somebody_is_and_what_they_do(panel: PeoplePanel) -> No
     assert told(panel, "p-3").startswith("Person 3, Maybe Mara Silva (82 %), 3.3 m, right · here for ")
     assert told(panel, "p-5") == "Person 5, left 2 min ago"
     assert told(panel, "p-mara") == "Mara Silva, known from before"
+    back = dataclasses.replace(people_samples.people_of_a_tour(10**12)[3], visit_id="p-9", confidence=0.99)
+    assert what_is_seen(back, 10**12)[-1] == "was here before, 99 %", "who has no name"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from PySide6.QtCore import QRect
 from PySide6.QtGui import QImage
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import PeopleMerged, PersonForgotten, PersonIdentified, PersonRejected
 from caris_desktop.domain.sensing import PeopleInMap, PersonPlace
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel
@@ -54,3 +55,18 @@ def test_the_dot_of_who_is_selected_is_ringed_on_the_map(window: MainWindow, con
 
     assert changed(before, after, around(6.0)) > 30
     assert changed(before, after, around(3.0)) == 0
+
+
+def test_the_wizard_means_who_stands_there_when_it_turns_out_who_that_is(console: FakeConsole) -> None:
+    state = console.state
+    state.selected_person.set("p-3")
+    state.take(PersonIdentified(1, "p-3", "p-mara", "console", 0.97))
+    assert state.selected_person.value == "p-mara"
+    state.take(PersonIdentified(1, "p-7", "p-ana", "console", 0.97))
+    assert state.selected_person.value == "p-mara", "that was about somebody else"
+    state.take(PersonRejected(2, "p-3", "p-mara"))
+    assert state.selected_person.value == "p-3"
+    state.take(PeopleMerged(3, "p-3", "p-ana"))
+    assert state.selected_person.value == "p-ana"
+    state.take(PersonForgotten(4, "p-ana"))
+    assert state.selected_person.value == ""
