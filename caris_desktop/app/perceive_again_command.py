@@ -14,11 +14,12 @@ from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People, PersonBox
+from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.perception.inference import default_threads
+from caris_desktop.perception.inference import default_threads, person_box
 from caris_desktop.perception.looking_back import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
+from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TRACKERS, USUAL_FOCAL_PER_WIDTH, Look, TrackedBox
 from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.weights import WeightsError
@@ -96,6 +97,8 @@ class _CameraLayer:
     frames: list[RecordedFrame] = field(default_factory=list)
     sizes_px: list[tuple[int, int]] = field(default_factory=list)
     boxes: list[list[TrackedBox]] = field(default_factory=list)
+    poses: list[dict[int, Pose]] = field(default_factory=list)
+    """By the row of the detection, since looking back may find out that two tracks are one."""
     lost: int = 0
 
 
@@ -162,7 +165,11 @@ def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Percei
         ref = FrameRef(info.stamp_ns, info.robot_stamp_ns, camera, "", 0, number, width_px, height_px)
         looked = None if model is None else turning.looked(info.stamp_ns, on_head=model.on_head)
         focal = USUAL_FOCAL_PER_WIDTH if model is None else model.fx_px / model.width_px
-        layer.boxes.append(perceiver.perceive(image_bgr, Look(ref, looked, focal)).boxes)
+        perceived = perceiver.perceive(image_bgr, Look(ref, looked, focal))
+        layer.boxes.append(perceived.boxes)
+        layer.poses.append(
+            {box.detection: perceived.poses[box.track] for box in perceived.boxes if box.track in perceived.poses}
+        )
         layer.frames.append(info)
         layer.sizes_px.append((width_px, height_px))
         bar.tell(number + 1)
@@ -212,16 +219,14 @@ def _write(session: Session, target: Path, layers: dict[str, _CameraLayer], abou
 
 def _people(layers: dict[str, _CameraLayer]) -> Iterator[People]:
     for camera, layer in layers.items():
-        for info, (width_px, height_px), boxes in zip(layer.frames, layer.sizes_px, layer.boxes, strict=True):
+        pictures = zip(layer.frames, layer.sizes_px, layer.boxes, layer.poses, strict=True)
+        for info, (width_px, height_px), boxes, poses in pictures:
             yield People(
                 stamp_ns=info.stamp_ns,
                 camera=camera,
                 frame_sequence=info.number,
                 frame_width_px=width_px,
                 frame_height_px=height_px,
-                boxes=tuple(
-                    PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
-                    for box in boxes
-                ),
+                boxes=tuple(person_box(box, poses.get(box.detection, Pose())) for box in boxes),
                 inference_ms=0.0,
             )

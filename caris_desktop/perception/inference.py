@@ -203,14 +203,15 @@ def _people(ref: FrameRef, perceived: Perceived, work_s: float) -> People:
         frame_sequence=ref.sequence,
         frame_width_px=ref.width_px,
         frame_height_px=ref.height_px,
-        boxes=tuple(_person_box(box, perceived.poses.get(box.track, Pose())) for box in perceived.boxes),
+        boxes=tuple(person_box(box, perceived.poses.get(box.track, Pose())) for box in perceived.boxes),
         inference_ms=work_s * 1e3,
         things=perceived.things,
         unfollowed=perceived.unfollowed,
     )
 
 
-def _person_box(box: TrackedBox, pose: Pose) -> PersonBox:
+def person_box(box: TrackedBox, pose: Pose) -> PersonBox:
+    """Somebody as the console tells of them, before anybody knows who it is."""
     return PersonBox(
         box.track,
         "",

@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 
 from caris_desktop.app import perceive_again_command
 from caris_desktop.domain.sensing import People
+from caris_desktop.perception.backends.chosen import Chosen
+from caris_desktop.perception.detector import Detections
+from caris_desktop.perception.perceiver import Perceiver
+from caris_desktop.perception.tracker import PersonTracker
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import value_reader
+from tests.perception.served import Bright
 from tests.perception.shared_data import INT8_WEIGHTS, bus_picture, needs_int8_weights
 from tests.support import recorded_session
 from tests.support.recorded_session import make_session
@@ -87,6 +92,26 @@ def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, caps
     assert (status, said) == (1, "")
     assert "there is a layer better already" in told
     assert people_in(layer) == people
+
+
+def test_poses_are_in_the_layer_where_the_model_knows_them(
+    street: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class OrNobody(Bright):
+        def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
+            if image_bgr.max() > 128:
+                return super().detect(image_bgr)
+            return Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 17, 3)))
+
+    def open_bright(*_words: object, **_more: object) -> Perceiver:
+        return Perceiver(Chosen(OrNobody(), (1,), None), PersonTracker((1,), tracker="own"), "")
+
+    monkeypatch.setattr(perceive_again_command, "open_perceiver", open_bright)
+    status, _, told = perceive_again(capsys, street, "--name", "poses")
+    assert status == 0, told
+    *_, last = people_in(street / "sessions" / "one" / "derived" / "poses")
+    # Seen so for more than half a second; by the points of the detector, which are the same in each picture.
+    assert [(box.hand_raised, box.facing) for box in last.boxes] == [(False, False)]
 
 
 @needs_int8_weights
