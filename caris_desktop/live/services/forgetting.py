@@ -137,8 +137,8 @@ class ForgettingService(Service):
                 "warning",
                 f"The person is forgotten but for {places} of text that may name them.",
                 "Only somebody who reads them can say whether they do.",
-                f"Decide on each in {outcome.review}, then hand it back: caris-desktop forget STUDY "
-                f"{self._asked.person_id} --review FILE.",
+                f"Decide on each in {outcome.review}, then run: caris-desktop forget {outcome.receipt.parent.parent} "
+                f"{self._asked.person_id} --review {outcome.review}",
             )
         for sentence in (*outcome.problems, *(f"They are still found in {file}." for file in outcome.left)):
             self._bus.problem("warning", sentence, "That part of forgetting is not done.", "Ask for it again.")
