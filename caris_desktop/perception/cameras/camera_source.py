@@ -6,9 +6,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain import clock
+
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0
 """A camera that sends nothing for so long is lost."""
+_DRIVER_WITHIN_NS = 1_000_000_000
+_DRIVER_UNCERTAINTY_NS = 2_000_000
 DEVICE_SIZE_PX = (1280, 720)
 DEVICE_FPS = 30
 
@@ -44,6 +48,14 @@ class Picture:
     taken_ns: int | None = None
     taken_uncertainty_ns: int | None = None
     depth_mm: NDArray[np.uint16] | None = None
+
+
+def picture_of(image: NDArray[Any], *, device_ns: int, depth_mm: NDArray[np.uint16] | None = None) -> Picture:
+    """With the time that the device's driver gives it, where that is of the session clock, as it is on Linux."""
+    ago_ns = clock.now_ns() - device_ns
+    if not 0 <= ago_ns <= _DRIVER_WITHIN_NS:
+        return Picture(image, depth_mm=depth_mm)
+    return Picture(image, taken_ns=device_ns, taken_uncertainty_ns=_DRIVER_UNCERTAINTY_NS, depth_mm=depth_mm)
 
 
 class CameraSource(Protocol):

@@ -1,6 +1,6 @@
 """A camera of this computer."""
 
-from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture
+from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture, picture_of
 
 
 class DeviceCamera:
@@ -24,6 +24,7 @@ class DeviceCamera:
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, DEVICE_SIZE_PX[1])
         self._capture.set(cv2.CAP_PROP_FPS, DEVICE_FPS)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self._moment = cv2.CAP_PROP_POS_MSEC
         self.width_px = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height_px = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         self.fps = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
@@ -32,7 +33,8 @@ class DeviceCamera:
         delivered, image = self._capture.read()
         if not delivered:
             raise CameraError(f"Camera {self._target} stopped delivering pictures.", "Check its cable.")
-        return Picture(image)
+        # Of Video4Linux this is when the driver had the picture; of others, as of a file, another time altogether.
+        return picture_of(image, device_ns=round(self._capture.get(self._moment) * 1e6))
 
     def close(self) -> None:
         self._capture.release()

@@ -13,6 +13,7 @@ from caris_desktop.perception.cameras.camera_source import (
     SILENCE_S,
     CameraError,
     Picture,
+    picture_of,
 )
 
 _log = logging.getLogger(__name__)
@@ -90,7 +91,8 @@ class OakCamera:
         if self._depth is not None and abs(self._depth.getTimestamp() - frame.getTimestamp()) <= _SAME_MOMENT:
             depth_mm = np.asarray(self._depth.getFrame(), np.uint16)
             self._depth = None  # each once
-        return Picture(fitted(frame.getCvFrame()), depth_mm=depth_mm)
+        device_ns = round(frame.getTimestamp().total_seconds() * 1e9)  # depthai keeps its clock in step with ours
+        return picture_of(fitted(frame.getCvFrame()), device_ns=device_ns, depth_mm=depth_mm)
 
     def close(self) -> None:
         try:

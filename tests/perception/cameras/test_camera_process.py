@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError
 from caris_desktop.domain.sensing import CameraState, DepthGrid, FrameRef
-from caris_desktop.perception.cameras import camera_process
+from caris_desktop.perception.cameras import camera_process, camera_source
 from caris_desktop.perception.cameras.camera_process import PlayVideo
-from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
+from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture, picture_of
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
 from caris_desktop.perception.cameras.open_camera import open_camera
@@ -193,6 +194,29 @@ def test_a_video_can_be_played_as_fast_as_it_is_read(tmp_path: Path, start: Star
     camera.until(has_state("ended"))
     assert len(camera.of(FrameRef)) == PICTURES
     assert time.monotonic() - began_s < PICTURES / 2, "at its own rate it takes twice as long"
+
+
+def test_the_time_of_a_driver_counts_where_it_is_of_the_session_clock(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = clock.now_ns()
+    monkeypatch.setattr(camera_source.clock, "now_ns", lambda: now_ns)
+    assert picture_of(GOOD, device_ns=now_ns - 30_000_000).taken_ns == now_ns - 30_000_000
+    for other_ns in (now_ns + 1, now_ns - 2_000_000_000, 40_000_000, 1_700_000_000_000_000_000):
+        assert picture_of(GOOD, device_ns=other_ns).taken_ns is None
+    monkeypatch.undo()
+    pictures = iter([picture_of(GOOD, device_ns=clock.now_ns() - 20_000_000), Picture(GOOD)])
+
+    class Timed(ToldCamera):
+        def read(self) -> Picture | None:
+            return next(pictures, None)
+
+    camera = start("clip.mp4?fast", open_one=lambda _chosen: Timed(iter(())))
+    camera.connection.send(PlayVideo())
+    camera.until(has_state("ended"))
+    timed, untimed = camera.of(FrameRef)
+    assert timed.taken_ns is not None and timed.stamp_ns - timed.taken_ns >= 20_000_000
+    assert (timed.shown_ns, untimed.taken_ns) == (timed.taken_ns, None)
 
 
 def test_depth_goes_along_with_its_picture_in_few_points(start: Start) -> None:
