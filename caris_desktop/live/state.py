@@ -337,13 +337,16 @@ class LiveState(QObject):
                     shown.update_value(its.value)
 
     def _note_camera(self, name: str) -> None:
-        """Of those that send pictures the robot's first one is shown, until the wizard chooses."""
+        """The robot's come first, then those of this computer as they were asked for; the first one is shown until the
+        wizard chooses.
+        """
         if name in self.cameras.value:
             if not self.camera.value:
                 self.camera.set(name)
             return
         robot = self.robot.value
         order = [camera.name for camera in robot.cameras] if robot is not None else []
+        order += self.own_cameras.value
         place = {camera: number for number, camera in enumerate(order)}
         names = sorted((*self.cameras.value, name), key=lambda camera: place.get(camera, len(order)))
         self.cameras.set(tuple(names))

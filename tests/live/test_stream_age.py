@@ -160,3 +160,10 @@ def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
     state.take(PeopleInMap(now_ns, by_desk, "desk"))
     shown = sorted((place.person_id, place.x_m) for place in state.people_in_map.value.people)
     assert shown == [("", 5.0), ("", 5.1), ("p-1", 1.1)], "where the surer one says; who is not known may be anybody"
+
+
+def test_those_of_this_computer_come_as_they_were_asked_for_whoever_tells_first(state: LiveState) -> None:
+    state.own_cameras.set({"mast": None, "desk": None, "door": None})
+    for camera in ("door", "desk", "mast"):
+        state.take(frame_of(camera))
+    assert (state.cameras.value, state.camera.value) == (("mast", "desk", "door"), "mast")
