@@ -346,3 +346,9 @@ class Scenario:
     path: Annotated[Path | None, NotInFile()] = None
     sha256: Annotated[str, NotInFile()] = ""
     version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION
+
+    @property
+    def covers_people(self) -> bool:
+        """Whether people have to be found in time, so that they can be covered in pictures that are kept or shown."""
+        pictures = self.permissions.video_recording or self.permissions.photos or self.blur.shown
+        return self.blur.who != "nobody" and pictures

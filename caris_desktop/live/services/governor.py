@@ -95,7 +95,7 @@ class GovernorService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._local_model = scenario.assistant.model == "embedded"
-        self._blurs = scenario.blur.who != "nobody"
+        self._blurs = scenario.covers_people
 
     def start(self) -> None:
         self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000

@@ -96,7 +96,7 @@ class PeopleService(Service):
             asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who]
         )
         self._may_decide = names
-        self._cover = scenario.blur.who != "nobody"
+        self._cover = scenario.covers_people
         body = self._parts.inference
         if body is not None:
             before, self._inference = self._inference, self._parts.as_told(body, scenario)

@@ -104,6 +104,8 @@ def test_where_people_have_to_be_covered_looking_for_them_pays_nothing(qapp: QAp
     governed.run(60.0, late_ms=60.0)
     governed.state.assistant.set(AssistantStatus("answering"))
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, STEPS_WITH_BLUR[-1][1])
+    no_pictures = replace(tour.permissions, video_recording=False, photos=False)
+    assert not replace(tour, blur=BlurSettings("everybody"), permissions=no_pictures).covers_people
     assert governed.state.load.value == LoadStatus(3, "picture and panels slower")
 
 
