@@ -39,6 +39,8 @@ class Journal:
         self.path = path_of(study, person_id)
         self.resumed = self.path.exists()
         self._lines: list[dict[str, Any]] = []
+        self._changes: dict[tuple[str, str], Change] = {}
+        self._left: set[str] = set()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.resumed:
             self._take_over()
@@ -51,7 +53,7 @@ class Journal:
             file.write(json.dumps(entry, separators=(",", ":")).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
-        self._lines.append(entry)
+        self._remember(entry)
 
     def noted(self, key: str) -> Any:
         """The last that was noted of it; None where nothing was."""
@@ -59,18 +61,18 @@ class Journal:
 
     def changes(self) -> list[Change]:
         """The last of each file and kind that really happened."""
-        found = {}
-        for line in self._lines:
-            if "file" in line:
-                change = Change(**line)
-                found[change.file, change.what] = change
-        return list(found.values())
+        return list(self._changes.values())
 
     def was_done(self, path: Path, what: str) -> bool:
         """Whether this was done to the file, which is as that left it."""
-        name = self.name_of(path)
-        told = [change for change in self.changes() if (change.file, change.what) == (name, what)]
-        return bool(told) and _is_later(path, told[-1].after, [change.after for change in self.changes()])
+        told = self._changes.get((self.name_of(path), what))
+        if told is None:
+            return False
+        try:
+            # Or as a later step left it.
+            return digest_of(path) in self._left
+        except FileNotFoundError:
+            return told.after == ""
 
     def replace(self, path: Path, what: str, make: Callable[[Path], int]) -> None:
         """Put what ``make`` writes, to the path that it is given, in the place of a file; it tells how much it changed.
@@ -103,10 +105,18 @@ class Journal:
         self.path.unlink(missing_ok=True)
         bring_to_disk(self.path.parent)
 
+    def _remember(self, entry: dict[str, Any]) -> None:
+        self._lines.append(entry)
+        if "file" in entry:
+            change = Change(**entry)
+            self._changes[change.file, change.what] = change
+            self._left.add(change.after)
+
     def _take_over(self) -> None:
         content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
-        self._lines = [json.loads(line) for line in whole.splitlines()]
+        for line in whole.splitlines():
+            self._remember(json.loads(line))
         if len(whole) < len(content):
             # A kill cut the last line off; what it tells of has not happened.
             with self.path.open("r+b") as file:
@@ -133,11 +143,3 @@ def digest_of(path: Path) -> str:
         while block := file.read(_BLOCK_BYTES):
             digest.update(block)
     return digest.hexdigest()
-
-
-def _is_later(path: Path, after: str, known: list[str]) -> bool:
-    """Whether the file is as it was left then, or by a step that came later."""
-    try:
-        return digest_of(path) in {after, *known}
-    except FileNotFoundError:
-        return after == ""
