@@ -346,8 +346,8 @@ class LiveState(QObject):
             return
         robot = self.robot.value
         order = [camera.name for camera in robot.cameras] if robot is not None else []
-        order += self.own_cameras.value
         place = {camera: number for number, camera in enumerate(order)}
+        place.update({camera: len(order) + 1 + number for number, camera in enumerate(self.own_cameras.value)})
         names = sorted((*self.cameras.value, name), key=lambda camera: place.get(camera, len(order)))
         self.cameras.set(tuple(names))
         if not self._camera_by_hand:

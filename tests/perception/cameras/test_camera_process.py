@@ -173,7 +173,7 @@ def test_a_camera_that_sends_nothing_but_waste_is_lost_and_retried(
     rounds = iter([[np.zeros((1, 1, 3), np.uint8)] * 100, [GOOD, GOOD, CameraError("Gone.", "Look.")], []])
 
     def open_one(_chosen: ChosenCamera) -> CameraSource:
-        told = next(rounds)
+        told = next(rounds, [])
         if not told:
             raise CameraError("Gone.", "Look.")
         return ToldCamera(iter(told))
