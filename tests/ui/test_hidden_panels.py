@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GoalChanged, Marked, TopicTraffic, TrafficMeasured, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.status import AssistantStatus, MicrophoneStatus, PerceptionStatus, SpeechStatus
+from caris_desktop.live.status import AssistantStatus, MicrophoneStatus, PerceptionStatus, PersonHistory, SpeechStatus
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -67,6 +67,9 @@ def go_on(console: FakeConsole, number: int) -> None:
     state.persons.set(
         tuple(replace(person, name=f"{person.name} {number}", last_seen_ns=now_ns) for person in state.persons.value)
     )
+    state.everybody.set(state.persons.value)
+    state.selected_person.set(state.persons.value[number % 2].person_id)
+    state.person_history.set_anew(PersonHistory("p1", f"{number}"))
     state.drive.set(replace(state.drive.value, target_forward_mps=0.1 + number / 100, guard="slowing"))
     state.perception.set(PerceptionStatus("ready", "yolov8n", "", 20.0 + number))
     utterance = UtteranceChanged(now_ns, f"later{number}", "robot", f"Sentence {number}", "typed", "started")

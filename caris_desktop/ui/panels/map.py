@@ -16,6 +16,7 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
@@ -282,7 +283,8 @@ class MapPanel(Panel):
         if not self.in_view:
             return
         people: PeopleInMap | None = self.state.people_in_map.value
-        rows = {person.person_id: person for person in self.state.persons.value}
+        naming = self.console.scenario.permissions.naming_people
+        rows = {person.person_id: person for person in as_permitted(self.state.persons.value, naming=naming)}
         shown = []
         for person in people.people if people is not None else ():
             row = rows.get(person.person_id)

@@ -1,7 +1,5 @@
 """People: who is in front of the robot, who was, who is known, and what they are called."""
 
-from dataclasses import replace
-
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QLabel, QStackedLayout, QVBoxLayout, QWidget
@@ -10,7 +8,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIdentified
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
-from caris_desktop.people.presence import PersonRow, unnamed_label
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout
@@ -18,7 +16,7 @@ from caris_desktop.ui.people.people_list import PeopleList
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import everyone, found, seen_elsewhere
+from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, seen_elsewhere
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
@@ -130,7 +128,7 @@ class PeoplePanel(Panel):
         """Who is here, who was, who is known; only who is here, where nobody is named."""
         state = self.state
         if not self._names_people:
-            return tuple(_unnamed(person) for person in state.persons.value)
+            return as_permitted(state.persons.value, naming=False)
         return everyone(state.persons.value, state.everybody.value, state.present.now_ns())
 
     def _show_everyone(self, _persons: object = None) -> None:
@@ -348,9 +346,3 @@ class PeoplePanel(Panel):
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)
         return "Somebody" if row is None else words.person_name(row)
-
-
-def _unnamed(person: PersonRow) -> PersonRow:
-    """Somebody as an unnamed presence, also where another scenario let the wizard name them."""
-    name = unnamed_label(person.number) if person.number else person.name
-    return replace(person, name=name, known=False, group="", tags=(), suggestions=(), portrait="", visit_id="")

@@ -24,10 +24,10 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
-from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
@@ -161,7 +161,8 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _name_of(self, person_id: str) -> str:
-        persons: tuple[PersonRow, ...] = (*self.state.persons.value, *self.state.everybody.value)
+        naming = self.console.scenario.permissions.naming_people
+        persons = as_permitted((*self.state.persons.value, *self.state.everybody.value), naming=naming)
         person = next((person for person in persons if person.person_id == person_id), None)
         return "Somebody" if person is None else words.person_name(person)
 

@@ -9,6 +9,7 @@ from caris_desktop.live.status import SpeechStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import PHRASE_COUNT
 from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
@@ -134,7 +135,9 @@ class SpeakPanel(Panel):
         """The empty field names whom the wizard selected: what is said goes into that person's history."""
         if self.in_view:
             meant = self.state.selected_person.value
-            name = next((words.person_name(row) for row in self.state.persons.value if row.person_id == meant), "")
+            naming = self.console.scenario.permissions.naming_people
+            persons = as_permitted(self.state.persons.value, naming=naming)
+            name = next((words.person_name(row) for row in persons if row.person_id == meant), "")
             self.field.setPlaceholderText(f"Type what the robot says to {name}…" if name else _HINT)
 
     def _on_speech_changed(self, speech: SpeechStatus) -> None:

@@ -19,6 +19,7 @@ from caris_desktop.ui import words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.asked import AskedAbout
+from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -197,7 +198,8 @@ class VideoPanel(Panel):
         """Names on boxes; on one that the console asks about who it may be, and the key that says yes."""
         if not self.in_view:
             return
-        persons: tuple[PersonRow, ...] = self.state.persons.value
+        naming = self.console.scenario.permissions.naming_people
+        persons = as_permitted(self.state.persons.value, naming=naming)
         asked: AskedAbout | None = self.state.asked_person.value
         key = self.table.key_text("person_yes")
         self.view.show_names(

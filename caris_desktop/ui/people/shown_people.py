@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import words
 
 Standing = Literal["here", "was", "known"]
@@ -86,6 +86,18 @@ def recognised(person: PersonRow) -> str:
         return ""
     how = "recognised" if words.has_given_name(person) else "was here before"
     return f"{how}, {words.percent(person.confidence)}"
+
+
+def as_permitted(persons: Iterable[PersonRow], *, naming: bool) -> tuple[PersonRow, ...]:
+    """The rows as they are, or where the scenario names nobody as unnamed presence, also of whom another one named."""
+    return tuple(persons) if naming else tuple(map(_unnamed, persons))
+
+
+def _unnamed(person: PersonRow) -> PersonRow:
+    name = unnamed_label(person.number) if person.number else f"Person {person.track}"
+    return replace(
+        person, name=name, known=False, group="", tags=(), note="", suggestions=(), portrait="", visit_id="", summary=""
+    )
 
 
 def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_ns: int) -> tuple[PersonRow, ...]:

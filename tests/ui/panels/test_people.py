@@ -439,6 +439,11 @@ def test_where_nobody_is_named_there_is_presence_and_nothing_else(
     QTest.keyClick(panel.list, Qt.Key.Key_Z, CTRL)
     assert console.calls == []
     assert panel.card is None
+    frame = console.frames.add(samples.corridor())
+    console.state.take(frame)
+    people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
+    console.state.take(dataclasses.replace(people, boxes=(dataclasses.replace(people.boxes[0], person_id="p-luis"),)))
+    assert window.panels["video"].view.visible_boxes() == [("Person 1", False)]  # type: ignore[attr-defined]
     texts = [entry.text for entry in window.palette_entries()]
     assert not [text for text in texts if "Luis" in text]
     assert "Undo the last change to people" not in texts
