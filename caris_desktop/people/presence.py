@@ -251,7 +251,7 @@ class Presence:
     def _note_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
         """Seen from the robot, where it is now."""
         for place in places.people:
-            visit = self._visits.find(place.person_id)
+            visit = self._visits.of_track((places.camera, place.track)) or self._visits.find(place.person_id)
             if visit is None or not visit.here:
                 continue
             in_robot = map_from_robot.inverse() @ Pose2D(place.x_m, place.y_m, 0.0)
@@ -546,6 +546,7 @@ class Presence:
         about = self._known.about(visit.person_id)
         number = self._visits.number_of(visit.person_id)
         here = [each for each in visits if each.here]
+        placed = max(here, key=lambda each: each.placed_ns, default=visit)
         return PersonRow(
             visit.person_id,
             visit.track,
@@ -564,8 +565,8 @@ class Presence:
             suggestions=() if visit.identified else self._suggestions(visit),
             confidence=round(visit.confidence, 2),
             consents=self._known.consents(visit.person_id),
-            distance_m=visit.distance_m,
-            bearing_rad=visit.bearing_rad,
+            distance_m=placed.distance_m,
+            bearing_rad=placed.bearing_rad,
             speaking=visit.here and self._speaking == visit.person_id,
             posture=visit.posture,
             hand_raised=visit.hand_raised,

@@ -144,7 +144,7 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
 
 
 def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene(Presence(), standing(4.0, 2.2))
+    scene = Scene(Presence(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
         blind.setattr("caris_desktop.people.together.Together.take_spot", lambda *_: None)
         assert len(scene.play(3.0)) == 2
@@ -152,6 +152,9 @@ def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.M
     assert set(row.cameras) == {"front", "desk"}
     (joined,) = [event for event in scene.happened if isinstance(event, PersonIdentified)]
     assert (joined.is_person_id, joined.by) == (row.person_id, "console")
+    scene.play(2.5, cameras=("front",))
+    (row,) = scene.play(0.5, cameras=("front",))
+    assert row.distance_m == pytest.approx(2.0, abs=0.3), "whichever camera still sees them tells where they are"
 
 
 def test_somebody_elsewhere_is_never_taken_for_them() -> None:
