@@ -90,16 +90,17 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         frames, detector_s, tracker_s = 0, 0.0, 0.0
         for frames, (stamp_s, image_bgr) in enumerate(video.pictures(), start=1):
             height_px, width_px = image_bgr.shape[:2]
-            ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, frames, width_px, height_px)
+            number = frames + video.torn
+            ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, number, width_px, height_px)
             perceived = perceiver.perceive(image_bgr, Look(ref))
-            rows += [mot_row(frames, box) for box in perceived.boxes]
+            rows += [mot_row(number, box) for box in perceived.boxes]
             people |= {box.track for box in perceived.boxes}
             detector_s, tracker_s = detector_s + perceived.detector_s, tracker_s + perceived.tracker_s
             progress.tell(frames)
         seconds = time.perf_counter() - loaded_s
         progress.end(frames)
         if video.torn:
-            print(f"{video.torn} pictures of {arguments.video.name} are torn and were passed over.", file=sys.stderr)
+            print(f"Torn pictures in {arguments.video.name}, passed over: {video.torn}.", file=sys.stderr)
     _write(arguments.out, rows)
     return {
         "frames": frames,

@@ -124,6 +124,23 @@ def test_nobody_in_a_video_is_an_empty_result(tmp_path: Path, capsys: pytest.Cap
     assert json.loads(said)["people"] == 0
 
 
+@needs_int8_weights
+@needs_tud_campus
+def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = bytearray(TUD_CAMPUS_VIDEO.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 3000] = b"\x55" * 3000
+    torn, result = tmp_path / "torn.mp4", tmp_path / "result.txt"
+    torn.write_bytes(content)
+    status, said, told = track(capsys, torn, result, "--model", str(INT8_WEIGHTS), "--no-looks")
+    assert status == 0, told
+    assert "Torn pictures in torn.mp4, passed over: 1." in told
+    assert json.loads(said)["frames"] == 70
+    assert np.loadtxt(result, delimiter=",")[:, 0].max() == 71
+
+
 WRONG: dict[str, tuple[str, str, list[str], str]] = {
     # Video, result, further words, and what is said of it; in the test's folder.
     "missing": ("none.mp4", "result.txt", [], "none.mp4 does not exist"),
