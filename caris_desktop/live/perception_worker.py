@@ -35,7 +35,7 @@ from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.presence import PersonRow, Presence, RecognitionSettings
-from caris_desktop.perception.inference import FrameSkipped, InferenceFailed, InferenceReady
+from caris_desktop.perception.inference import DetectorAway, FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.tracker import Look
 from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
@@ -214,8 +214,13 @@ class PerceptionWorker(QObject):
                 self._publish(item.problem)
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
                 ready = False
+            elif isinstance(item, DetectorAway):
+                self._publish(item.problem)
+                self._set_status(replace(self._status, state="failed", detail=item.problem.what))
             elif isinstance(item, People):
                 busy = False
+                if self._status.state == "failed":  # the other machine is back
+                    self._set_status(replace(self._status, state="ready", detail=""))
                 self._look_rates.note(item.camera, now_ns=clock.now_ns())
                 if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
                     people, events = presence.update(item)

@@ -89,6 +89,14 @@ class InferenceFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class DetectorAway:
+    """The machine that looks in this one's place does not answer: no ``People`` until it does, and then again."""
+
+    stamp_ns: int
+    problem: Problem
+
+
+@dataclass(frozen=True, slots=True)
 class FrameSkipped:
     """The frame's pixels were overwritten before they could be read, or could not be processed: no ``People``."""
 
@@ -151,7 +159,7 @@ def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
         except DetectorAwayError as error:
             if str(error) != away:
                 away = str(error)
-                connection.send(_away_problem(away))
+                connection.send(DetectorAway(clock.now_ns(), _away_problem(away)))
         if connection.poll(_ASK_AGAIN_AFTER_S):
             newest(connection)
 
@@ -173,7 +181,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
             if str(error) != away:
                 away = str(error)
                 log.warning("pictures are passed over: %s", error)
-                connection.send(_away_problem(away))
+                connection.send(DetectorAway(clock.now_ns(), _away_problem(away)))
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         except Exception:
@@ -301,7 +309,6 @@ def _things_problem(perceiver: Perceiver) -> Problem:
         f"The detector does not know: {', '.join(perceiver.unknown_things)}.",
         "These things get no boxes and are not recorded; people do.",
         f"Correct perception.classes in the scenario. The detector knows: {known}.",
-        until="people",
     )
 
 

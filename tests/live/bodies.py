@@ -8,10 +8,10 @@ from pathlib import Path
 from caris_desktop.conversation.speech_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import Say
-from caris_desktop.domain.events import Marked, UtteranceChanged
+from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.inference import InferenceReady
+from caris_desktop.perception.inference import DetectorAway, FrameSkipped, InferenceReady
 
 
 def echo(connection: Connection) -> None:
@@ -48,6 +48,11 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
         value = -1 if image is None else int(image[0, 0, 0])
         if value == 13:
             os.abort()
+        if value == 7:
+            problem = Problem(0, "warning", "lab does not answer.", "No boxes.", "See whether it runs.", until="people")
+            connection.send(DetectorAway(0, problem))
+            connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
+            continue
         boxes = (PersonBox(1, "", 0.0, 0.0, 8.0, 8.0, 0.9),) if value > 100 else ()
         connection.send(People(ref.stamp_ns, ref.camera, ref.sequence, ref.width_px, ref.height_px, boxes, 1.0))
 

@@ -113,6 +113,14 @@ def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: 
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen + 2)
 
 
+def test_a_machine_that_looks_for_this_one_may_go_and_come_back(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 200, lambda: setup.people())
+    _show_until(qtbot, setup, 7, lambda: setup.statuses[-1] == "failed")
+    assert setup.of(Problem)[0].what == "lab does not answer."
+    _show_until(qtbot, setup, 200, lambda: setup.statuses[-1] == "ready")
+    assert setup.models[-1] == "brightness test"
+
+
 def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     first = setup.worker.child_pid

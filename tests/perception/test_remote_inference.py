@@ -15,7 +15,13 @@ from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.perception import inference
 from caris_desktop.perception.backends import remote
 from caris_desktop.perception.backends.chosen import DetectorSettings
-from caris_desktop.perception.inference import FrameSkipped, InferenceReady, InferenceSettings, run_inference
+from caris_desktop.perception.inference import (
+    DetectorAway,
+    FrameSkipped,
+    InferenceReady,
+    InferenceSettings,
+    run_inference,
+)
 from caris_desktop.perception.tracker import Look
 from tests.perception.served import Serving, picture
 
@@ -72,7 +78,7 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
     server.stop()
     running = Running(DetectorSettings(server=server.address))
     try:
-        problem = running.next(Problem)
+        problem = running.next(DetectorAway).problem
         assert problem.what == f"127.0.0.1:{server.port} does not answer."
         assert "remove perception.server" in problem.advice
         server.start()
@@ -83,7 +89,7 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
         assert running.next(People).camera == "front"
         server.stop()
         running.ask()
-        assert "does not answer" in running.next(Problem).what
+        assert "does not answer" in running.next(DetectorAway).problem.what
         running.next(FrameSkipped)
         running.ask()
         running.next(FrameSkipped)
@@ -116,5 +122,5 @@ def test_things_and_poses_are_told_beside_people(server: Serving) -> None:
 
 def test_its_end_is_noticed_while_it_waits() -> None:
     running = Running(DetectorSettings(server="ws://127.0.0.1:1"))
-    running.next(Problem)
+    running.next(DetectorAway)
     running.close()
