@@ -276,7 +276,10 @@ class BlurSettings:
 
     who: Annotated[
         BlurWho,
-        Rule("`without_consent`: everybody but those for whom consent to be filmed is noted in the People panel."),
+        Rule(
+            "`without_consent`: everybody but those for whom consent is noted in the People panel: to be filmed in "
+            "videos, to photos in photos."
+        ),
     ] = "nobody"
     what: Annotated[Literal["faces", "persons"], Rule("Heads alone, or whole bodies.")] = "persons"
     shown: Annotated[bool, Rule("The pictures in the window are pixelated too, for whoever else looks at it.")] = False

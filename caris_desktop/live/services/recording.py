@@ -71,7 +71,7 @@ class RecordingService(Service):
         self._video = self._audio = False
         self._markers_offered = OfferMarkers(False)
         self._blur = BlurDemand()
-        self._consents = UseConsents(frozenset())
+        self._consents = UseConsents()
         self._restarts = Restarts()
         self._scenario: Scenario | None = None
         self._started = False
@@ -250,8 +250,11 @@ class RecordingService(Service):
         self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), seen, pose))
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
-        """Who agreed to be filmed is not covered where only those who did not have to be."""
-        consents = UseConsents(frozenset(person.person_id for person in persons if "video" in person.consents))
+        """Who agreed to pictures is not covered in them where only those who did not have to be."""
+        consents = UseConsents(
+            frozenset(person.person_id for person in persons if "video" in person.consents),
+            frozenset(person.person_id for person in persons if "photo" in person.consents),
+        )
         if consents != self._consents:
             self._consents = consents
             if self._started:
@@ -259,7 +262,7 @@ class RecordingService(Service):
 
     def _tell_consents(self) -> None:
         """To a new recorder, for which nobody has agreed to anything."""
-        if self._consents.person_ids:
+        if self._consents != UseConsents():
             self._feed.request(self._consents)
 
     # What the recorder says

@@ -9,7 +9,7 @@ covered: no pixel of a person is ever written because something was late.
 
 from bisect import bisect_right, insort
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.recording.recorder.messages import BlurDemand, BlurWhat
+from caris_desktop.recording.recorder.messages import BlurDemand, BlurWhat, UseConsents
 
 Corners = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels."""
@@ -65,18 +65,19 @@ class _Waiting:
     image_bgr: NDArray[np.uint8]
     since_ns: int
     then: Callable[[NDArray[np.uint8]], None]
+    photo: bool
 
 
 class Blurring:
     """The frames of all cameras that wait to be covered. One thread; ``now_ns`` is the session clock throughout.
 
-    ``demand`` is what has to be covered, ``consenting`` are the ids of those who may be seen all the same.
+    What has to be covered is said by ``use_demand``, who may be seen all the same by ``use_consents``.
     """
 
     def __init__(self, covering: Covering) -> None:
         self._covering = covering
         self._demand = BlurDemand()
-        self._consenting: frozenset[str] = frozenset()
+        self._consents = UseConsents()
         self._lines: dict[str, _Line] = {}
         self._waiting_bytes = 0
 
@@ -95,9 +96,9 @@ class Blurring:
             self.flush()
             self._demand = demand
 
-    def use_consents(self, person_ids: Collection[str]) -> None:
+    def use_consents(self, consents: UseConsents) -> None:
         """In whatever waits too: who takes a consent back is covered from now on."""
-        self._consenting = frozenset(person_ids)
+        self._consents = consents
 
     def look(self, people: People, now_ns: int) -> None:
         """Who is in one frame of a camera. Also while nobody is covered: that may begin with the next frame."""
@@ -110,12 +111,14 @@ class Blurring:
         image_bgr: NDArray[np.uint8],
         now_ns: int,
         then: Callable[[NDArray[np.uint8]], None],
+        *,
+        photo: bool = False,
     ) -> None:
         """``then`` gets the picture, covered, in the order of its camera's; ``image_bgr`` is changed for that."""
         if not self.demanded:
             then(image_bgr)
             return
-        self._line(ref.camera).waiting.append(_Waiting(ref, image_bgr, now_ns, then))
+        self._line(ref.camera).waiting.append(_Waiting(ref, image_bgr, now_ns, then, photo))
         self._waiting_bytes += image_bgr.nbytes
         self.go_on(now_ns)
 
@@ -152,11 +155,9 @@ class Blurring:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
         near = line.looks_around(waiting.ref.stamp_ns)
-        parts = (
-            None
-            if near is None
-            else parts_at(waiting.ref.stamp_ns, near, self._demand, self._consenting, self._covering)
-        )
+        agreed = self._consents.photos if waiting.photo else self._consents.video
+        stamp_ns = waiting.ref.stamp_ns
+        parts = None if near is None else parts_at(stamp_ns, near, self._demand, agreed, self._covering)
         if parts is None:
             self._covering.cover_all(waiting.image_bgr)
             line.whole_since_ns = waiting.since_ns if line.whole_since_ns is None else line.whole_since_ns

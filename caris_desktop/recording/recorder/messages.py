@@ -37,11 +37,12 @@ class BlurDemand:
 
 @dataclass(frozen=True, slots=True)
 class UseConsents:
-    """The ids of those who agreed to be filmed, and are not covered where only those who did not have to be. Until
-    this comes nobody has.
+    """The ids of those who agreed to be filmed, and of those who agreed to photos: they are not covered in these where
+    only those who did not have to be. Until this comes nobody has.
     """
 
-    person_ids: frozenset[str]
+    video: frozenset[str] = frozenset()
+    photos: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,7 +160,7 @@ class _Recorder:
                         video=message.video, photos=message.photos, audio=message.audio, blur=message.blur
                     )
             case UseConsents():
-                self._blurring.use_consents(message.person_ids)
+                self._blurring.use_consents(message)
             case OfferMarkers():
                 self._tell_outlet(self._offer_markers(offered=message.offered, words=message.words))
             case _:
@@ -178,7 +178,9 @@ class _Recorder:
             )
             return
         self._blurring.use_demand(wanted.blur)
-        self._blurring.add(wanted.ref, image_bgr, clock.now_ns(), lambda covered: self._write_photo(wanted, covered))
+        self._blurring.add(
+            wanted.ref, image_bgr, clock.now_ns(), lambda covered: self._write_photo(wanted, covered), photo=True
+        )
 
     def _write_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         try:

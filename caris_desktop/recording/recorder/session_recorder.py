@@ -215,7 +215,7 @@ class SessionRecorder:
         if image_bgr is None:
             self._tell_photo_gone()
             return
-        self._when_covered(wanted.ref, image_bgr, lambda covered: self._keep_photo(wanted, covered))
+        self._when_covered(wanted.ref, image_bgr, lambda covered: self._keep_photo(wanted, covered), photo=True)
 
     def _keep_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         photo = photo_event(wanted, f"photos/{self._photos + 1:04d}.png")
@@ -230,13 +230,18 @@ class SessionRecorder:
         )
 
     def _when_covered(
-        self, ref: FrameRef, image_bgr: NDArray[np.uint8], then: Callable[[NDArray[np.uint8]], None]
+        self,
+        ref: FrameRef,
+        image_bgr: NDArray[np.uint8],
+        then: Callable[[NDArray[np.uint8]], None],
+        *,
+        photo: bool = False,
     ) -> None:
         """Pass the picture on, at once, or where people have to be covered in it as soon as they are."""
         if self._blurring is None:
             then(image_bgr)
         else:
-            self._blurring.add(ref, image_bgr, clock.now_ns(), then)
+            self._blurring.add(ref, image_bgr, clock.now_ns(), then, photo=photo)
 
     def _let_go_of_pictures(self) -> None:
         """No picture waits any longer: what is known by now has to do."""

@@ -86,10 +86,10 @@ def people() -> People:
 
 
 def test_who_agreed_to_be_filmed_is_told_as_soon_as_it_is_known_and_taken_back(bench: Bench) -> None:
-    bench.state.persons.set((person("p-1", "video"), person("p-2", "face"), person("p-3")))
-    assert bench.recorder.of(UseConsents) == [UseConsents(frozenset({"p-1"}))]
+    bench.state.persons.set((person("p-1", "video"), person("p-2", "face", "photo"), person("p-3")))
+    assert bench.recorder.of(UseConsents) == [UseConsents(frozenset({"p-1"}), frozenset({"p-2"}))]
     bench.state.persons.set((person("p-1"),))
-    assert bench.recorder.of(UseConsents, 2)[-1] == UseConsents(frozenset())
+    assert bench.recorder.of(UseConsents, 2)[-1] == UseConsents()
 
 
 def test_a_photo_goes_with_whom_to_cover_who_is_in_it_and_where_it_was(bench: Bench, tmp_path: Path) -> None:
