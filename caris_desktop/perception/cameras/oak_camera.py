@@ -2,6 +2,7 @@
 
 import datetime
 import logging
+import os
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ _SAME_MOMENT = datetime.timedelta(milliseconds=200)
 
 def oak_devices() -> list[str]:
     """The ids of those that are plugged in or in the network; empty also where depthai is not installed."""
+    # It would write to the terminal that there is no USB here.
+    os.environ.setdefault("DEPTHAI_LEVEL", "error")
     try:
         import depthai
     except ImportError:
