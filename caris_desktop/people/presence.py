@@ -24,8 +24,8 @@ from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.several_cameras import SeveralCameras
 from caris_desktop.people.store import HistoryEntry
-from caris_desktop.people.together import Spot, Together
 from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
@@ -162,7 +162,7 @@ class Presence:
         self._candidates: dict[Track, _Candidate] = {}
         self._visits = Visits()
         self._decisions = Decisions(self._known, self._visits, self.portraits)
-        self._together = Together()
+        self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
         self._looks_ns: dict[str, deque[int]] = {}
         self._session = ""
         self._speaking = ""
@@ -191,7 +191,7 @@ class Presence:
         self._looks_ns.setdefault(people.camera, deque(maxlen=_LOOKS)).append(now_ns)
         events: list[Event] = []
         for box in people.boxes:
-            self._together.see((people.camera, box.track), now_ns)
+            self._cameras.see((people.camera, box.track), now_ns)
             events += self._see((people.camera, box.track), now_ns)
             self._note_state((people.camera, box.track), box)
         events += self.tick(now_ns)
@@ -215,7 +215,7 @@ class Presence:
     def take_looks(self, looks: PersonLooks) -> list[Event]:
         """How somebody looked: to learn, and to find out who it is."""
         if self._settings.recognise != "nobody":
-            self._together.take_looks(looks)
+            self._cameras.take_looks(looks)
         visit = self._visits.of_track((looks.camera, looks.track))
         if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
             return []
@@ -240,13 +240,10 @@ class Presence:
 
     def take_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
         """Where people stand, and who of them are one person; ``map_from_robot`` is None where that is not known."""
-        for place in places.people:
-            if place.track >= 0:
-                spot = Spot(places.stamp_ns, place.x_m, place.y_m, place.spread_m)
-                self._together.take_spot((places.camera, place.track), spot)
+        self._cameras.take_places(places)
         if map_from_robot is not None:
             self._note_places(places, map_from_robot)
-        return self._join_and_part(places.stamp_ns)
+        return self._cameras.join_and_part(places.stamp_ns)
 
     def _note_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
         """Seen from the robot, where it is now."""
@@ -320,7 +317,7 @@ class Presence:
     def restart_tracks(self, now_ns: int) -> list[Event]:
         """The tracker began to count anew: its numbers no longer mean the people that they meant."""
         self._candidates.clear()
-        self._together.forget()
+        self._cameras.forget()
         events = [event for visit in self._visits.here() for event in self._leave(visit, now_ns)]
         self._visits.forget_tracks()
         return events
@@ -366,7 +363,7 @@ class Presence:
 
     def _appear(self, track: Track, now_ns: int) -> list[Event]:
         del self._candidates[track]
-        seen_already = self._seen_by_another(track)
+        seen_already = self._cameras.seen_by_another(track)
         if seen_already is not None:
             self._visits.attach(seen_already, track)
             return []
@@ -376,57 +373,6 @@ class Presence:
         self._visits.begin(visit, track)
         number = self._visits.number_of(person_id)
         return [PersonAppeared(now_ns, person_id, track[1], number), *self._known.problems(now_ns)]
-
-    # Several cameras
-
-    def _seen_by_another(self, track: Track) -> Visit | None:
-        """Who is here already, before another camera."""
-        for partner in self._together.partners(track):
-            visit = self._visits.of_track(partner)
-            # Somebody whom this camera sees as another track is not this one.
-            if visit is not None and visit.here and not self._in_view_of(visit, track[0]):
-                return visit
-        return None
-
-    def _in_view_of(self, visit: Visit, camera: str) -> bool:
-        seen = (self._together.seen_ns(track) for track in visit.tracks if track[0] == camera)
-        return any(visit.last_seen_ns - at_ns <= self._leave_after_ns for at_ns in seen)
-
-    def _join_and_part(self, now_ns: int) -> list[Event]:
-        """Visits that turn out to be one person's are that from now on, and tracks that are not are parted again."""
-        events: list[Event] = []
-        here = self._visits.here()
-        for visit in here:
-            if len(visit.tracks) > 1:
-                self._part(visit)
-        if len({visit.camera for visit in here}) < 2:
-            return events
-        for visit in sorted(here, key=lambda each: each.since_ns, reverse=True):
-            other = self._seen_by_another((visit.camera, visit.track))
-            if other is None or other.person_id == visit.person_id or self._never(visit, other):
-                continue
-            newer, older = (other, visit) if self._is_decided(visit) else (visit, other)
-            if self._is_decided(newer):
-                continue  # two people whom somebody knows: that is for the wizard to say
-            events += self._decisions.identify(newer, older.person_id, now_ns, both_here=True)
-        return events
-
-    def _is_decided(self, visit: Visit) -> bool:
-        return visit.identified or self._known.is_known(visit.person_id)
-
-    def _never(self, one: Visit, other: Visit) -> bool:
-        """Whether the wizard said that these are two people."""
-        return (
-            other.person_id in self._known.rejected_for(one.visit_id)
-            or one.person_id in self._known.rejected_for(other.visit_id)
-        )  # fmt: skip
-
-    def _part(self, visit: Visit) -> None:
-        """A track that stands elsewhere now begins anew, as a candidate."""
-        its_own = (visit.camera, visit.track)
-        for track in tuple(visit.tracks - {its_own}):
-            if self._together.verdict(its_own, track) == "different" and track[0] != visit.camera:
-                self._visits.detach(track)
 
     def _leave(self, visit: Visit, now_ns: int) -> list[Event]:
         visit.here = False
