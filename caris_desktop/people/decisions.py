@@ -122,7 +122,8 @@ class Decisions:
         before, confidence = visit.person_id, 0.0 if told is None else told.confidence
         concerned = [visit] if visit.identified else self._visits.of_person(visit.visit_id)
         back = [self._given_to(each, root) for each in concerned] + [self._known.link(visit.visit_id, root)]
-        visit.confidence = confidence
+        # How sure the console was says nothing of what the wizard knows.
+        visit.confidence = confidence if actor == CONSOLE else 0.0
         visit.summary = self._known.summary(root)
         if actor != CONSOLE:
             # What the console decided is taken back by saying who it is not, else it would decide the same again.

@@ -73,7 +73,7 @@ class PersonRow:
     recordings. ``number`` is the 3 of "Person 3", which they keep when they have a name too; 0 in older recordings.
 
     ``visit_id`` is the id with which this visit began; it differs from ``person_id`` where it is known who it is, by
-    the console or the wizard, with ``confidence``. ``suggestions`` are the two likeliest while it is not. ``known``:
+    the wizard, or by the console with ``confidence``. ``suggestions`` are the two likeliest while it is not. ``known``:
     something was written down about them. ``portrait`` is the key of their picture in ``state.portraits``, empty
     without one. ``distance_m`` and ``bearing_rad`` (left positive) are seen from the robot; None where not known.
     ``summary`` is what there was with them before this visit. Nothing but ids, places and times of it is recorded.

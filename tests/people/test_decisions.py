@@ -117,6 +117,19 @@ def test_who_was_confirmed_has_one_history_and_gives_it_back(room: Room) -> None
     assert {entry.text for entry in store.history(guest)} == {"Welcome!", "Welcome back!"}
 
 
+def test_who_was_confirmed_is_not_called_recognised(room: Room) -> None:
+    room.presence.use_settings(RecognitionSettings(confirm_at=1.0))
+    (ada,) = room.visit(ADA)
+    do(room, intents.NamePerson(ada, "Ada"))
+    (guest,) = room.visit(ADA, leaves=False)
+    (row,) = room.presence.persons()
+    assert row.suggestion is not None and row.suggestion.confidence > 0.5
+    (event,) = do(room, intents.ConfirmPerson(guest, ada))
+    assert isinstance(event, PersonIdentified) and event.confidence > 0.5, "the record has how sure the console was"
+    (row,) = room.presence.persons()
+    assert (row.name, row.confidence) == ("Ada", 0.0)
+
+
 def test_only_what_people_decided_is_undone_and_the_console_does_not_decide_it_then(room: Room) -> None:
     room.presence.use_settings(RecognitionSettings())
     (ada,) = room.visit(ADA)

@@ -246,7 +246,7 @@ class FakeConsole:
             {
                 person_id: dataclasses.replace(
                     known, track=seen.track, here=seen.here, since_ns=seen.since_ns, last_seen_ns=seen.last_seen_ns,
-                    camera=seen.camera, visit_id=person_id, confidence=0.82, number=seen.number,
+                    camera=seen.camera, visit_id=person_id, number=seen.number,
                 ),
                 is_person_id: None,
             }

@@ -219,6 +219,7 @@ class PeoplePanel(Panel):
 
     def _on_search_changed(self, _text: str) -> None:
         self.catch_up()
+        self.list.scrollToTop()
 
     def _pick_first(self) -> None:
         """Enter in the search selects who is found first, as in every other list that is searched."""

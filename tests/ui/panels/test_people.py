@@ -18,7 +18,7 @@ from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.people.asked import TO_READ_NS, AskedAbout, next_asked
-from caris_desktop.ui.people.people_list import ROW_PX
+from caris_desktop.ui.people.people_list import CAPTION_PX, ROW_PX
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
@@ -217,6 +217,7 @@ def test_a_suggestion_is_confirmed_by_one_key_from_anywhere(
     assert console.calls == [("confirm_person", ("p-3", "p-mara"))]
     assert field.text() == "Hello", "nothing was said"
     assert names(panel)[2] == "Mara Silva"
+    assert "recognised" not in told(panel, "p-mara"), "that was the wizard"
     QTest.keyClick(field, Qt.Key.Key_Return, CTRL)
     assert len(console.calls) == 1, "nothing is asked any more"
 
@@ -338,6 +339,9 @@ def test_people_are_found_by_name_group_and_tag(
     assert console.calls == [("attend_person", "p-mara")]
     field.setProperty("text", "group 1 ana")
     assert names(panel) == ["Ana Torres"]
+    panel.list.verticalScrollBar().setValue(500)
+    field.setProperty("text", "guest")
+    assert panel.list.row_rect(0).top() <= CAPTION_PX, "what is found is seen from its first"
     field.setProperty("text", "xyz")
     assert names(panel) == []
     assert "xyz" in find(panel, "people_empty").property("text")
