@@ -104,6 +104,7 @@ class Driver(Reporter):
             "recording": state.recording.value.state,
             "perception": state.perception.value.state,
             "people_here": len(state.persons.value),
+            "seen_by": [sorted(person.cameras) for person in state.persons.value],
             "robot": state.robot.value.name if state.robot.value is not None else "",
             "people_in_map": [[round(p.x_m, 1), round(p.y_m, 1)] for p in _people_in_map(state)],
             "goal": state.goal.value.state if state.goal.value is not None else "",
