@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.perception.backends import openvino
-from caris_desktop.perception.backends.network import NetworkDetector, facts_of
+from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import Device, open_detector
 from caris_desktop.perception.detector import Detections, Detector
 from caris_desktop.perception.weights import Weights, WeightsError
@@ -102,15 +102,7 @@ def _openers(
         return open_detector(at, confidence=confidence, threads=threads, device=device)
 
     def by_openvino(path: Path) -> Detector:
-        import onnxruntime
-
-        from caris_desktop.perception.backends.onnx import session_options
-
-        known = onnxruntime.InferenceSession(path, session_options(threads), providers=["CPUExecutionProvider"])
-        facts = facts_of(known.get_modelmeta().custom_metadata_map)
-        return NetworkDetector(
-            openvino.OpenvinoNetwork(path, threads=threads, facts=facts), weights, confidence=confidence
-        )
+        return NetworkDetector(openvino.OpenvinoNetwork(path, threads=threads), weights, confidence=confidence)
 
     def exported() -> Path:
         if not export.is_file():

@@ -11,7 +11,9 @@ from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.perception.backends.library import load_model
+from caris_desktop.perception.backends.network import UNDECODED
 from caris_desktop.perception.backends.onnx_graph import with_metadata
+from caris_desktop.perception.backends.outputs import BINS, STRIDES_PX
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.weights import Weights
 
@@ -62,6 +64,12 @@ def _exported(model: Any) -> bytes:
     dynamic = {"images": {2: "height", 3: "width"}}
     if not head.end2end:
         dynamic["output0"] = {2: "places"}
+    undecoded = (
+        type(head) is Detect and not head.end2end and head.reg_max == BINS and head.stride.tolist() == STRIDES_PX
+    )
+    if undecoded:
+        # Without the nodes that decode every place, of which few matter; it saves a sixteenth of the time.
+        head._inference = lambda found: torch.cat([found["boxes"], found["scores"]], 1)
     written = io.BytesIO()
     with torch.no_grad(), warnings.catch_warnings(), _without_onnx_package():
         warnings.simplefilter("ignore")
@@ -77,7 +85,8 @@ def _exported(model: Any) -> bytes:
             output_names=["output0"],
             dynamic_axes=dynamic,
         )
-    metadata = {"task": task, "names": repr(names), "stride": str(int(max(network.stride)))}
+    metadata = {UNDECODED: "true"} if undecoded else {}
+    metadata |= {"task": task, "names": repr(names), "stride": str(int(max(network.stride)))}
     if task == "pose":
         metadata["kpt_shape"] = repr([int(number) for number in head.kpt_shape])
     return with_metadata(written.getvalue(), metadata)

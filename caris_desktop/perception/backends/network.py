@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.perception.backends.outputs import form_of, person_groups, reader, suppress
+from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
 from caris_desktop.perception.backends.pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
 from caris_desktop.perception.coco import COCO_NAMES
 from caris_desktop.perception.detector import Detections
@@ -18,6 +18,8 @@ from caris_desktop.perception.weights import Weights
 
 log = logging.getLogger(__name__)
 
+UNDECODED = "caris_undecoded"
+"""Metadata of what this program exported itself: true where boxes are to be decoded by whoever runs it."""
 _NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
 
 
@@ -32,6 +34,8 @@ class ModelFacts:
     class_names: tuple[str, ...] = ()
     keypoint_values: int = 0
     detects: bool = True
+    undecoded: bool = False
+    """The nodes that compute boxes are left out; they are computed here, for the few places that matter."""
 
 
 def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
@@ -47,6 +51,7 @@ def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
         class_names=tuple(str(name) for name in names) if isinstance(names, list | tuple) else (),
         keypoint_values=int(values) if task == "pose" else 0,
         detects=task in ("detect", "pose"),
+        undecoded=metadata.get(UNDECODED) == "true",
     )
 
 
@@ -101,7 +106,10 @@ class NetworkDetector:
         # The first picture is many times slower than the rest, and its output tells the form.
         output = network.run(self._to_input(np.full((*size, 3), 114, np.uint8)))
         class_count = len(facts.class_names) or None
-        form = form_of(output.shape, size, class_count=class_count, keypoint_values=facts.keypoint_values)
+        form: Form | None = "undecoded" if facts.undecoded else None
+        if facts.undecoded and (class_count is None or output.shape[1:2] != (4 * BINS + class_count,)):
+            raise UnknownFormError(f"its output of shape {output.shape} does not fit its classes")
+        form = form or form_of(output.shape, size, class_count=class_count, keypoint_values=facts.keypoint_values)
         if form is None:
             raise UnknownFormError(f"its output of shape {output.shape} is not that of a known detector")
         self._read = reader(form, keypoint_values=facts.keypoint_values)

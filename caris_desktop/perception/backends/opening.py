@@ -48,7 +48,7 @@ def _network(weights: Weights, *, confidence: float, threads: int, device: Devic
     if suffix == ".onnx":
         from caris_desktop.perception.backends.onnx import OnnxNetwork
 
-        return OnnxNetwork(weights.path, confidence=confidence, threads=threads, device=device)
+        return OnnxNetwork(weights.path, threads=threads, device=device)
     if suffix == ".tflite":
         from caris_desktop.perception.backends.tflite import TfliteNetwork
 

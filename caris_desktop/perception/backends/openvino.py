@@ -1,6 +1,7 @@
 """Networks by OpenVINO, where that package is installed: folders of its own form, or ONNX files."""
 
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
+from caris_desktop.perception.backends.onnx_graph import describe
 
 
 def is_installed() -> bool:
@@ -25,7 +27,7 @@ def network_file(path: Path) -> Path:
 
 
 class OpenvinoNetwork:
-    """A ``Network``. ``facts`` are those of another export of the same weights, where the file has none of its own.
+    """A ``Network``.
 
     Raises UnknownFormError, and what OpenVINO raises for a bad file.
     """
@@ -33,7 +35,7 @@ class OpenvinoNetwork:
     channels_last = False
     relative = False
 
-    def __init__(self, path: Path, *, threads: int, facts: ModelFacts | None = None) -> None:
+    def __init__(self, path: Path, *, threads: int) -> None:
         import openvino
 
         core = openvino.Core()
@@ -41,9 +43,9 @@ class OpenvinoNetwork:
         model = core.read_model(str(file))
         if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
             raise UnknownFormError("it takes something else than one picture")
-        if file.suffix == ".xml" and facts is None:
-            facts = facts_of(_metadata_beside(file))
-        self.facts = facts or ModelFacts()
+        # Of an ONNX file OpenVINO reads the network alone.
+        told = describe(file.read_bytes()).metadata if file.suffix == ".onnx" else _metadata_beside(file)
+        self.facts: ModelFacts = facts_of(told)
         _, _, height, width = model.input().get_partial_shape()
         fixed = height.is_static and width.is_static
         self.fixed_size: tuple[int, int] | None = (height.get_length(), width.get_length()) if fixed else None
@@ -58,7 +60,7 @@ class OpenvinoNetwork:
         return np.asarray(self._compiled(values)[0], np.float32)
 
 
-def _metadata_beside(file: Path) -> dict[str, object]:
+def _metadata_beside(file: Path) -> Mapping[str, object]:
     try:
         found = yaml.safe_load((file.parent / "metadata.yaml").read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError):

@@ -8,15 +8,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-_STRIDES_PX = (8, 16, 32)
+STRIDES_PX = [8, 16, 32]
 # Ultralytics' own: boxes of one class that overlap more are one thing, and no picture holds more things than that.
 _SAME_OVERLAP = 0.7
 _BOXES_AT_MOST = 300
 _CANDIDATES_AT_MOST = 5000
 _FINAL_ROWS_AT_MOST = 1000
 KEYPOINTS = 17
+BINS = 16
 
-Form = Literal["raw", "final", "yolox"]
+Form = Literal["raw", "final", "yolox", "undecoded"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,7 @@ def form_of(
     rows, columns = shape[1:]
     if columns == 6 + keypoint_values and rows <= _FINAL_ROWS_AT_MOST:
         return "final"
-    places = sum(input_size[0] // stride * (input_size[1] // stride) for stride in _STRIDES_PX)
+    places = sum(input_size[0] // stride * (input_size[1] // stride) for stride in STRIDES_PX)
     if class_count is not None:
         if rows == 4 + class_count + keypoint_values:
             return "raw"
@@ -62,6 +63,8 @@ def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.floa
     """The function that reads this form: of output, size of the input and least confidence."""
     if form == "yolox":
         return read_yolox
+    if form == "undecoded":
+        return lambda output, size, confidence: read_raw(decode(output, size, confidence), confidence)
     if form == "final":
         return lambda output, _size, confidence: read_final(output, confidence, keypoint_values=keypoint_values)
     return lambda output, _size, confidence: read_raw(output, confidence, keypoint_values=keypoint_values)
@@ -160,11 +163,41 @@ def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, .
     return groups
 
 
+def decode(raw: NDArray[np.float32], size: tuple[int, int], confidence: float) -> NDArray[np.float32]:
+    """What the left-out nodes of such a head compute, for the places that are surer than ``confidence``.
+
+    Parameters
+    ----------
+    raw
+        Shape (1, 64 + classes, places): for each side of the box the logits of its distance from the place, in 16
+        bins of one stride, then the logits of the classes.
+    size
+        Height and width of the network's input, multiples of 32.
+
+    Returns
+    -------
+    Shape (1, 4 + classes, kept places): centre x and y, width and height in pixels of the input, class probabilities.
+    """
+    floor = min(max(confidence, 1e-6), 0.5)
+    class_logits = raw[0, 4 * BINS :]
+    kept = np.flatnonzero(class_logits.max(axis=0) > np.log(floor / (1.0 - floor)))
+    places_xy, stride_px = places(*size)
+    places_xy, stride_px = places_xy[:, kept], stride_px[kept]
+    weights = raw[0, : 4 * BINS, kept].T.reshape(4, BINS, len(kept))
+    weights = np.exp(weights - weights.max(axis=1, keepdims=True))
+    bins = np.arange(BINS, dtype=np.float32)[:, np.newaxis]
+    distances = (weights * bins).sum(axis=1) / weights.sum(axis=1)
+    near, far = places_xy - distances[:2], places_xy + distances[2:]
+    boxes = np.concatenate([(near + far) / 2.0, far - near]) * stride_px
+    probabilities = 1.0 / (1.0 + np.exp(-class_logits[:, kept]))
+    return np.concatenate([boxes, probabilities])[np.newaxis].astype(np.float32)
+
+
 @lru_cache(maxsize=4)
 def places(height_px: int, width_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Centres of the cells of a detection head in units of their stride, shape (2, places), and the stride of each."""
     centres, strides = [], []
-    for stride_px in _STRIDES_PX:
+    for stride_px in STRIDES_PX:
         rows, columns = np.mgrid[0 : height_px // stride_px, 0 : width_px // stride_px]
         centres.append(np.stack([columns.ravel(), rows.ravel()]) + 0.5)
         strides.append(np.full(rows.size, stride_px))

