@@ -5,10 +5,13 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import numpy as np
+
 from caris_desktop.conversation.speech_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
+from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.inference import DetectorAway, FrameSkipped, InferenceReady
@@ -37,7 +40,11 @@ def crash(connection: Connection) -> None:
 
 
 def brightness(connection: Connection, frames: FrameReader, marker: str) -> None:
-    """Stands in for a detector: one person where the frame is bright; a frame of 13 kills it, as native code would."""
+    """Stands in for a detector: one person where the frame is bright; a frame of 13 kills it, as native code would.
+
+    From 201 on the person is the track of that number, is seen well, and always looks the same.
+    """
+    looks = np.eye(1, 512, dtype=np.float32)[0]
     connection.send(InferenceReady(0, f"brightness {marker}", 0.0))
     while True:
         try:
@@ -53,13 +60,15 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
             connection.send(DetectorAway(0, problem))
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
-        boxes = (PersonBox(1, "", 0.0, 0.0, 8.0, 8.0, 0.9),) if value > 100 else ()
+        track = max(1, value - 200)
+        boxes = (PersonBox(track, "", 0.0, 0.0, 8.0, 8.0, 0.9),) if value > 100 else ()
         connection.send(People(ref.stamp_ns, ref.camera, ref.sequence, ref.width_px, ref.height_px, boxes, 1.0))
+        if value > 200:
+            connection.send(PersonLooks(ref.stamp_ns, ref.camera, track, "clothing", "eye", looks, 0.9))
+            connection.send(PersonPortrait(ref.stamp_ns, ref.camera, track, b"\xff\xd8", 0.9))
 
 
 def write_frames(connection: Connection, count: int, frames: FrameWriter) -> None:
-    import numpy as np
-
     for number in range(count):
         image = np.full((6, 8, 3), number, np.uint8)
         connection.send(frames.write(image, stamp_ns=number, robot_stamp_ns=None, camera="front"))
@@ -68,8 +77,6 @@ def write_frames(connection: Connection, count: int, frames: FrameWriter) -> Non
 
 def link_with_camera(connection: Connection, camera: str, frames: FrameWriter) -> None:
     """Stands in for a media link: pictures at 50 Hz, and one more at its very end."""
-    import numpy as np
-
     number = 0
     ended = False
     while not ended:
@@ -117,8 +124,6 @@ def deaf_to(connection: Connection, _request: object) -> None:
 
 def camera_that_notes(connection: Connection, notes: Path, frames: FrameWriter) -> None:
     """Sends pictures all the time, and writes down what it is told, a line each."""
-    import numpy as np
-
     image = np.full((48, 64, 3), 200, np.uint8)
     while True:
         try:

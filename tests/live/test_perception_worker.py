@@ -10,12 +10,13 @@ from PySide6.QtCore import QThread
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import PersonAppeared, PersonLeft, PersonRenamed, Problem
+from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonRenamed, Problem
 from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.presence import Presence
 from tests.live import bodies
 
@@ -24,10 +25,13 @@ class Setup:
     def __init__(self) -> None:
         self.ring = FrameRing.create(max_frame_bytes=64 * 48 * 3)
         self.published: list[Any] = []
+        self.portraits = Portraits()
+        self.everybody: list[Any] = []
         self.worker = PerceptionWorker(
             ProcessBody("inference", bodies.brightness, (RingsToRead((self.ring.name,)), "test")),
             lambda: (Presence(), []),
             self.published.append,
+            self.portraits,
         )
         self.statuses: list[str] = []
         self.rows: list[Any] = []
@@ -35,6 +39,7 @@ class Setup:
         self.worker.status_changed.connect(lambda status: self.statuses.append(status.state))
         self.worker.status_changed.connect(lambda status: self.models.append(status.model))
         self.worker.persons_changed.connect(self.rows.append)
+        self.worker.everybody_changed.connect(self.everybody.append)
         self.thread = QThread()
         self.worker.moveToThread(self.thread)
         self.thread.started.connect(self.worker.run)
@@ -79,6 +84,21 @@ def test_a_person_appears_is_named_and_leaves_when_the_camera_goes_black(qtbot: 
     _show_until(qtbot, setup, 200, lambda: setup.people()[-1].boxes[0].person_id == person.person_id)
     _show_until(qtbot, setup, 0, lambda: not setup.rows[-1])
     assert setup.of(PersonLeft)[0].person_id == person.person_id
+
+
+def test_who_comes_back_is_known_by_how_they_look_and_their_picture_is_at_hand(qtbot: QtBot, setup: Setup) -> None:
+    _show_until(qtbot, setup, 201, lambda: setup.rows and setup.rows[-1] and setup.rows[-1][0].portrait)
+    person = setup.rows[-1][0]
+    setup.worker.ask(NamePerson(person.person_id, "Mara"))
+    _show_until(qtbot, setup, 0, lambda: not setup.rows[-1])
+    _show_until(qtbot, setup, 202, lambda: setup.rows[-1] and setup.rows[-1][0].person_id == person.person_id)
+    (row,) = setup.rows[-1]
+    assert (row.name, row.known) == ("Mara", True)
+    (found,) = setup.of(PersonIdentified)
+    assert (found.person_id, found.is_person_id, found.by) == (row.visit_id, person.person_id, "console")
+    assert setup.portraits.get(row.portrait) == b"\xff\xd8"
+    (everybody,) = setup.everybody[-1]
+    assert everybody.person_id == person.person_id
 
 
 def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
