@@ -226,6 +226,7 @@ class Decisions:
             for track in tuple(other.tracks):
                 self._visits.attach(visit, track)
             visit.here, other.here = visit.here or other.here, False
+            visit.leave_to_wizard()
             self._visits.drop(other)
 
         self._remember("split", new_id, root, back_again)

@@ -7,11 +7,13 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import (
     ConsentKind,
     Event,
     PersonAppeared,
     PersonLeft,
+    PersonSplit,
     PersonSuggested,
     PhotoTaken,
     SessionEnded,
@@ -219,6 +221,12 @@ class Presence:
         visit = self._visits.of_track((looks.camera, looks.track))
         if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
             return []
+        if looks.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
+            match self._known.identities.still_the_same(visit.visit_id, looks):
+                case "doubtful":
+                    return []
+                case "somebody else":
+                    return self._somebody_else_stands_there(visit, looks.stamp_ns)
         if not self._known.identities.see(visit.visit_id, looks):
             return []
         visit.looks += 1
@@ -284,7 +292,12 @@ class Presence:
 
     def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
         """What follows from it; a Problem where it cannot be done."""
-        return [*self._decisions.do(asked, now_ns), *self._known.problems(now_ns)]
+        here = self._visits.here()
+        events = self._decisions.do(asked, now_ns)
+        for visit in here:
+            if not visit.here and visit in self._visits:
+                self._end(visit)
+        return [*events, *self._known.problems(now_ns)]
 
     # What is shown
 
@@ -433,6 +446,22 @@ class Presence:
             return True
         decided = visit.identified or visit.settled or self._known.is_known(visit.person_id)
         return self._settings.recognise == "faces" and (not decided or "face" in self._known.consents(visit.person_id))
+
+    def _somebody_else_stands_there(self, visit: Visit, now_ns: int) -> list[Event]:
+        """A tracker that mistakes one for another would pass a name on."""
+        tracks = tuple(visit.tracks)
+        events = self._leave(visit, now_ns)
+        new_id = self._known.add()
+        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        other.seen_by_camera_ns = now_ns
+        for track in tracks:
+            self._visits.begin(other, track)
+        number = self._visits.number_of(new_id)
+        return [
+            *events,
+            PersonSplit(now_ns, new_id, visit.person_id, CONSOLE),
+            PersonAppeared(now_ns, new_id, other.track, number),
+        ]
 
     def _recognise(self, visit: Visit, looks: PersonLooks) -> list[Event]:
         here = self._visits.here()

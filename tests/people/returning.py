@@ -121,6 +121,8 @@ def recognised(
             truth.setdefault(row.visit_id, sight.person_of_track.get(row.track, -1))
         for looks in sight.looks:
             events += presence.take_looks(looks)
+        for row in presence.persons():  # who turned out to be somebody else
+            truth.setdefault(row.visit_id, sight.person_of_track.get(row.track, -1))
         for event in events:
             if isinstance(event, PersonIdentified):
                 right = truth[event.person_id] == truth[event.is_person_id]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import PersonIdentified, PersonSuggested
+from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonSplit, PersonSuggested
 from caris_desktop.people.presence import RecognitionSettings
 from caris_desktop.people.store import PeopleStore
 from tests.people.crowd import Room
@@ -95,6 +95,25 @@ def test_between_two_who_look_alike_only_the_wizard_decides() -> None:
     assert room.of(PersonIdentified) == []
     (row,) = room.presence.persons()
     assert {suggested.name for suggested in row.suggestions} == {"Ada", "Anna"}
+
+
+def test_a_tracker_that_takes_one_for_another_passes_no_name_on() -> None:
+    room = Room()
+    (visit,) = room.visit(ADA, leaves=False)
+    room.presence.do(intents.NamePerson(visit, "Ada"), room.now_ns)
+    room.events.clear()
+    room.see({1: BO}, frames=2)
+    assert [row.name for row in room.presence.persons()] == ["Ada"], "not by a glance"
+    room.see({1: ADA}, frames=2)
+    room.see({1: BO}, frames=4)
+    left, split, came = room.events
+    assert isinstance(left, PersonLeft) and isinstance(split, PersonSplit) and isinstance(came, PersonAppeared)
+    assert (left.person_id, split.from_person_id, split.actor) == (visit, visit, "console")
+    (row,) = room.presence.persons()
+    assert (row.name, row.person_id, row.known) == ("Person 2", came.person_id, False)
+    room.wait(4.0)
+    room.visit(ADA, leaves=False)
+    assert room.presence.persons()[0].name == "Ada", "the other's looks were not taken for hers"
 
 
 def test_those_who_were_mistaken_for_one_another_are_told_apart_with_more_care() -> None:
