@@ -155,11 +155,18 @@ class CamerasService(Service):
         running.child.ask_to_end()
         self._slow_work.do(
             lambda: running.child.stop(grace_s=_GRACE_S),
-            lambda _ended: self._free_rings.append(running.ring),
+            lambda _ended: self._left(running),
             self._tell,
         )
         self._bus.publish(CameraState(clock.now_ns(), name, "ended", "This scenario does without it."))
         self._state.forget_camera(name)
+
+    def _left(self, running: _Running) -> None:
+        """Its child has ended. What that still sent is taken in first, and does not bring the camera back."""
+        self._free_rings.append(running.ring)
+        self._bus.take_in()
+        if running.camera.name not in self._running:
+            self._state.forget_camera(running.camera.name)
 
     def _note(self, state: CameraState, _raw: bytes | None) -> None:  # any thread
         if state.state == "ended":

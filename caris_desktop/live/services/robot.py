@@ -49,7 +49,7 @@ from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import RobotProfile, profile_text
+from caris_desktop.robot.profile import CameraTopic, RobotProfile, profile_text
 from caris_desktop.scenario.model import Place, Scenario
 
 _log = logging.getLogger(__name__)
@@ -303,15 +303,23 @@ class RobotService(Service):
         connection = self._connection
         if connection is None or self._profile(connection) == self._state.robot.value:
             return
-        for camera in self._state.robot.value.cameras:
-            self._state.forget_camera(camera.name)
+        before = self._state.robot.value.cameras
         self._state.robot.set(self._profile(connection))
+        self._forget_cameras(before)
         media = self._links.pop("media", None)
-        if media is not None:
-            media.ask_to_end()
-            self._slow_work.do(
-                lambda: media.stop(grace_s=1.0), lambda _ended: self._restart_link("media"), self._tell_failure
-            )
+        if media is None:
+            return
+
+        def ended(_ended: None) -> None:
+            self._forget_cameras(before)  # which its last pictures may have brought back
+            self._restart_link("media")
+
+        media.ask_to_end()
+        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._tell_failure)
+
+    def _forget_cameras(self, cameras: tuple[CameraTopic, ...]) -> None:
+        for camera in cameras:
+            self._state.forget_camera(camera.name)
 
     def _tell_failure(self, failure: ToldFailure) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice)

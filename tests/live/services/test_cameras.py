@@ -169,7 +169,9 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
     bench.use(DOOR)
     assert desk.asked_to_end
     assert (bench.state.cameras.value, bench.state.camera.value, bench.state.frame.value) == ((), "", None)
-    qtbot.waitUntil(lambda: desk.stopped)
+    bench.bus.publish(FrameRef(2, None, "desk", "ring", 0, 2, 64, 48))  # the last one of a child that ends
+    qtbot.waitUntil(lambda: bool(bench.service._free_rings))
+    assert (desk.stopped, bench.state.cameras.value) == (True, ()), "it does not come back with it"
     assert list(bench.service.processes()) == ["camera door"]
     bench.end(desk)
     assert bench.problems() == []
