@@ -209,7 +209,7 @@ class PerceptionWorker(QObject):
                 presence.take_portrait(item)
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
-                self._set_status(PerceptionStatus(state="ready", model=item.model, server=item.server))
+                self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
             elif isinstance(item, InferenceFailed):
                 self._publish(item.problem)
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))

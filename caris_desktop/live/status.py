@@ -212,7 +212,8 @@ class PersonHistory:
 class PerceptionStatus:
     """``looks_per_s`` says of each camera how often people are looked for in its pictures.
 
-    ``server`` is the other machine that does it and gets the pictures for it, empty for none.
+    ``server`` is the other machine that does it and gets the pictures for it, empty for none. ``recognises`` says by
+    what people can be known again, clothing or face: for what there is a network.
     """
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
@@ -221,6 +222,7 @@ class PerceptionStatus:
     inference_ms: float | None = None
     looks_per_s: tuple[tuple[str, float], ...] = ()
     server: str = ""
+    recognises: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

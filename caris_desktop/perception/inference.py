@@ -14,7 +14,7 @@ import numpy as np
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
@@ -72,12 +72,14 @@ class InferenceReady:
     """The model is loaded and warm; sent once, before the first ``People``.
 
     ``server`` is the other machine that looks in this one's place, and gets the pictures; empty for none.
+    ``recognises`` says by what people can be known again: for what there is a network.
     """
 
     stamp_ns: int
     model: str
     load_s: float
     server: str = ""
+    recognises: tuple[LooksKind, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,14 +134,20 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info("detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.looks_model or "nothing")
-    connection.send(
-        InferenceReady(clock.now_ns(), perceiver.label, load_s, without_credentials(settings.detector.server))
-    )
+    server = without_credentials(settings.detector.server)
+    recognises = _recognises(perceiver, settings)
+    connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises))
     if perceiver.trouble:
         connection.send(_looks_problem(perceiver.trouble))
     if perceiver.unknown_things:
         connection.send(_things_problem(perceiver))
     _follow(connection, frames, perceiver, settings)
+
+
+def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[LooksKind, ...]:
+    clothing: tuple[LooksKind, ...] = ("clothing",) if perceiver.looks_model else ()
+    has_faces = settings.face_model is not None and settings.face_model.is_file()
+    return (*clothing, "face") if has_faces else clothing
 
 
 def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:

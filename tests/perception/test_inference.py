@@ -103,6 +103,7 @@ def ready(offline_inference: RunningInference) -> InferenceReady:
 def test_it_says_which_model_runs(ready: InferenceReady) -> None:
     assert "YOLOv8s" in ready.model
     assert ready.load_s > 0.0
+    assert ready.recognises[-1] == "face", "there is a network for faces"
 
 
 @needs_offline_package

@@ -207,7 +207,7 @@ def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
             "It stops as soon as it touches something, and there is a safety zone around it.",
         )
     )  # fmt: skip
-    state.perception.set(PerceptionStatus("ready", "yolov8n", "", 31.0))
+    state.perception.set(PerceptionStatus("ready", "yolov8n", "", 31.0, recognises=("clothing",)))
     state.persons.set(
         (
             PersonRow("p1", 1, "Luis", True, now_ns - 190_000_000_000, now_ns),

@@ -246,6 +246,7 @@ class PeoplePanel(Panel):
                 lambda person_id, text: self.console.do(intents.LookUpPerson(person_id, text))
             )
             self.destroyed.connect(self._card.deleteLater)
+        self._card.about.use_networks(self.state.perception.value.recognises)
         beside = QRect(self.mapTo(self.window(), QPoint()), self.size())
         self._card.open_for(person, self.state.present.now_ns(), beside)
 

@@ -1,6 +1,6 @@
 """The card's first page: how it is known who this is, what was written down, what they agreed to, their history."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import get_args
 
 from PySide6.QtCore import Qt, QTimer, Signal
@@ -27,11 +27,15 @@ _HISTORY_ROWS = 6
 MOST_SUGGESTED = 2
 
 
-def how_known(person: PersonRow, recognise: str) -> str:
-    """How the console knows who this is, and what it cannot know. ``recognise`` is the scenario's setting."""
+def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
+    """How the console knows who this is, and what it cannot know.
+
+    ``recognise`` is the scenario's setting, ``recognises`` for what there is a network: clothing, face.
+    """
     if recognise == "nobody":
         return "Nobody is recognised in this scenario: who somebody is you say yourself."
-    by_face = recognise == "faces" and "face" in person.consents
+    faces = recognise == "faces" and "face" in recognises
+    by_face = faces and "face" in person.consents
     if is_identified(person) and person.confidence:
         how = "by face or clothing" if by_face else "by clothing, today only"
         return f"Recognised {how} ({words.percent(person.confidence)})."
@@ -39,7 +43,11 @@ def how_known(person: PersonRow, recognise: str) -> str:
         return "You said who this is."
     if by_face:
         return "Is recognised by face, on other days too."
-    if recognise == "faces":
+    if "clothing" not in recognises and not faces:
+        return "Nobody is recognised: there is no network for it on this computer. Who somebody is you say yourself."
+    if recognise == "faces" and not faces:
+        return "Is recognised by clothing, today only: the study has no network for faces, so on another day nobody is."
+    if faces:
         return "Is recognised by clothing, today only: on other days by face, where consent for that is noted below."
     return "Is recognised by clothing, today only. On another day nobody is recognised."
 
@@ -61,6 +69,7 @@ class AboutPage(QWidget):
         self._theme = theme
         self._do = do
         self._recognise = recognise
+        self._recognises: tuple[str, ...] = ()
         self._person: PersonRow | None = None
         self._headings: list[QLabel] = []
         self._how = QLabel()
@@ -184,6 +193,10 @@ class AboutPage(QWidget):
         self._search.blockSignals(False)
         self.show_history(person.person_id, (), "")
 
+    def use_networks(self, recognises: tuple[str, ...]) -> None:
+        """For what there is a network: clothing, face."""
+        self._recognises = recognises
+
     def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
         """What is being typed stays."""
         self._person = person
@@ -198,7 +211,7 @@ class AboutPage(QWidget):
         if not self._note.hasFocus() and self._note.toPlainText() != person.note:
             self._note.setPlainText(person.note)
         self._complete(groups)
-        self._how.setText(how_known(person, self._recognise))
+        self._how.setText(how_known(person, self._recognise, self._recognises))
         show_part(self._not, is_identified(person) and person.here)
         self._not.set_label(f"Not {words.shortened(name, 18)}")
         for number, (row, said, _yes, _no) in enumerate(self._suggested):

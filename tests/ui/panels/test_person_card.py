@@ -102,12 +102,16 @@ def test_the_card_shows_who_it_is_and_how_that_is_known(
 
 def test_what_cannot_be_promised_is_said() -> None:
     luis, ana, third, *_ = people_samples.people_of_a_tour(10**12)
-    assert "On another day nobody is recognised" in how_known(third, "clothing")
-    assert "where consent for that is noted" in how_known(third, "faces")
-    assert "by face" in how_known(dataclasses.replace(ana, consents=("face",)), "faces")
-    assert "by face" not in how_known(dataclasses.replace(luis, consents=("face",)), "clothing")
-    assert how_known(third, "nobody").startswith("Nobody is recognised")
-    assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing") == "You said who this is."
+    agreed = dataclasses.replace(ana, consents=("face",))
+    clothing, both = ("clothing",), ("clothing", "face")
+    assert "On another day nobody is recognised" in how_known(third, "clothing", both)
+    assert "where consent for that is noted" in how_known(third, "faces", both)
+    assert "by face" in how_known(agreed, "faces", both)
+    assert "no network for faces" in how_known(agreed, "faces", clothing)
+    assert "there is no network for it" in how_known(third, "clothing", ())
+    assert "by face" not in how_known(dataclasses.replace(luis, consents=("face",)), "clothing", both)
+    assert how_known(third, "nobody", both).startswith("Nobody is recognised")
+    assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing", both) == "You said who this is."
 
 
 def test_what_is_written_down_is_kept_when_the_field_is_left(
