@@ -1,6 +1,5 @@
 """How somebody looks, as a vector: crops of people through a re-identification network (OSNet's form, ONNX)."""
 
-import hashlib
 import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 
 log = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ class AppearanceError(Exception):
 
 class AppearanceModel:
     """For one thread. ``name`` is the network's: its file's name and the beginning of its checksum, since vectors of
-    two networks are never alike.
+    two networks are never alike. A checksum beside the file (``.sha256``) has to be its own.
 
     Raises
     ------
@@ -44,12 +45,14 @@ class AppearanceModel:
 
         options = session_options(threads)
         try:
-            content = path.read_bytes()
+            content, digest = read_checked(path)
             self._session: Any = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except WrongChecksum as error:
+            raise AppearanceError(str(error)) from error
         except Exception as error:  # onnxruntime raises types of its own, which it does not name
             log.info("could not load %s", path, exc_info=True)
             raise AppearanceError(f"The re-identification model {path.name} could not be loaded.") from error
-        self.name = f"{path.stem}-{hashlib.sha256(content).hexdigest()[:8]}"
+        self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:

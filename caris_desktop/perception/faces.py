@@ -4,7 +4,6 @@ Where the detector tells eyes and nose, the face is turned and scaled so that th
 Where it tells none, the middle of the head's part of the box has to do: that is worth less, and is told as such.
 """
 
-import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 from caris_desktop.perception.tracker import Look, TrackedBox
 
 log = logging.getLogger(__name__)
@@ -50,14 +50,11 @@ class FaceModel:
         from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 
         try:
-            content = path.read_bytes()
-            expected = path.with_name(f"{path.name}.sha256")
-            wanted = expected.read_text("ascii", "replace").split()[:1] if expected.is_file() else None
+            content, digest = read_checked(path)
         except OSError as error:
             raise FaceModelError(f"The network for faces, {path.name}, cannot be read.") from error
-        digest = hashlib.sha256(content).hexdigest()
-        if wanted is not None and wanted != [digest]:
-            raise FaceModelError(f"{path.name} is not the network whose checksum is in {path.name}.sha256.")
+        except WrongChecksum as error:
+            raise FaceModelError(str(error)) from error
         prepare_runtimes(threads=threads)
         import onnxruntime
 

@@ -163,6 +163,7 @@ def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
                 allow_download=settings.allow_download,
                 confidence=settings.confidence,
                 settings=settings.detector,
+                models_folder=None if settings.face_model is None else settings.face_model.parent,
             )
         except DetectorAwayError as error:
             if str(error) != away:

@@ -1,6 +1,7 @@
 """From a picture to the people in it: detector, tracker, looks and portraits as one, for the console and offline."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,8 +131,9 @@ def open_perceiver(
     allow_download: bool = True,
     confidence: float = LEAST_CONFIDENCE,
     settings: DetectorSettings | None = None,
+    models_folder: Path | None = None,
 ) -> Perceiver:
-    """Find, load and warm up everything, which takes seconds.
+    """Find, load and warm up everything, which takes seconds. ``models_folder`` is the study's own.
 
     Raises
     ------
@@ -140,15 +142,15 @@ def open_perceiver(
     """
     settings = settings or DetectorSettings()
     chosen = open_chosen(weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download)
-    appearance, trouble = _appearance(chosen.folder, threads) if recognise_looks else (None, "")
+    appearance, trouble = _appearance((models_folder, chosen.folder), threads) if recognise_looks else (None, "")
     people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance)
     looks_model = "" if appearance is None else appearance.name
     return Perceiver(chosen, people, looks_model, trouble=trouble, things=settings.things)
 
 
-def _appearance(beside: Path | None, threads: int) -> tuple[AppearanceModel | None, str]:
-    """The network beside the detector or in a models folder, if there is one that can be used."""
-    path = find_appearance((*([] if beside is None else [beside]), *models_dirs()))
+def _appearance(first: Iterable[Path | None], threads: int) -> tuple[AppearanceModel | None, str]:
+    """The network in one of these folders or a models folder, if there is one that can be used."""
+    path = find_appearance((*(folder for folder in first if folder is not None), *models_dirs()))
     if path is None:
         return None, ""
     try:

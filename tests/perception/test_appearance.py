@@ -1,5 +1,6 @@
 """How people look, as vectors; and the best view of each."""
 
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -57,6 +58,16 @@ def test_a_file_that_is_no_such_network_is_told_by_name(tmp_path: Path, content:
     (tmp_path / "osnet_bad.onnx").write_bytes(content)
     with pytest.raises(AppearanceError, match=f"osnet_bad.onnx.*{words}"):
         AppearanceModel(tmp_path / "osnet_bad.onnx")
+
+
+def test_a_checksum_beside_the_file_has_to_be_its_own(tmp_path: Path, model: AppearanceModel) -> None:
+    path = tmp_path / "osnet_test.onnx"
+    checksum = tmp_path / "osnet_test.onnx.sha256"
+    checksum.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest().upper()}  osnet_test.onnx\n", encoding="ascii")
+    assert AppearanceModel(path).name == model.name
+    checksum.write_text("0" * 64, encoding="ascii")
+    with pytest.raises(AppearanceError, match="is not the network whose checksum"):
+        AppearanceModel(path)
 
 
 def test_a_network_is_found_in_the_first_folder_that_has_one(tmp_path: Path) -> None:
