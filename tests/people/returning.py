@@ -7,22 +7,26 @@ from datetime import datetime, timedelta
 from random import Random
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.domain.events import PersonIdentified
 from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.people import PersonLooks
-from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence, RecognitionSettings
 from caris_desktop.perception.appearance import AppearanceModel
-from caris_desktop.perception.following import view_qualities
+from caris_desktop.perception.following import overlaps, view_qualities
+from caris_desktop.perception.perceiver import Perceiver
+from caris_desktop.perception.tracker import Look
 from caris_desktop.simulator.people import Visit
-from tests.support.walkers import FilmedFrame
+from tests.support.walkers import FilmedFrame, TrueBox
 
 RATE_HZ = 2.0
 MORNING = datetime(2026, 11, 23, 9, 0)
 _CONFIDENCE = 0.8
 _LEAST_PX = (20.0, 60.0)
+_SAME_BOX = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +83,7 @@ def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Si
         if not boxes:
             yield Sight(_people(frame.stamp_ns, ()), (), {})
             continue
-        corners = np.array(
-            [(box.left_px, box.top_px, box.left_px + box.width_px, box.top_px + box.height_px) for box in boxes]
-        )
+        corners = _corners(boxes)
         height_px, width_px = frame.image_bgr.shape[:2]
         qualities = view_qualities(corners, np.full(len(boxes), _CONFIDENCE), (float(width_px), float(height_px)))
         vectors = network.look(frame.image_bgr, list(corners)).astype(np.float32)
@@ -93,6 +95,43 @@ def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Si
             PersonBox(box.visit, "", box.left_px, box.top_px, box.width_px, box.height_px, _CONFIDENCE) for box in boxes
         )
         yield Sight(_people(frame.stamp_ns, found), looks, {box.visit: box.person for box in boxes})
+
+
+def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight]:
+    """What perception does tell: with its own detector and tracker, and whoever overlaps a track most is its person."""
+    for number, frame in enumerate(frames):
+        height_px, width_px = frame.image_bgr.shape[:2]
+        ref = FrameRef(frame.stamp_ns, None, "front", "", 0, number, width_px, height_px)
+        boxes = perceiver.perceive(frame.image_bgr, Look(ref)).boxes
+        looks = tuple(
+            PersonLooks(
+                frame.stamp_ns, "front", box.track, "clothing", perceiver.looks_model, box.looks.astype(np.float32),
+                box.quality,
+            )
+            for box in boxes if box.looks is not None
+        )  # fmt: skip
+        people = tuple(
+            PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
+            for box in boxes
+        )
+        yield Sight(_people(frame.stamp_ns, people), looks, _whose(people, frame.boxes))
+
+
+def _whose(people: Sequence[PersonBox], true_boxes: Sequence[TrueBox]) -> dict[int, int]:
+    """The person of each track, -1 where nobody stands there."""
+    if not people or not true_boxes:
+        return dict.fromkeys((box.track for box in people), -1)
+    share = overlaps(_corners(people), _corners(true_boxes))
+    return {
+        box.track: true_boxes[int(row.argmax())].person if row.max() >= _SAME_BOX else -1
+        for box, row in zip(people, share, strict=True)
+    }
+
+
+def _corners(boxes: Sequence[PersonBox] | Sequence[TrueBox]) -> NDArray[np.float64]:
+    return np.array(
+        [(box.left_px, box.top_px, box.left_px + box.width_px, box.top_px + box.height_px) for box in boxes]
+    )
 
 
 def _people(stamp_ns: int, boxes: tuple[PersonBox, ...]) -> People:
@@ -117,32 +156,33 @@ def recognised(
     for sight in sights:
         now_ns = sight.people.stamp_ns
         events = presence.update(sight.people)[1]
-        for row in presence.persons():
-            truth.setdefault(row.visit_id, sight.person_of_track.get(row.track, -1))
         for looks in sight.looks:
             events += presence.take_looks(looks)
-        for row in presence.persons():  # who turned out to be somebody else
-            truth.setdefault(row.visit_id, sight.person_of_track.get(row.track, -1))
+        rows = presence.persons()
+        for row in rows:
+            if sight.person_of_track.get(row.track, -1) >= 0:
+                truth.setdefault(row.visit_id, sight.person_of_track[row.track])
         for event in events:
             if isinstance(event, PersonIdentified):
-                right = truth[event.person_id] == truth[event.is_person_id]
+                right = truth.get(event.person_id) == truth.get(event.is_person_id)
                 outcome.wrong += not right
                 outcome.named += right and event.is_person_id in named_at_first
-        for row in presence.persons():
-            if truth[row.visit_id] in to_name:
-                to_name.remove(truth[row.visit_id])
+        for row in rows:
+            person = truth.get(row.visit_id)
+            if person in to_name:
+                to_name.remove(person)
                 named_at_first.add(row.visit_id)
-                presence.do(NamePerson(row.person_id, f"Name {truth[row.visit_id]}"), now_ns)
+                presence.do(NamePerson(row.person_id, f"Name {person}"), now_ns)
             elif row.person_id != row.visit_id:
                 last_told[row.visit_id] = [row.person_id]
             else:
                 last_told[row.visit_id] = [suggested.person_id for suggested in row.suggestions]
                 outcome.told += [
-                    (suggested.confidence, truth[suggested.person_id] == truth[row.visit_id])
+                    (suggested.confidence, truth.get(suggested.person_id) == person)
                     for suggested in row.suggestions[:1]
                 ]
     for visit_id, person in truth.items():
         if person in everybody and visit_id not in named_at_first:
             outcome.returns += 1
-            outcome.suggested += person in {truth[each] for each in last_told[visit_id]}
+            outcome.suggested += person in {truth.get(each) for each in last_told[visit_id]}
     return outcome
