@@ -75,16 +75,30 @@ def _resizable(path: Path, content: bytes, options: Any) -> Any:
     """A session of the network without its last nodes, for input of any size; None where its head is not known."""
     import onnxruntime
 
+    cut = without_decoding(content)
+    if cut is None:
+        return None
+    try:
+        session = onnxruntime.InferenceSession(cut, options, providers=[_CPU])
+    except Exception as error:  # onnxruntime has types of its own
+        log.info("%s keeps the input size that it was exported for: %s", path.name, error)
+        return None
+    (shape,) = (output.shape for output in session.get_outputs())
+    classes = len(facts_of(session.get_modelmeta().custom_metadata_map).class_names)
+    return session if len(shape) == 3 and shape[1] == 4 * BINS + classes else None
+
+
+def without_decoding(content: bytes) -> bytes | None:
+    """An ONNX network without the nodes that compute its boxes, which hold it to one size of input.
+
+    None where it takes any size anyway, its head is not known, or it is no ONNX network.
+    """
     try:
         known = describe(content)
         heads = [name for name in known.tensors if _RAW_HEAD.fullmatch(name)]
         facts = facts_of(known.metadata)
         if len(heads) != 1 or None in known.input_dims[2:] or facts.keypoint_values or not facts.class_names:
             return None
-        cut = cut_graph(content, output=heads[0], input_dims=(1, 3, "height", "width"))
-        session = onnxruntime.InferenceSession(cut, options, providers=[_CPU])
-    except Exception as error:  # onnxruntime has types of its own
-        log.info("%s keeps the input size that it was exported for: %s", path.name, error)
+        return cut_graph(content, output=heads[0], input_dims=(1, 3, "height", "width"))
+    except ValueError:
         return None
-    (shape,) = (output.shape for output in session.get_outputs())
-    return session if len(shape) == 3 and shape[1] == 4 * BINS + len(facts.class_names) else None

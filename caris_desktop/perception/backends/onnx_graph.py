@@ -18,7 +18,12 @@ from google.protobuf.message_factory import GetMessageClass
 _FLOAT = 1
 # What is cut, or says where: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.
 _MESSAGES = {
-    "Model": {"graph": (7, "Graph"), "metadata_props": (14, "Entry[]")},
+    # Some look at the first fields only to know an ONNX file, and what is not declared here is written last.
+    "Model": {
+        "ir_version": (1, "int64"), "graph": (7, "Graph"), "opset_import": (8, "Opset[]"),
+        "metadata_props": (14, "Entry[]"),
+    },
+    "Opset": {"domain": (1, "string"), "version": (2, "int64")},
     "Entry": {"key": (1, "string"), "value": (2, "string")},
     "Graph": {
         "node": (1, "Node[]"), "initializer": (5, "Tensor[]"), "input": (11, "Value[]"), "output": (12, "Value[]"),
@@ -60,8 +65,7 @@ def with_metadata(content: bytes, metadata: Mapping[str, str]) -> bytes:
     added = _model_class()()
     for key, value in metadata.items():
         added.metadata_props.add(key=key, value=value)
-    # Two messages one after the other are both together. Written anew, its fields would be in an order by which
-    # OpenVINO does not know an ONNX file.
+    # Two messages one after the other are both together.
     extended: bytes = content + added.SerializeToString()
     return extended
 

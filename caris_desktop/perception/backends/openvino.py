@@ -1,15 +1,23 @@
 """Networks by OpenVINO, where that package is installed: folders of its own form, or ONNX files."""
 
 import importlib.util
+import io
+import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
+from caris_desktop.perception.backends.onnx import without_decoding
 from caris_desktop.perception.backends.onnx_graph import describe
+from caris_desktop.perception.backends.outputs import BINS
+
+log = logging.getLogger(__name__)
 
 
 def is_installed() -> bool:
@@ -40,12 +48,16 @@ class OpenvinoNetwork:
 
         core = openvino.Core()
         file = network_file(path)
-        model = core.read_model(str(file))
+        if file.suffix == ".onnx":
+            # Of an ONNX file OpenVINO reads the network alone.
+            content = file.read_bytes()
+            model, facts = _read_onnx(core, content), facts_of(describe(content).metadata)
+        else:
+            model, facts = core.read_model(str(file)), facts_of(_metadata_beside(file))
         if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
             raise UnknownFormError("it takes something else than one picture")
-        # Of an ONNX file OpenVINO reads the network alone.
-        told = describe(file.read_bytes()).metadata if file.suffix == ".onnx" else _metadata_beside(file)
-        self.facts: ModelFacts = facts_of(told)
+        undecoded = facts.undecoded or model.output().get_partial_shape()[1] == 4 * BINS + len(facts.class_names)
+        self.facts: ModelFacts = replace(facts, undecoded=undecoded and bool(facts.class_names))
         _, _, height, width = model.input().get_partial_shape()
         fixed = height.is_static and width.is_static
         self.fixed_size: tuple[int, int] | None = (height.get_length(), width.get_length()) if fixed else None
@@ -58,6 +70,17 @@ class OpenvinoNetwork:
 
     def run(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(self._compiled(values)[0], np.float32)
+
+
+def _read_onnx(core: Any, content: bytes) -> Any:
+    """For input of any size, where its head is known."""
+    cut = without_decoding(content)
+    if cut is not None:
+        try:
+            return core.read_model(io.BytesIO(cut))
+        except RuntimeError as error:
+            log.info("the network keeps the input size that it was exported for: %s", error)
+    return core.read_model(io.BytesIO(content))
 
 
 def _metadata_beside(file: Path) -> Mapping[str, object]:

