@@ -86,10 +86,13 @@ def go_on(console: FakeConsole, number: int) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in PANELS if name != "robot"])
-def test_a_panel_behind_another_tab_does_nothing(window: MainWindow, console: FakeConsole, name: PanelName) -> None:
+def test_a_panel_behind_another_tab_does_nothing(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, name: PanelName
+) -> None:
     panel = put_aside(window, name)
     go_on(console, 1)
-    QApplication.processEvents()
+    # What was to be painted soon when the panel was put aside comes to its end.
+    qtbot.waitUntil(lambda: not any(timer.isActive() for timer in panel.findChildren(QTimer)))
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     work = Work(app, panel)
