@@ -83,7 +83,7 @@ class PeoplePanel(Panel):
         layout.addWidget(holder, 1)
         layout.addWidget(self._undo)
         self._listen()
-        self.every(1000, self.model.refresh_ages)
+        self.every(1000, self._on_second)
         self.catch_up()
 
     def _listen(self) -> None:
@@ -99,6 +99,11 @@ class PeoplePanel(Panel):
         state.person_history.changed.connect(self._on_history_found)
         self.table.keys_changed.connect(self._show_asked)
         self.theme.changed.connect(self._refresh)
+
+    def _on_second(self) -> None:
+        """Ages grow by themselves."""
+        self.model.refresh_ages()
+        self._renew_card()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._search_button] if self._names_people else []

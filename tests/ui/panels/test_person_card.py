@@ -100,6 +100,17 @@ def test_the_card_shows_who_it_is_and_how_that_is_known(
     assert field(window, "person_card_name_field").text() == ""
 
 
+def test_the_card_grows_old_with_the_person(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    opened(panel, console, "p-luis")
+    rows = console.state.persons.value
+    earlier = dataclasses.replace(rows[0], since_ns=rows[0].since_ns - 60 * MINUTE_NS)
+    # As if an hour had passed: nothing tells of it but the clock.
+    console.state.persons.value = (earlier, *rows[1:])
+    qtbot.waitUntil(lambda: "here for 63 min" in str(find(window, "person_card_seen").property("text")))
+
+
 def test_what_cannot_be_promised_is_said() -> None:
     luis, ana, third, *_ = people_samples.people_of_a_tour(10**12)
     agreed = dataclasses.replace(ana, consents=("face",))
