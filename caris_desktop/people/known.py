@@ -63,7 +63,7 @@ class KnownPeople:
 
     def _load(self, store: PeopleStore) -> None:
         try:
-            store.expire()
+            store.expire(day_began_utc_ns=self._day_began_utc_ns())
             everybody = store.everybody()
             consents, rejections, looks = store.consents(), store.rejections(), store.looks()
         except PeopleStoreError as error:
@@ -99,13 +99,16 @@ class KnownPeople:
     def _end_of_day_utc_ns(self) -> int:
         return round(datetime.combine(self._now().date() + timedelta(days=1), time.min).timestamp() * 1e9)
 
+    def _day_began_utc_ns(self) -> int:
+        return round(datetime.combine(self._now().date(), time.min).timestamp() * 1e9)
+
     def turn_day(self) -> bool:
         """Whether midnight has passed: clothes of yesterday tell nothing any more."""
         if self.today() == self._day:
             return False
         self._day = self.today()
         self.identities.drop("clothing")
-        self._write(lambda store: store.expire())
+        self._write(lambda store: store.expire(day_began_utc_ns=self._day_began_utc_ns()))
         return True
 
     # Who

@@ -315,7 +315,7 @@ class Presence:
         seen = {row.person_id for row in rows}
         before = tuple(
             PersonRow(
-                known.person_id, -1, known.about.name, here=False, since_ns=0, last_seen_ns=0,
+                known.person_id, -1, self._name_of(known.person_id), here=False, since_ns=0, last_seen_ns=0,
                 known=True, group=known.about.group, tags=known.about.tags, note=known.about.note,
                 portrait=self._portrait_of(known.person_id), consents=self._known.consents(known.person_id),
             )

@@ -209,19 +209,19 @@ class PeopleStore:
             if (content := unseal(key, owner, "looks", sealed))
         )
 
-    def expire(self) -> None:
-        """Delete the looks whose day is over, and the portraits of those whom nobody wrote anything down about."""
+    def expire(self, *, day_began_utc_ns: int) -> None:
+        """Delete the looks whose day is over, and the portraits of those of whom nobody wrote anything down, or agreed
+        to photos for them, and who were not here today.
+        """
         with self._file.writing():
-            expired = self._database.execute(
-                "DELETE FROM looks WHERE expires_utc_ns <= ? RETURNING person_id", (self._utc_now_ns(),)
-            ).fetchall()
-            for (person_id,) in expired:
-                self._database.execute(
-                    "DELETE FROM portraits WHERE person_id = ? AND person_id NOT IN "
-                    "(SELECT person_id FROM people WHERE about IS NOT NULL OR is_person_id <> '')",
-                    (person_id,),
-                )
-        if expired:
+            gone = self._database.execute("DELETE FROM looks WHERE expires_utc_ns <= ?", (self._utc_now_ns(),)).rowcount
+            gone += self._database.execute(
+                "DELETE FROM portraits WHERE person_id IN (SELECT person_id FROM people WHERE about IS NULL "
+                "AND is_person_id = '' AND last_seen_utc_ns < ?) "
+                "AND person_id NOT IN (SELECT person_id FROM consents WHERE kind = 'photo' AND given)",
+                (day_began_utc_ns,),
+            ).rowcount
+        if gone:
             with self._file.explained("written"):
                 self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 

@@ -334,3 +334,14 @@ def test_ten_minutes_of_people_coming_and_going_leave_no_more_than_the_first_min
         sizes.append(held())
     assert max(size[0] for size in sizes[4:]) <= 1.1 * sizes[3][0]
     assert len(room.presence.everybody()) <= 300
+
+
+def test_who_is_known_from_before_without_a_name_is_called_by_a_number(tmp_path: Path) -> None:
+    store = PeopleStore(tmp_path / "people.sqlite")
+    for about in (About("Ada"), About(note="Likes trains")):
+        store.describe(store.add().person_id, about)
+    room = Room(store)
+    assert {(row.name, row.note, row.known) for row in room.presence.everybody()} == {
+        ("Ada", "", True), ("Person 1", "Likes trains", True),
+    }  # fmt: skip
+    room.presence.close()

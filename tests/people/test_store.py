@@ -171,14 +171,16 @@ def test_of_a_long_history_only_what_is_shown_is_opened_and_all_of_it_has_to_be_
 def test_clothes_expire_with_the_day_and_with_them_the_picture_of_who_was_only_passing(path: Path) -> None:
     now_ns = NOW_NS
     store = PeopleStore(path, utc_now_ns=lambda: now_ns)
-    ada, passer_by = furnished(store, ABOUT), furnished(store, About())
+    ada, agreed, passer_by, undecided = (furnished(store, about) for about in (ABOUT, About(), About(), About()))
+    store.drop_looks(undecided, "clothing")
+    store._database.execute("DELETE FROM consents WHERE person_id <> ?", (agreed,))
     now_ns += 10**9
-    store.expire()
-    assert len(store.looks()) == 2
+    store.expire(day_began_utc_ns=NOW_NS)
+    assert len(store.looks()) == 3
     now_ns += 2 * HOUR_NS
     assert store.looks() == (), "also before they are deleted"
-    store.expire()
-    assert (store.portrait(ada), store.portrait(passer_by)) == (PORTRAIT, None)
+    store.expire(day_began_utc_ns=now_ns - 10**9)
+    assert [store.portrait(each) for each in (ada, agreed, passer_by, undecided)] == [PORTRAIT, PORTRAIT, None, None]
     now_ns = NOW_NS
     assert store.looks() == ()
     store.close()
