@@ -307,7 +307,11 @@ class Decisions:
         return self._known.root_of(person_id)
 
     def _exists(self, person_id: str) -> bool:
-        return self._visits.find(person_id) is not None or self._known.is_known(person_id)
+        return (
+            self._visits.find(person_id) is not None
+            or self._known.is_known(person_id)
+            or self._known.identities.knows(self._root(person_id))
+        )
 
 
 def _all(undos: list[Undo]) -> Callable[[], None]:

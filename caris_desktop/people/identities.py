@@ -178,6 +178,10 @@ class Identities:
                     held.pop(by)
         self._galleries = None
 
+    def knows(self, person_id: str) -> bool:
+        """Whether somebody can be taken for this person."""
+        return person_id in self._settled
+
     def views_of(self, person_id: str) -> dict[_By, Vectors]:
         """What there is to keep of that visit."""
         return {by: views.vectors() for by, views in self._views.get(person_id, {}).items() if views.count}

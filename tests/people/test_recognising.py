@@ -204,6 +204,23 @@ def test_who_was_here_before_the_program_ended_is_known_again_on_the_same_day_on
     room.presence.close()
 
 
+def test_a_stranger_of_this_morning_can_be_confirmed_after_the_program_was_started_again(tmp_path: Path) -> None:
+    morning = datetime(2026, 11, 23, 9, 0)
+    noon_ns = round(datetime(2026, 11, 23, 12, 0).timestamp() * 1e9)
+    room = Room(PeopleStore(tmp_path / "people.sqlite", utc_now_ns=lambda: noon_ns), morning=morning)
+    (stranger,) = room.visit(CY)
+    room.presence.close()
+    store = PeopleStore(tmp_path / "people.sqlite", utc_now_ns=lambda: noon_ns)
+    room = Room(store, settings=ASK_FIRST, morning=morning)
+    (visit,) = room.visit(CY, leaves=False)
+    (row,) = room.presence.persons()
+    assert row.suggestion is not None and row.suggestion.person_id == stranger
+    (event,) = room.presence.do(intents.ConfirmPerson(visit, stranger), room.now_ns)
+    assert isinstance(event, PersonIdentified)
+    assert room.presence.persons()[0].person_id == stranger
+    room.presence.close()
+
+
 def test_a_scenario_that_recognises_nobody_learns_nothing() -> None:
     room = Room(settings=RecognitionSettings("nobody"))
     named(room, Ada=ADA)
