@@ -472,7 +472,7 @@ class Presence:
         best, second = judgement.best, judgement.runner_up
         if best is None:
             visit.suggested_id = ""
-            if visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
+            if not visit.settled and visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
                 self._settle(visit)
             return []
         confirm_at = 1.0 if visit.by_hand else self._settings.confirm_at

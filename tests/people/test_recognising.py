@@ -2,11 +2,13 @@
 
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonSplit, PersonSuggested
+from caris_desktop.people.gallery import Gallery
 from caris_desktop.people.presence import RecognitionSettings
 from caris_desktop.people.store import PeopleStore
 from tests.people.crowd import Room
@@ -250,3 +252,19 @@ def test_a_face_is_known_on_another_day_only_with_consent_and_where_the_scenario
         room.presence.do(intents.NoteConsent(visit, "face", given=False), room.now_ns)
         assert store.looks() == (), "taken back, it is gone"
     room.presence.close()
+
+
+def test_a_stranger_who_stays_costs_no_new_gallery_with_each_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    room = Room()
+    named(room, Ada=ADA)
+    room.visit(CY, leaves=False, frames=12)
+    built: list[object] = []
+    gallery_of = Gallery.of
+
+    def counted(vectors: Any) -> Gallery:
+        built.append(vectors)
+        return gallery_of(vectors)
+
+    monkeypatch.setattr(Gallery, "of", counted)
+    room.see({2: CY}, frames=40)
+    assert len(built) <= 1
