@@ -317,7 +317,7 @@ else
 fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
-extras=embedded
+extras=embedded,openvino
 if [[ $with_tests == yes ]]; then extras+=,test; fi
 # One resolution, so that torch, torchvision and what depends on them agree.
 pip_install "${torch_pins[@]}" --editable ".[$extras]"

@@ -3,10 +3,11 @@
 import importlib.util
 import io
 import logging
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
@@ -44,6 +45,8 @@ class OpenvinoNetwork:
     relative = False
 
     def __init__(self, path: Path, *, threads: int) -> None:
+        # With this name taken OpenVINO uses its own stub for reports of use to its maker.
+        sys.modules.setdefault("openvino_telemetry", cast(Any, None))
         import openvino
 
         core = openvino.Core()

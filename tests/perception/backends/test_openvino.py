@@ -1,5 +1,7 @@
 """OpenVINO, where it is installed: it finds what onnxruntime finds, in ONNX files and in folders of its own form."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +59,15 @@ def test_a_network_that_was_exported_for_one_size_runs_smaller() -> None:
     found = detector.detect(bus_picture())
     assert len(expected.confidences) >= 2
     assert abs(float(found.confidences.max()) - float(expected.confidences.max())) < 0.1
+
+
+def test_nothing_of_it_reports_to_its_maker(folder: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from caris_desktop.perception.backends.openvino import OpenvinoNetwork; "
+        f"OpenvinoNetwork(Path({str(folder)!r}), threads=1); "
+        "print([name for name, module in sys.modules.items() if module and name.startswith('openvino_telemetry')])"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout == "[]\n"
 
 
 def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
