@@ -168,7 +168,10 @@ class Decisions:
         about: About = replace(self._known.about(root), **changes)  # type: ignore[arg-type]
         if about == self._known.about(root):
             return []
-        self._remember(detail, root, "", self._known.describe(root, about))
+        back = [self._known.describe(root, about)]
+        if detail == "note" and about.note:
+            back.append(self._known.add_note(root, about.note))
+        self._remember(detail, root, "", _all(back))
         self._keep_what_is_known(root)
         return [PersonDescribed(now_ns, root, detail, actor)]
 

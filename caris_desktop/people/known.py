@@ -49,6 +49,7 @@ class KnownPeople:
     def __init__(self, store: PeopleStore | None = None, *, now: Callable[[], datetime] = datetime.now) -> None:
         self.store = store
         self.identities = Identities()
+        self.session = ""  # the folder of the session that is recorded
         self._now = now
         self._abouts: dict[str, About] = {}
         self._roots: dict[str, str] = {}
@@ -255,15 +256,24 @@ class KnownPeople:
     def portrait(self, person_id: str) -> bytes | None:
         return self._read(lambda store: store.portrait(person_id), None)
 
-    def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int, session: str) -> None:
+    def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int) -> None:
         root = self.root_of(person_id)
         self._last_seen_utc_ns[root] = to_utc_ns
         self._write(
-            lambda store: store.note_visit(person_id, from_utc_ns=from_utc_ns, to_utc_ns=to_utc_ns, session=session)
+            lambda store: store.note_visit(
+                person_id, from_utc_ns=from_utc_ns, to_utc_ns=to_utc_ns, session=self.session
+            )
         )
 
-    def add_history(self, person_id: str, kind: HistoryKind, text: str, *, session: str) -> None:
-        self._write(lambda store: store.add_history(person_id, kind, text, utc_ns=self.utc_now_ns(), session=session))
+    def add_history(self, person_id: str, kind: HistoryKind, text: str) -> None:
+        self._write(
+            lambda store: store.add_history(person_id, kind, text, utc_ns=self.utc_now_ns(), session=self.session)
+        )
+
+    def add_note(self, person_id: str, text: str) -> Undo:
+        """A note is part of the history also when another one has taken its place."""
+        self.add_history(person_id, "note", text)
+        return lambda: self._write(lambda store: store.take_back_note(person_id, text))
 
     def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
         """What there was with a person over all sessions, newest first: what has all words of ``text``."""

@@ -166,7 +166,6 @@ class Presence:
         self._decisions = Decisions(self._known, self._visits, self.portraits)
         self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
         self._looks_ns: dict[str, deque[int]] = {}
-        self._session = ""
         self._speaking = ""
         self._portraits_fetched: dict[str, bool] = {}
 
@@ -275,18 +274,18 @@ class Presence:
         """What happens with people becomes their history."""
         match event:
             case SessionStarted():
-                self._session = event.folder
+                self._known.session = event.folder
             case SessionEnded():
-                self._session = ""
+                self._known.session = ""
             case PhotoTaken(person_id=person_id, person_ids=person_ids, file_name=file_name):
                 for seen in dict.fromkeys(each for each in (person_id, *person_ids) if each):
-                    self._known.add_history(self._visit_id(seen), "photo", file_name, session=self._session)
+                    self._known.add_history(self._visit_id(seen), "photo", file_name)
             case UtteranceChanged(speaker="participant", state=state, person_id=person_id):
                 self._speaking = person_id if state in ("requested", "started") else ""
                 if state == "finished" and person_id:
-                    self._known.add_history(self._visit_id(person_id), "heard", event.text, session=self._session)
+                    self._known.add_history(self._visit_id(person_id), "heard", event.text)
             case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
-                self._known.add_history(self._visit_id(person_id), "said", event.text, session=self._session)
+                self._known.add_history(self._visit_id(person_id), "said", event.text)
 
     # What is decided
 
@@ -402,7 +401,6 @@ class Presence:
             visit.visit_id,
             from_utc_ns=visit.from_utc_ns,
             to_utc_ns=self._known.utc_now_ns(),
-            session=self._session,
         )
         if not visit.settled and not visit.suggested_id:
             self._settle(visit)

@@ -306,6 +306,19 @@ class PeopleStore:
                 (person_id, kind, utc_ns, session, sealed),
             )
 
+    def take_back_note(self, person_id: str, text: str) -> None:
+        """The newest note of this text was none."""
+        with self._file.writing():
+            rows = self._database.execute(
+                "SELECT entry_id, text FROM history WHERE person_id = ? AND kind = 'note' ORDER BY entry_id DESC",
+                (person_id,),
+            ).fetchall()
+            key = self._key_of(person_id)
+            for entry_id, sealed in rows:
+                if unseal(key, person_id, "history", sealed).decode() == text:
+                    self._database.execute("DELETE FROM history WHERE entry_id = ?", (entry_id,))
+                    break
+
     def visits(self, person_id: str) -> tuple[HistoryEntry, ...]:
         """Of a person, newest first."""
         rows = self._of_all_ids(

@@ -262,6 +262,19 @@ def test_what_happens_with_somebody_is_their_history(room: Room) -> None:
     assert [entry.text for entry in store.history(ada, "real")] == ["Is it real?"]
 
 
+def test_notes_are_history_also_when_another_one_has_taken_their_place(room: Room) -> None:
+    (ada,) = room.visit(ADA, leaves=False)
+    for note in ("Likes trains", "Likes maps"):
+        do(room, intents.NotePerson(ada, note))
+    store = room.knowing.store
+    assert store is not None
+    assert {entry.text for entry in store.history(ada, "likes") if entry.kind == "note"} == {
+        "Likes trains", "Likes maps",
+    }  # fmt: skip
+    do(room, intents.UndoPeople())
+    assert [entry.text for entry in store.history(ada) if entry.kind == "note"] == ["Likes trains"]
+
+
 def test_forgetting_is_for_good_and_who_still_stands_there_is_nobody_known(room: Room) -> None:
     ada, bo = room.visit(ADA, BO, leaves=False)
     do(room, intents.NamePerson(ada, "Ada"))
