@@ -406,6 +406,8 @@ class Presence:
             self._settle(visit)
         if visit.settled or visit.identified:
             self._known.keep_looks(visit.visit_id)
+        if "face" not in self._known.consents(visit.person_id):
+            self._known.identities.drop("face", [visit.visit_id])
         self._known.identities.end_visit(visit.visit_id)
         visit.distance_m = visit.bearing_rad = None
 

@@ -254,6 +254,15 @@ def test_a_face_is_known_on_another_day_only_with_consent_and_where_the_scenario
     room.presence.close()
 
 
+def test_of_a_face_nothing_is_left_when_its_owner_goes_and_has_not_agreed() -> None:
+    room = Room(settings=RecognitionSettings("faces"))
+    for frames in (4, 12):
+        (visit,) = room.visit(ADA, leaves=False, frames=frames, kind="face")
+        room.wait(4.0)
+        assert room.knowing.identities.views_of(visit) == {}
+    assert room.knowing.identities.held() == 0
+
+
 def test_a_stranger_who_stays_costs_no_new_gallery_with_each_look(monkeypatch: pytest.MonkeyPatch) -> None:
     room = Room()
     named(room, Ada=ADA)
