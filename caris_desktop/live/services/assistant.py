@@ -149,10 +149,11 @@ class AssistantService(Service):
             people = [who_is_here(row, what) for row in self._state.persons.value if row.here]
             return self._parts.build_prompt(self._scenario, conversation, people, things, question)
 
+        what: AssistantPeople = settings.people if self._scenario.permissions.naming_people else "numbers"
         if not self._exchanges.ask(
             question,
-            told(settings.people if self._scenario.permissions.naming_people else "numbers"),
-            recorded=told("numbers"),
+            told(what),
+            recorded=None if what == "numbers" else told("numbers"),
             max_tokens=settings.max_tokens,
             temperature=settings.temperature,
             actor=actor,
