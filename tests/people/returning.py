@@ -1,6 +1,6 @@
 """People who leave and return, told apart by how they look: what the identities make of it, against the truth."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -27,6 +27,7 @@ MORNING = datetime(2026, 11, 23, 9, 0)
 _CONFIDENCE = 0.8
 _LEAST_PX = (20.0, 60.0)
 _SAME_BOX = 0.4
+_NAMED_AFTER = 3  # frames, so that nobody is named for whom they cover just now
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,27 +150,21 @@ def recognised(
     now_ns = 0
     knowing = KnownPeople(now=lambda: MORNING + timedelta(microseconds=now_ns / 1000.0))
     presence = Presence(knowing, confirm_frames=1, settings=settings)
-    outcome = Outcome()
-    truth: dict[str, int] = {}  # of each visit
+    sights_of: dict[str, Counter[int]] = defaultdict(Counter)  # of each visit: as whom it was seen how often
     named_at_first: set[str] = set()
+    identified: list[tuple[str, str]] = []
+    told: list[tuple[str, str, float]] = []
     last_told: dict[str, list[str]] = defaultdict(list)
     for sight in sights:
         now_ns = sight.people.stamp_ns
         events = presence.update(sight.people)[1]
         for looks in sight.looks:
             events += presence.take_looks(looks)
-        rows = presence.persons()
-        for row in rows:
-            if sight.person_of_track.get(row.track, -1) >= 0:
-                truth.setdefault(row.visit_id, sight.person_of_track[row.track])
-        for event in events:
-            if isinstance(event, PersonIdentified):
-                right = truth.get(event.person_id) == truth.get(event.is_person_id)
-                outcome.wrong += not right
-                outcome.named += right and event.is_person_id in named_at_first
-        for row in rows:
-            person = truth.get(row.visit_id)
-            if person in to_name:
+        identified += [(event.person_id, event.is_person_id) for event in events if isinstance(event, PersonIdentified)]
+        for row in presence.persons():
+            person = sight.person_of_track.get(row.track, -1)
+            sights_of[row.visit_id][person] += person >= 0
+            if person in to_name and sights_of[row.visit_id][person] >= _NAMED_AFTER:
                 to_name.remove(person)
                 named_at_first.add(row.visit_id)
                 presence.do(NamePerson(row.person_id, f"Name {person}"), now_ns)
@@ -177,12 +172,16 @@ def recognised(
                 last_told[row.visit_id] = [row.person_id]
             else:
                 last_told[row.visit_id] = [suggested.person_id for suggested in row.suggestions]
-                outcome.told += [
-                    (suggested.confidence, truth.get(suggested.person_id) == person)
-                    for suggested in row.suggestions[:1]
-                ]
+                told += [(row.visit_id, each.person_id, each.confidence) for each in row.suggestions[:1]]
+    truth = {visit_id: seen_as.most_common(1)[0][0] for visit_id, seen_as in sights_of.items()}
+    outcome = Outcome()
+    for visit_id, root in identified:
+        right = truth[visit_id] == truth[root]
+        outcome.wrong += not right
+        outcome.named += right and root in named_at_first
+    outcome.told = [(confidence, truth[visit_id] == truth[root]) for visit_id, root, confidence in told]
     for visit_id, person in truth.items():
         if person in everybody and visit_id not in named_at_first:
             outcome.returns += 1
-            outcome.suggested += person in {truth.get(each) for each in last_told[visit_id]}
+            outcome.suggested += person in {truth[each] for each in last_told[visit_id]}
     return outcome
