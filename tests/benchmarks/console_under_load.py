@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import psutil
@@ -30,7 +30,8 @@ _NOBODY_THERE = "ws://127.0.0.1:9"
 class ConsoleUnderLoad:
     """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all.
 
-    Without a ``robot`` it is an idle console: no video, nobody is looked for, and nothing is waited for.
+    ``cameras`` are as after ``--camera``; None: those of the scenario. Without a ``robot`` it is an idle console: no
+    video, nobody is looked for, and nothing is waited for.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class ConsoleUnderLoad:
         language_model: bool = False,
         perception_timeout_s: float = 120.0,
         robot: Callable[[Console], DemoRobot] | None = lambda console: DemoRobot(console, seed=7),
+        cameras: Sequence[str] | None = None,
     ) -> None:
         self._began = (time.monotonic(), _cpu_of_machine_s(), _cpu_of_program_s())
         self._asking = QTimer()
@@ -47,7 +49,10 @@ class ConsoleUnderLoad:
         root = Path(self._folder.name)
         self.run = ConsoleRun(
             default_arguments(
-                scenario="tour-guide", study=root / "study", robot=None if robot is not None else _NOBODY_THERE
+                scenario="tour-guide",
+                study=root / "study",
+                robot=None if robot is not None else _NOBODY_THERE,
+                camera=cameras,
             ),
             settings=QSettings(str(root / "settings.ini"), QSettings.Format.IniFormat),
             robot=robot,

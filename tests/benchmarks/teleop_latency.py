@@ -48,8 +48,10 @@ def _run_only_when_idle(pid: int) -> None:
         os.sched_setscheduler(int(thread.name), os.SCHED_IDLE, os.sched_param(0))
 
 
-def measure(presses: int, *, language_model: bool, idle_perception: bool, burners: int) -> dict[str, object]:
-    load = ConsoleUnderLoad(language_model=language_model)
+def measure(
+    presses: int, *, language_model: bool, idle_perception: bool, burners: int, cameras: list[str] | None
+) -> dict[str, object]:
+    load = ConsoleUnderLoad(language_model=language_model, cameras=cameras)
     if idle_perception:
         _run_only_when_idle(load.console.child_pids["inference"])
     chance = random.Random(2)  # noqa: S311 (intervals, not secrets)
@@ -159,6 +161,9 @@ if __name__ == "__main__":
     parser.add_argument("--idle-perception", action="store_true", help="try what a still lower priority of it gives")
     parser.add_argument("--burners", type=int, default=0, help="foreign programs that burn a core each")
     parser.add_argument("--runs", type=int, default=1, help="how often all of it, each time in a console of its own")
+    parser.add_argument(
+        "--camera", action="append", metavar="SOURCE", help="as that of the console; may be given several times"
+    )
     arguments = parser.parse_args()
     on_a_screen()
     reports = [
@@ -167,6 +172,7 @@ if __name__ == "__main__":
             language_model=not arguments.no_language_model,
             idle_perception=arguments.idle_perception,
             burners=arguments.burners,
+            cameras=arguments.camera,
         )
         for _ in range(arguments.runs)
     ]

@@ -49,8 +49,8 @@ def bare_process(seconds: float) -> None:
     print(json.dumps({**percentiles(meter.late_ms), "over_150_ms": over}))
 
 
-def measure(seconds: float) -> dict[str, object]:
-    load = ConsoleUnderLoad()
+def measure(seconds: float, cameras: list[str] | None) -> dict[str, object]:
+    load = ConsoleUnderLoad(cameras=cameras)
     bare = subprocess.Popen(
         [sys.executable, "-m", "tests.benchmarks.ui_stalls", "--bare", "--seconds", str(seconds)],
         stdout=subprocess.PIPE,
@@ -87,9 +87,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--bare", action="store_true", help="only the timer in a bare process")
+    parser.add_argument(
+        "--camera", action="append", metavar="SOURCE", help="as that of the console; may be given several times"
+    )
     arguments = parser.parse_args()
     if arguments.bare:
         bare_process(arguments.seconds)
     else:
         on_a_screen()
-        print(json.dumps(measure(arguments.seconds)))
+        print(json.dumps(measure(arguments.seconds, arguments.camera)))
