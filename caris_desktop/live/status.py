@@ -220,7 +220,7 @@ class PerceptionStatus:
     model: str = ""
     detail: str = ""
     inference_ms: float | None = None
-    looks_per_s: tuple[tuple[str, float], ...] = ()
+    looks_per_s: dict[str, float] = field(default_factory=dict)
     server: str = ""
     recognises: tuple[str, ...] = ()
 

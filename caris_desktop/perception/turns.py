@@ -94,10 +94,10 @@ class LookRates:
         """Other cameras will come."""
         self._looked_ns.clear()
 
-    def per_second(self, *, now_ns: int) -> tuple[tuple[str, float], ...]:
+    def per_second(self, *, now_ns: int) -> dict[str, float]:
         """Each camera and its looks per second over the last seconds, the most looked at first."""
-        rates = []
-        for camera, looked_ns in self._looked_ns.items():
-            lately = sum(now_ns - at_ns < _RATE_OVER_NS for at_ns in looked_ns)
-            rates.append((camera, lately / (_RATE_OVER_NS / 1e9)))
-        return tuple(sorted(rates, key=lambda rate: -rate[1]))
+        rates = {
+            camera: sum(now_ns - at_ns < _RATE_OVER_NS for at_ns in looked_ns) / (_RATE_OVER_NS / 1e9)
+            for camera, looked_ns in self._looked_ns.items()
+        }
+        return dict(sorted(rates.items(), key=lambda rate: -rate[1]))

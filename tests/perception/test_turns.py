@@ -114,11 +114,11 @@ def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
         ref = turns.take(now_ns=now_ns)
         if ref is not None:
             rates.note(ref.camera, now_ns=now_ns)
-    told = dict(rates.per_second(now_ns=9900 * MS))
+    told = rates.per_second(now_ns=9900 * MS)
     assert sum(told.values()) <= 10.1, "no more looks than one camera alone would get"
     assert told["front"] >= 4.5
     others = [told[camera] for camera in ("left", "right", "rear")]
     assert max(others) - min(others) <= 0.5, "none of the others comes off worse"
-    assert dict(rates.per_second(now_ns=20_000 * MS)) == dict.fromkeys(told, 0.0), "it is of the last seconds"
+    assert rates.per_second(now_ns=20_000 * MS) == dict.fromkeys(told, 0.0), "it is of the last seconds"
     rates.forget()
-    assert rates.per_second(now_ns=20_000 * MS) == ()
+    assert rates.per_second(now_ns=20_000 * MS) == {}

@@ -122,11 +122,11 @@ def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, consol
 
 
 def test_it_says_how_often_people_are_looked_for_in_each_camera() -> None:
-    shown = PerceptionStatus("ready", inference_ms=41.2, looks_per_s=(("front", 7.5), ("desk", 3.25)))
+    shown = PerceptionStatus("ready", inference_ms=41.2, looks_per_s={"front": 7.5, "desk": 3.25})
     assert look_words(shown) == ["Looks for people per second: front camera 7.5, desk camera 3.2 · 41 ms a look"]
     named = PerceptionStatus("ready", "yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)")
     assert look_words(named) == ["People are found by yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)"]
-    assert look_words(PerceptionStatus("failed", looks_per_s=(("front", 0.0),))) == []
+    assert look_words(PerceptionStatus("failed", looks_per_s={"front": 0.0})) == []
 
 
 def test_before_anything_came_it_says_that(panel: DiagnosticsPanel) -> None:

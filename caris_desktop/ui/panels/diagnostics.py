@@ -249,7 +249,7 @@ def look_words(perception: PerceptionStatus) -> list[str]:
     lines = [f"People are found by {perception.model}"] if perception.model else []
     if not perception.looks_per_s:
         return lines
-    told = ", ".join(f"{words.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s)
+    told = ", ".join(f"{words.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items())
     took = "" if perception.inference_ms is None else f" · {perception.inference_ms:.0f} ms a look"
     return [*lines, f"Looks for people per second: {told}{took}"]
 
