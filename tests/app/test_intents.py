@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app import composition
@@ -23,6 +24,7 @@ from caris_desktop.live.console import Console
 from caris_desktop.live.gate import Gate
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Permissions
+from tests.support.polling import wait_for
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
@@ -117,6 +119,10 @@ def shared_bench(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -
     bench = Bench(console, [], [])
     bench.console._handlers = dict.fromkeys(console._handlers, bench.done.append)
     console._robot.send = lambda command: not bench.sent.append(command)  # type: ignore[method-assign]
+    # Its thread for slow work, and what begins with the first turn of the event loop, belong to no single test.
+    told: list[None] = []
+    console._slow_work.do(lambda: None, told.append, pytest.fail)
+    wait_for(lambda: QCoreApplication.processEvents() or told, "the thread for slow work")
     yield bench
     console.shutdown()
 
