@@ -32,19 +32,21 @@ _NAMED_AFTER = 3  # frames, so that nobody is named for whom they cover just now
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """One frame: who is in it, how they look, and who each of the tracks really is."""
+    """One frame: who is in it, how they look, and who each of the tracks really is, where somebody stands there."""
 
     people: People
     looks: tuple[PersonLooks, ...]
-    person_of_track: dict[int, int]
+    truly: dict[int, TrueBox]
 
 
 @dataclass
 class Outcome:
-    """Of the visits of known people after their first: how often the console was right.
+    """Of the true visits of known people after their first: how often the console was right.
 
-    ``named`` are those whom it gave their name by itself, and ``wrong`` counts every identification by itself that was
-    not right, of strangers too. ``told`` has each confidence that was shown, and whether that was right.
+    Of each visit the row counts that stood for it longest: ``suggested`` where the right person was among its first two
+    suggestions at the end, or was its name, ``named`` where the console had given it that name by itself. ``wrong``
+    counts every identification by itself that was not right, of strangers and of rows in passing too. ``told`` has
+    each confidence that was shown, and whether that was right.
     """
 
     returns: int = 0
@@ -95,7 +97,7 @@ def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Si
         found = tuple(
             PersonBox(box.visit, "", box.left_px, box.top_px, box.width_px, box.height_px, _CONFIDENCE) for box in boxes
         )
-        yield Sight(_people(frame.stamp_ns, found), looks, {box.visit: box.person for box in boxes})
+        yield Sight(_people(frame.stamp_ns, found), looks, {box.visit: box for box in boxes})
 
 
 def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight]:
@@ -118,14 +120,15 @@ def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight
         yield Sight(_people(frame.stamp_ns, people), looks, _whose(people, frame.boxes))
 
 
-def _whose(people: Sequence[PersonBox], true_boxes: Sequence[TrueBox]) -> dict[int, int]:
-    """The person of each track, -1 where nobody stands there."""
+def _whose(people: Sequence[PersonBox], true_boxes: Sequence[TrueBox]) -> dict[int, TrueBox]:
+    """The true box of each track; none where nobody stands there."""
     if not people or not true_boxes:
-        return dict.fromkeys((box.track for box in people), -1)
+        return {}
     share = overlaps(_corners(people), _corners(true_boxes))
     return {
-        box.track: true_boxes[int(row.argmax())].person if row.max() >= _SAME_BOX else -1
+        box.track: true_boxes[int(row.argmax())]
         for box, row in zip(people, share, strict=True)
+        if row.max() >= _SAME_BOX
     }
 
 
@@ -151,7 +154,10 @@ def recognised(
     knowing = KnownPeople(now=lambda: MORNING + timedelta(microseconds=now_ns / 1000.0))
     presence = Presence(knowing, confirm_frames=1, settings=settings)
     sights_of: dict[str, Counter[int]] = defaultdict(Counter)  # of each visit: as whom it was seen how often
+    rows_of: dict[int, Counter[str]] = defaultdict(Counter)  # of each true visit: which row stood for it how often
+    person_of: dict[int, int] = {}
     named_at_first: set[str] = set()
+    first_visits: set[int] = set()
     identified: list[tuple[str, str]] = []
     told: list[tuple[str, str, float]] = []
     last_told: dict[str, list[str]] = defaultdict(list)
@@ -162,10 +168,15 @@ def recognised(
             events += presence.take_looks(looks)
         identified += [(event.person_id, event.is_person_id) for event in events if isinstance(event, PersonIdentified)]
         for row in presence.persons():
-            person = sight.person_of_track.get(row.track, -1)
+            true_box = sight.truly.get(row.track)
+            person = -1 if true_box is None else true_box.person
             sights_of[row.visit_id][person] += person >= 0
-            if person in to_name and sights_of[row.visit_id][person] >= _NAMED_AFTER:
+            if true_box is not None:
+                person_of[true_box.visit] = person
+                rows_of[true_box.visit][row.visit_id] += 1
+            if true_box is not None and person in to_name and sights_of[row.visit_id][person] >= _NAMED_AFTER:
                 to_name.remove(person)
+                first_visits.add(true_box.visit)
                 named_at_first.add(row.visit_id)
                 presence.do(NamePerson(row.person_id, f"Name {person}"), now_ns)
             elif row.person_id != row.visit_id:
@@ -175,13 +186,13 @@ def recognised(
                 told += [(row.visit_id, each.person_id, each.confidence) for each in row.suggestions[:1]]
     truth = {visit_id: seen_as.most_common(1)[0][0] for visit_id, seen_as in sights_of.items()}
     outcome = Outcome()
-    for visit_id, root in identified:
-        right = truth[visit_id] == truth[root]
-        outcome.wrong += not right
-        outcome.named += right and root in named_at_first
+    names = {visit_id: truth[root] for visit_id, root in identified if root in named_at_first}
+    outcome.wrong = sum(truth[visit_id] != truth[root] for visit_id, root in identified)
     outcome.told = [(confidence, truth[visit_id] == truth[root]) for visit_id, root, confidence in told]
-    for visit_id, person in truth.items():
-        if person in everybody and visit_id not in named_at_first:
+    for visit, person in person_of.items():
+        if person in everybody and visit not in first_visits:
+            row_id = rows_of[visit].most_common(1)[0][0]
             outcome.returns += 1
-            outcome.suggested += person in {truth[each] for each in last_told[visit_id]}
+            outcome.suggested += person in {truth[each] for each in last_told[row_id]}
+            outcome.named += names.get(row_id) == person
     return outcome

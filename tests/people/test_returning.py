@@ -17,7 +17,7 @@ def test_in_the_same_clothes_they_get_their_names_back_in_others_nobody_does_and
     visits = visits_of(PEOPLE, rounds=3, seed=3, clothes=(0, 0, 1), stays_s=3.0)
     sights = list(seen(film(visits, rate_hz=RATE_HZ, seed=3), AppearanceModel(OSNET_WEIGHTS)))
     changed = {number for number, visit in enumerate(visits) if visit.clothes == 1}
-    same = [sight for sight in sights if not changed & set(sight.person_of_track)]
+    same = [sight for sight in sights if not changed & set(sight.truly)]
     found = recognised(same, KNOWN)
     assert (found.returns, found.suggested, found.wrong) == (3, 3, 0)
     assert found.named >= 2
