@@ -313,7 +313,7 @@ choose_torch() {
 if torch_present; then
   say "3/4 Python packages: bringing them up to date; details in .venv/setup.log"
 else
-  say "3/4 Python packages: some 0.7 GB are fetched, which takes a few minutes; details in .venv/setup.log"
+  say "3/4 Python packages: some 0.8 GB are fetched, which takes a few minutes; details in .venv/setup.log"
 fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
