@@ -2,27 +2,13 @@
 
 import os
 import shutil
-import signal
 import sys
 from pathlib import Path
 
 from caris_desktop.recording.session.recovery import repair_session
+from tests.support.dying import die_at
 
 _TOUCHING = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.truncate", "shutil.copyfile"}
-
-
-def die_at(count: int, folder: Path) -> None:
-    """From now on the ``count``-th touch of a file in ``folder`` is the last thing this process does."""
-    touched = 0
-
-    def on_event(event: str, arguments: tuple[object, ...]) -> None:
-        nonlocal touched
-        if event in _TOUCHING and str(arguments[0]).startswith(str(folder)):
-            touched += 1
-            if touched == count:
-                os.kill(os.getpid(), signal.SIGKILL)
-
-    sys.addaudithook(on_event)
 
 
 def main(source: Path, copies: Path, first: int, step: int) -> None:
@@ -32,7 +18,7 @@ def main(source: Path, copies: Path, first: int, step: int) -> None:
         shutil.copytree(source, folder)
         child = os.fork()
         if not child:
-            die_at(count, folder)
+            die_at(count, folder, _TOUCHING)
             repair_session(folder)
             os._exit(0)
         _, status = os.waitpid(child, 0)

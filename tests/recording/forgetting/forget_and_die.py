@@ -5,7 +5,6 @@ Each time it is asked again, and nothing of the person may be left. Prints how m
 
 import os
 import shutil
-import signal
 import sys
 from pathlib import Path
 
@@ -15,24 +14,9 @@ from caris_desktop.recording.forgetting.study import ForgetRequest, forget_perso
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
+from tests.support.dying import die_at
 
 _CHANGES = {"os.rename", "os.remove", "open"}
-
-
-def die_at(count: int, study: Path) -> None:
-    """From now on the ``count``-th change of a file in the study is the last thing this process does."""
-    changed = 0
-
-    def on_event(event: str, arguments: tuple[object, ...]) -> None:
-        nonlocal changed
-        if event in _CHANGES and str(arguments[0]).startswith(str(study)):
-            if event == "open" and not int(str(arguments[2])) & (os.O_WRONLY | os.O_RDWR):
-                return
-            changed += 1
-            if changed == count:
-                os.kill(os.getpid(), signal.SIGKILL)
-
-    sys.addaudithook(on_event)
 
 
 def erase(study: Path) -> None:
@@ -59,7 +43,7 @@ def main(source: Path, copies: Path, first: int, step: int) -> None:
         shutil.copytree(source, study)
         child = os.fork()
         if not child:
-            die_at(count, study)
+            die_at(count, study, _CHANGES, reading=False)
             forget(study)
             os._exit(0)
         _, status = os.waitpid(child, 0)
